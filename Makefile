@@ -16,7 +16,6 @@ FUZZ ?=
 # Files that mark what is installed. To use a Python that already has it, leave them empty: make reproduce PY=python BASE=
 BASE ?= $(VENV)/.base
 DEEP ?= $(VENV)/.deep
-TUNE ?= $(VENV)/.tune
 DOCS ?= $(VENV)/.docs
 DEV ?= $(VENV)/.dev
 
@@ -33,7 +32,7 @@ help: ## list these commands
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
 
-tune: $(TUNE) ## the same search for the settings of every learner, in results/tuning/ (an hour)
+tune: $(DEEP) ## the same search for the settings of every learner, in results/tuning/ (an hour)
 	$(RUN) $(or $(EXPERIMENT),tuning)
 
 compare-deep: $(DEEP) ## tables against DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)

@@ -46,27 +46,25 @@ ALGORITHMS: Final = {
 
 
 def load_algorithm(name: str, source: str = "agents") -> Algorithm:
-    """Imports an algorithm.
+    """Imports an algorithm by its name in `ALGORITHMS` or by `module:attribute`.
 
-    Args:
-      name: A key of `ALGORITHMS`, or `module:attribute` of any other algorithm, or of a class of agents like
-        those of Stable-Baselines3, of which an algorithm is made.
-      source: The file that has the name, for the message.
+    The attribute may be a class of agents like those of Stable-Baselines3, of which an algorithm is made.
 
     Raises:
-      InputError: The name is unknown, the module cannot be imported, or the object is not an algorithm.
+      InputError: The name is unknown, the module cannot be imported, or the object is not an algorithm. The
+        message begins with the source of the name.
     """
     if name not in ALGORITHMS and ":" not in name:
         unknown_name(source, "algorithm", name, ALGORITHMS, "module:attribute")
-    found = imported(ALGORITHMS.get(name, name), source, "algorithm")
-    if is_sb3_class(found):
+    algorithm = imported(ALGORITHMS.get(name, name), source, "algorithm")
+    if is_sb3_class(algorithm):
         try:
-            return algorithm_of(found, name)
+            return algorithm_of(algorithm, name)
         except InputError as error:
             raise InputError(f"{source}: {error}") from error
-    if not isinstance(found, Algorithm):
+    if not isinstance(algorithm, Algorithm):
         raise InputError(
             f"{source}: {name} is not an algorithm; accepted: an agents.contract.Algorithm, or a subclass of "
             "stable_baselines3.common.base_class.BaseAlgorithm."
         )
-    return found
+    return algorithm

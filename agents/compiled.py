@@ -1,7 +1,7 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
-numba itself believes its files: a damaged one ends in an exception or a crash, or computes something else.
-And it looks only at the file of a function, not at those of what the function calls; here all files count.
+numba trusts its files: with a damaged one it fails, crashes or computes something else. And it looks only at
+the file of a function, not at the files of what the function calls; here all of them count.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ import llvmlite
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Function = TypeVar("_Function", bound=Callable[..., object])
 _DIGEST_SIZE = 32
 _ROOT = Path(__file__).parents[1]
 
@@ -34,7 +34,7 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
     belongs to another version of numba or an older source, is not read any further.
     """
 
-    def load(self, key: Any) -> Any:
+    def load(self, key: object) -> object:
         """Returns what was saved for a signature and a processor; None if that cannot be used."""
         path = self._path(key)
         try:
@@ -44,13 +44,13 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         content = stored[_DIGEST_SIZE:]
         return pickle.loads(content) if stored[:_DIGEST_SIZE] == self._digest(path, content) else None
 
-    def save(self, key: Any, data: Any) -> None:
+    def save(self, key: object, data: object) -> None:
         """Saves what was compiled for a signature and a processor."""
         path, content = self._path(key), self._dump(data)
         with self._open_for_write(str(path)) as file:
             file.write(self._digest(path, content) + content)
 
-    def _path(self, key: Any) -> Path:
+    def _path(self, key: object) -> Path:
         digest = hashlib.sha256(repr(key).encode()).hexdigest()
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
 
@@ -71,7 +71,7 @@ def _digest_of_sources() -> str:
 class _Cache(FunctionCache):  # type: ignore[misc]
     """numba's cache of one function, in checked files."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)
         stamp = self._impl.locator.get_source_stamp()
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)

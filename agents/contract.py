@@ -6,12 +6,11 @@ Axis letters: N agents, T evaluation steps, V map steps, O observations, A actio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from agents.policy import ALL_ACTIONS
@@ -43,11 +42,11 @@ class Schedule:
     map_steps: tuple[int, ...] = ()
     """(V,) those of them when the values of all observations are, too."""
     may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
-    """Asked at every evaluation step, with its place and the table (O, A) there: whether training may end.
-    Tables do not ask. After an early end, the remaining evaluations repeat the last one."""
+    """Whether training may end, given the index of an evaluation step and the table (O, A) there. Tabular
+    learners do not ask. After an early end, the remaining evaluations repeat the last one."""
 
     def __post_init__(self) -> None:
-        """Refuses, by a ValueError, steps that are not as described."""
+        """Checks the steps; raises a ValueError."""
         steps, map_steps = list(self.evaluation_steps), set(self.map_steps)
         if steps != sorted(set(steps)) or (steps and not 0 <= steps[0] <= steps[-1] <= self.budget):
             raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {self.budget}.")
@@ -62,10 +61,7 @@ class Schedule:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Training:
-    """What training N agents returns: action values, action probabilities, or both.
-
-    Subclasses may add fields; their first axis is N.
-    """
+    """What training N agents returns; subclasses may add fields, whose first axis is N."""
 
     greedy: NDArray[np.uint8]
     """(N, T, O) masks of greedy actions, see `agents.policy`."""
@@ -102,9 +98,8 @@ def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], sche
     """Refuses, by a ValueError, what `Algorithm.train` does not accept."""
     if not seeds:
         raise ValueError("0 agents; at least one.")
-    budget = settings.budget
-    if schedule.budget != budget:
-        raise ValueError(f"schedule: made for a budget of {schedule.budget}; the settings say {budget}.")
+    if schedule.budget != settings.budget:
+        raise ValueError(f"schedule: for a budget of {schedule.budget}; the settings say {settings.budget}.")
 
 
 class Algorithm(ABC):
@@ -123,8 +118,6 @@ class Algorithm(ABC):
     """How many agents one call of `train` should get."""
     placement: Literal["thread", "process"] = "process"
     """Where to call `train`: in a thread if it releases Python's global lock, else in a process."""
-    writes_logs: bool = False
-    """Whether it can write TensorBoard logs."""
 
     def memory(self, settings: Any, n_inputs: int) -> Mapping[str, int]:  # noqa: ARG002
         """Returns about how many bytes an agent that observes so many numbers takes, by setting, if known."""
@@ -138,7 +131,6 @@ class Algorithm(ABC):
         observation: str,
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-        logs: Sequence[Path] = (),
     ) -> Training:
         """Trains one agent per seed, whose results do not depend on the other seeds of the call.
 
@@ -148,11 +140,13 @@ class Algorithm(ABC):
           observation: One of `observations`.
           seeds: One per agent, at least one; equal seeds give equal agents.
           schedule: When to keep policies and values.
-          logs: A TensorBoard folder per agent, or nothing; no result depends on it.
 
         Raises:
           ValueError: There are no seeds, or the schedule is for another budget.
         """
+
+
+Fields = dict[str, ArrayLike]  # of an agent's `Training`, without the axis N
 
 
 class SequentialAlgorithm(Algorithm):
@@ -169,8 +163,7 @@ class SequentialAlgorithm(Algorithm):
         observation: str,
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains an agent, as `train` does; returns the fields of its `training` without the axis N."""
 
     def train(
@@ -180,25 +173,17 @@ class SequentialAlgorithm(Algorithm):
         observation: str,
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-        logs: Sequence[Path] = (),
     ) -> Training:
         """Trains one agent per seed, see `Algorithm.train`."""
         check_request(settings, seeds, schedule)
-        folders: Sequence[Path | None] = logs or [None] * len(seeds)
-        agents = [
-            self.train_agent(model, settings, observation, seed, schedule, folder)
-            for seed, folder in zip(seeds, folders, strict=True)
-        ]
+        agents = [self.train_agent(model, settings, observation, seed, schedule) for seed in seeds]
         return self.training(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 
-def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> dict[str, NDArray[Any]]:
+def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> Fields:
     """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
 
-    Args:
-      tables: (T, O, A) action values or probabilities; NaN from where the agent diverged.
-      schedule: When they were taken.
-      is_value: Whether they are action values.
+    The tables (T, O, A) have action values or probabilities, NaN from where the agent diverged.
     """
     is_lost = np.asarray(np.isnan(tables).any(axis=(1, 2)))
     # As in Stable-Baselines3, the first of several best actions is greedy.
@@ -215,7 +200,7 @@ def check_training(training: Training, model: Model, n_agents: int, schedule: Sc
     """Refuses, by a ValueError, other shapes than those of `Training`, and a training without policies."""
     n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
     table = n_observations, n_actions = model.n_observations, model.next_state.shape[1]
-    expected: dict[str, list[tuple[int, ...]]] = {
+    accepted: dict[str, list[tuple[int, ...]]] = {
         "greedy": [(n_agents, n_steps, n_observations)],
         "q": [(n_agents, *table), (n_agents, 0, n_actions)],
         "stochastic": [(n_agents, n_steps, *table), (n_agents, 0, *table)],
@@ -225,7 +210,7 @@ def check_training(training: Training, model: Model, n_agents: int, schedule: Sc
     }
     for field in fields(training):
         shape = getattr(training, field.name).shape
-        shapes = expected.get(field.name, [(n_agents, *shape[1:])])
+        shapes = accepted.get(field.name, [(n_agents, *shape[1:])])
         if shape not in shapes:
             raise ValueError(f"{field.name}: shape {shape}; accepted: {' or '.join(map(str, shapes))}.")
     if training.q.shape[1] == 0 and training.stochastic.shape[1] == 0 and n_steps:

@@ -47,11 +47,10 @@ class Solution(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """Where episodes start, place by place.
+    """Where episodes start, place by place, since no episode leaves the states of its place.
 
-    An episode never leaves the states of its place, so sweeps go through the places one after the other. That
-    keeps what they read in the caches. Place g has the starts first[g] to first[g + 1] - 1, all among the
-    states g * n_block to (g + 1) * n_block - 1.
+    Place g has the starts first[g] to first[g + 1] - 1, all among the states g * n_block to
+    (g + 1) * n_block - 1. Sweeps go through the places one by one, which keeps what they read in the caches.
     """
 
     state: NDArray[np.int64]  # those with a probability above 0, rising
@@ -92,7 +91,6 @@ def unseen_places(model: Model) -> NDArray[np.float64]:
 
 
 def _uniform(model: Model, states: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Returns the uniform distribution over some states, (S,)."""
     start = np.zeros(len(model.observation))
     start[states] = 1 / len(states)
     return start
@@ -105,14 +103,12 @@ def evaluate(
 
     Args:
       model: Compiled scenario; O observations, A actions.
-      policy: Action probabilities, (..., O, A) float64, rows summing to one; leading axes are a
-        batch of policies.
+      policy: Action probabilities, (..., O, A); leading axes are a batch of policies.
       horizon: Steps until truncation, at least 1.
       start: Probability of starting in each state, (S,); by default that of the model.
 
     Raises:
-      ValueError: `policy` was built for another model or its rows are not probabilities, `horizon` is below
-        1, or `start` is not a distribution over states in which the episode goes on.
+      ValueError: An argument is not as described.
     """
     shape = (model.n_observations, model.next_state.shape[1])
     policy = np.asarray(policy, dtype=np.float64)
@@ -167,20 +163,20 @@ def _sweep(
 ) -> None:
     """Carries the state distribution of each policy forward and writes its expectations into `sums`.
 
-    First it finds the states that the policy can reach, for a greedy policy very few, and lists the
-    transitions between them, ordered by target. Then every step is a pass over that list.
+    First it finds the states that the policy can reach, few for a greedy one, and lists the transitions
+    between them, ordered by target. Then every step is a pass over that list.
     """
     next_state, outcome, terminated, observation = dynamics
     start_states, start_probability, group, n_block = starts
     n_states, n_actions, n_outcomes = next_state.shape
-    place = np.full(n_states, -1, dtype=np.int32)  # a state's index in `reached`
+    index = np.full(n_states, -1, dtype=np.int32)  # of a state in `reached`
     reached = np.empty(n_block, dtype=np.int64)  # the states reached, in the order of their discovery
-    first = np.empty(n_block + 1, dtype=np.int64)  # index of the first transition into each place
-    source = np.empty(n_block * n_actions * n_outcomes, dtype=np.int32)  # the place where each starts
+    first = np.empty(n_block + 1, dtype=np.int64)  # the first transition into each of them
+    source = np.empty(n_block * n_actions * n_outcomes, dtype=np.int32)  # the index where each starts
     probability = np.empty(n_block * n_actions * n_outcomes)  # of each transition
-    here = np.empty(n_block)  # probability of each place before the step
-    there = np.empty(n_block)  # probability of each place after the step
-    visits = np.empty(n_block)  # expected number of steps that start in each place
+    here = np.empty(n_block)  # probability of each state reached before the step
+    there = np.empty(n_block)  # the same after the step
+    visits = np.empty(n_block)  # expected number of steps that start in each of them
     for n in range(policies.shape[0]):
         policy = policies[n]
         for g in range(len(group) - 1):
@@ -189,7 +185,7 @@ def _sweep(
                 continue
             n_reached = n_starts
             for i in range(n_starts):
-                place[start_states[group[g] + i]] = i
+                index[start_states[group[g] + i]] = i
                 reached[i] = start_states[group[g] + i]
             first[:] = 0
             i = 0
@@ -200,11 +196,11 @@ def _sweep(
                         for k in range(n_outcomes):
                             if outcome[s, a, k] > 0.0:
                                 s_next = next_state[s, a, k]
-                                if place[s_next] < 0:
-                                    place[s_next] = n_reached
+                                if index[s_next] < 0:
+                                    index[s_next] = n_reached
                                     reached[n_reached] = s_next
                                     n_reached += 1
-                                first[place[s_next] + 1] += 1
+                                first[index[s_next] + 1] += 1
                 i += 1
             for i in range(n_reached):
                 first[i + 1] += first[i]
@@ -214,10 +210,10 @@ def _sweep(
                     if policy[observation[s], a] > 0.0 and not terminated[s, a]:
                         for k in range(n_outcomes):
                             if outcome[s, a, k] > 0.0:
-                                j = place[next_state[s, a, k]]
+                                j = index[next_state[s, a, k]]
                                 source[first[j]] = i
                                 probability[first[j]] = policy[observation[s], a] * outcome[s, a, k]
-                                first[j] += 1  # ends as the index of the next place's first transition
+                                first[j] += 1  # ends as the first transition into the next
 
             here[:n_reached] = 0.0
             here[:n_starts] = start_probability[group[g] : group[g + 1]]
@@ -239,7 +235,7 @@ def _sweep(
 
             for i in range(n_reached):
                 s = reached[i]
-                place[s] = -1
+                index[s] = -1
                 for a in range(n_actions):
                     p = visits[i] * policy[observation[s], a]
                     sums[n, 0] += p * grid_reward[s, a]
@@ -256,8 +252,7 @@ def solve(
 ) -> Solution:
     """Computes the optimal values of a model for an agent that knows its state, by value iteration.
 
-    An agent from which something is hidden can reach at most these values; it does where the optimum needs
-    nothing of it, as in the paper's scenarios. For what it can reach elsewhere, see `agents.memoryless`.
+    They are upper bounds for an agent from which something is hidden; see also `agents.memoryless`.
 
     Args:
       model: Compiled scenario.

@@ -19,8 +19,8 @@ _TIE: Final = 1e-9
 class Hardness(NamedTuple):
     """Measures of a scenario in a form of observation."""
 
-    # Steps in which the random policy has tried nine tenths of the (observation, action) pairs that it can
-    # reach, as if its steps were independent draws of the visits of an episode.
+    # Steps after which the random policy has tried nine tenths of the (observation, action) pairs that it can
+    # reach, if its steps were independent draws of the visits of an episode.
     covering_steps: float
     # The smallest k for which the scenario is k-QVI-solvable: acting greedily (by the first of several best
     # actions) on the random policy's action values after k - 1 backups is optimal (Laidlaw, Russell and
@@ -29,11 +29,7 @@ class Hardness(NamedTuple):
 
 
 def hardness(model: Model, horizon: int) -> Hardness:
-    """Measures a scenario in which only the start of an episode is random.
-
-    Args:
-      model: Compiled for the form of observation.
-      horizon: Steps until truncation, at least 1.
+    """Measures a scenario, compiled for a form of observation, under a time limit.
 
     Raises:
       ValueError: What follows an action is random.

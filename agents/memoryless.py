@@ -1,23 +1,21 @@
 """The best memoryless policy found: a search where part of the state is hidden.
 
-An agent that observes the state can act by `agents.dynamic_programming.solve`. If part of it is hidden, the
-best policy over observations is hard to find: with memory the problem is PSPACE-hard, without memory NP-hard
-(Littman 1994, "Memoryless policies: theoretical limitations and practical results"), and it may have to be
-stochastic (Singh, Jaakkola and Jordan 1994). The search starts from two policies that follow the optimal
-values, averaged over the states of an observation, one loosely and one closely, plus noise. From each it
-computes the exact gradient of the expected return under the time limit (Sutton & Barto 2018, equation 13.5,
-without sampling) and makes steps of natural policy gradient (Kakade 2001), which for a table adds advantages
-to logits. A step that does not improve the return is tried again at 0.3 of its length. The better of the two
-policies is the result: a lower bound of what is possible, which more restarts can raise.
+If part of the state is hidden, the best policy over observations is hard to find: without memory the problem
+is NP-hard (Littman 1994, "Memoryless policies: theoretical limitations and practical results"), and the
+policy may have to be stochastic (Singh, Jaakkola and Jordan 1994). The search starts from two policies that
+follow the optimal values, averaged over the states of an observation, one loosely and one closely, plus
+noise. From each it computes the exact gradient of the expected return under the time limit (Sutton & Barto
+2018, equation 13.5, without sampling) and makes steps of natural policy gradient (Kakade 2001), which for a
+table adds advantages to logits. A step that does not improve the return is tried again at 0.3 of its length.
+The better of the two policies is the result: a lower bound of what is possible.
 
-The search knows the model. It is an algorithm like the learners, a run is a restart, and its budget counts
-steps of the search, half of them from each of the two policies.
+The search knows the model. A run is a restart, and its budget counts steps of the search, half of them from
+each of the two policies.
 """
 
 import math
 import time
-from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -25,7 +23,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from agents.compiled import compiled
-from agents.contract import LearnerSettings, Schedule, SequentialAlgorithm, snapshots
+from agents.contract import Fields, LearnerSettings, Schedule, SequentialAlgorithm, snapshots
 from agents.dynamic_programming import Dynamics, Starts, dynamics, from_starts, solve, starts_of
 from agents.policy import Policy
 from envs.model import ACTIONS, Model
@@ -70,8 +68,7 @@ class Memoryless(SequentialAlgorithm):
         observation: str,  # noqa: ARG002
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Searches, see `agents.contract.SequentialAlgorithm`."""
         guide = _guide(model, settings.time_limit)
         started_s = time.thread_time()
@@ -123,21 +120,16 @@ class Search:
                 continue
             logits = self._logits + self._rate * self._advantage
             logits = np.maximum(logits - logits.max(axis=1, keepdims=True), -700.0)  # so that none overflows
-            found, advantage = gradient(self._model, _softmax(logits), self._horizon)
-            if found > self.expected_return:
-                self._logits, self.expected_return, self._advantage = logits, found, advantage
+            value, advantage = gradient(self._model, _softmax(logits), self._horizon)
+            if value > self.expected_return:
+                self._logits, self.expected_return, self._advantage = logits, value, advantage
                 self._rate = min(self._rate * _FASTER, _MOST_RATE)
             else:
                 self._rate *= _SLOWER
 
 
 def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray[np.float64]]:
-    """Computes the expected return of a policy, and the advantage of every action in every observation.
-
-    Args:
-      model: Compiled scenario.
-      policy: Action probabilities, (O, A).
-      horizon: Steps until truncation.
+    """Computes the expected return of a policy (O, A), and the advantage of every action.
 
     Returns:
       The expected sum of the grid's rewards; and (O, A) what an action gains on the policy, averaged over the
@@ -166,7 +158,7 @@ def _sweep(
     start_states, start_probability, first, n_block = starts
     n_actions, n_outcomes = reward.shape[1], next_state.shape[2]
     here = np.zeros((horizon + 1, n_block))  # probability of each state before each step
-    value, later = np.zeros(n_block), np.zeros(n_block)
+    value, next_value = np.zeros(n_block), np.zeros(n_block)
     total = 0.0
     for g in range(len(first) - 1):
         offset = g * n_block
@@ -192,7 +184,7 @@ def _sweep(
             n_steps += 1
             if going < _LEAST_PROBABILITY:
                 break
-        later[:] = 0.0
+        next_value[:] = 0.0
         for t in range(n_steps - 1, -1, -1):
             for i in range(n_block):
                 s = offset + i
@@ -203,14 +195,14 @@ def _sweep(
                     q = reward[s, a]
                     if not terminated[s, a]:
                         for k in range(n_outcomes):
-                            q += outcome[s, a, k] * later[next_state[s, a, k] - offset]
+                            q += outcome[s, a, k] * next_value[next_state[s, a, k] - offset]
                     best += policy[o, a] * q
                     if d > 0.0:
                         gains[o, a] += d * q
                 value[i] = best
-            value, later = later, value
+            value, next_value = next_value, value
         for i in range(first[g], first[g + 1]):
-            total += start_probability[i] * later[start_states[i] - offset]
+            total += start_probability[i] * next_value[start_states[i] - offset]
     return total
 
 

@@ -18,11 +18,7 @@ def uniform_policy(model: Model) -> Policy:
 
 
 def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> NDArray[np.uint8]:
-    """Returns the set of best actions in every row.
-
-    Args:
-      q: Action values, (..., A).
-      tolerance: How far below the best an action may lie and still count as best.
+    """Returns the set of best actions in every row of action values, (..., A), within a tolerance.
 
     >>> greedy_masks([[0, 0, -1, 0, -2], [1, 2, 3, 4, 5]])
     array([11, 16], dtype=uint8)

@@ -37,7 +37,7 @@ OUTCOME: Final = np.dtype(
 
 
 class Process(NamedTuple):
-    """A compiled scenario; `first[state] + action * K` is the place of an action's first outcome."""
+    """A compiled scenario; `first[state] + action * K` is the index of an action's first outcome."""
 
     first: NDArray[np.uint32]  # (S,) the same for all states of a kind
     outcomes: NDArray[np.void]  # (kinds * A * K,) of type OUTCOME
@@ -101,27 +101,36 @@ _draw_issuer_reward = numba.njit(draw_issuer_reward)
 
 
 @numba.njit
-def draw_reward(mean: float, noise: float, stream: Stream) -> tuple[float, Stream]:
-    """Returns a noisy reward and the stream that follows."""
-    number, stream = draw_number(stream)
-    return _draw_issuer_reward(mean, noise, number), stream
+def draw_step(
+    first: NDArray[np.uint32],
+    outcomes: NDArray[np.void],
+    n_outcomes: int,
+    is_noisy: bool,
+    state: np.uint64,
+    action: np.uint64,
+    stream: Stream,
+) -> tuple[float, np.uint64, Stream]:
+    """Returns the reward of an action, the index of its outcome, and the stream that follows.
 
-
-@numba.njit
-def draw_outcome(first: np.uint64, outcomes: NDArray[np.void], stream: Stream) -> tuple[np.uint64, Stream]:
-    """Returns the index of an outcome, given that of the action's first, and the stream that follows."""
-    number, stream = draw_number(stream)
-    i = first
-    while number >= outcomes[i].probability_up_to:
-        i += U(1)
-    return i, stream
+    The reward takes a draw if it is noisy, and the outcome if there are several.
+    """
+    i = U(first[state]) + action * U(n_outcomes)
+    reward = outcomes[i].reward
+    if is_noisy and outcomes[i].noise > 0.0:
+        number, stream = draw_number(stream)
+        reward = _draw_issuer_reward(reward, outcomes[i].noise, number)
+    if n_outcomes > 1:
+        number, stream = draw_number(stream)
+        while number >= outcomes[i].probability_up_to:
+            i += U(1)
+    return reward, i, stream
 
 
 @numba.njit
 def draw_start(starts: NDArray[np.uint32], stream: Stream) -> tuple[np.uint64, Stream]:
     """Returns a state to start in and the stream that follows."""
-    place = U(0)
+    i = U(0)
     if len(starts) > 1:
         number, stream = draw_number(stream)
-        place = U(number * len(starts))
-    return U(starts[place]), stream
+        i = U(number * len(starts))
+    return U(starts[i]), stream

@@ -165,9 +165,6 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--seeds", "A-B", drawn)
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "then draw tables and figures, as 'report' does")
-    _add(
-        run, "--tensorboard", "DIR", "write TensorBoard logs of deep learners; no result depends on it", Path
-    )
     where = run.add_mutually_exclusive_group()
     about = "run all jobs in this executor: process, thread, or MODULE:ATTRIBUTE of another (default: each "
     _add(where, "--executor", "NAME", f"{about}algorithm's placement, thread or process)")

@@ -361,7 +361,7 @@ def _where(model: Model, phase: str) -> str:
     """Returns which of the agent's observations a map shows; empty if it shows all."""
     if model.scenario.observe == ("agent",) and not model.context.any():
         return ""
-    row, column = model.scenario.people[0][0][0].cell
+    row, column = model.scenario.people[0][0][0].position
     of_places = f", the first of {model.n_places} places" if model.n_places > 1 else ""
     pings = "no wrong PING yet" if "wrong_pings" in model.scenario.observe else ""
     issuer = f"the issuer in row {row}, column {column}{of_places}"

@@ -8,11 +8,13 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any, ClassVar, Final, NoReturn, Self, TypeVar, get_args, get_origin
 
 from pydantic import (
@@ -33,29 +35,28 @@ _SHORTEST_LIST: Final = 40  # characters of accepted names that a message has ro
 _LONGEST_NAME: Final = 60  # characters of a name that is compared with others
 _LARGEST_FILE: Final = 1_000_000  # bytes
 _DEEPEST: Final = 32  # tables inside tables
+_TOO_DEEP: Final = f"nested too deeply; accepted: at most {_DEEPEST} levels"
 _MOST_DIGITS: Final = 4300  # of a number, by default in Python
 _TOO_LARGE: Final = 10**_MOST_DIGITS
+_TOO_LONG: Final = f"too many digits; accepted: at most {_MOST_DIGITS:,}"
 
-# The modules that each extra brings, as they are imported. A checkout need not be installed, so this is not
-# read from the metadata of an installation; a test compares it with pyproject.toml.
+# The modules of each extra. They are not read from the metadata of an installation, since a checkout need not
+# be installed; a test compares them with pyproject.toml.
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "reproduce": (
         "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba", "packaging",
         "pandas", "rich", "scipy", "seaborn", "tabulate",
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
-    "tune": ("optuna", "sklearn"),
     "docs": ("pdoc",),
     "cluster": ("distributed",),
     "render": ("pygame",),
-    "tensorboard": ("tensorboard",),
 }  # fmt: skip
-# Of modules with another name.
+# Names of packages that differ from those of their modules.
 PACKAGES: Final[Mapping[str, str]] = {
     "PIL": "pillow",
     "markdown_it": "markdown-it-py",
     "pygame": "pygame-ce",
-    "sklearn": "scikit-learn",
 }
 _NAME_RULE: Final = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false, NA, "
@@ -63,9 +64,9 @@ _NAME_RULE: Final = (
 )
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 _DEVICE: Final = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]", re.IGNORECASE)  # no file can have such a name
-# Names that readers of a CSV file, which pandas or R infer from its texts, take for values of another type.
+# Names that pandas or R would read as numbers, booleans or missing values.
 _VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
-# Control characters, those of lines and writing direction among them, and halves of characters.
+# Control characters, among them line separators and those of writing direction, and lone surrogates.
 _CONTROL: Final = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 )
@@ -73,13 +74,9 @@ _BREAK: Final = re.compile(r"[\n\t]")
 
 
 class InputError(ValueError):
-    """Mistakes in the user's input, mostly one; each has a line in the message that can be shown as it is."""
+    """One or more mistakes in the user's input, each described by a line that can be shown as it is."""
 
     def __init__(self, *messages: str) -> None:
-        """Makes each message a line of printable characters, and counts those after the tenth.
-
-        Of a long one the folders of the file are left out, and then what is in the middle.
-        """
         lines = [*dict.fromkeys(map(_as_line, messages))]
         n_more = len(lines) - _MOST_MESSAGES
         super().__init__(*lines[:_MOST_MESSAGES], *[f"and {n_more:,} more."] * (n_more > 0))
@@ -90,7 +87,7 @@ class InputError(ValueError):
 
 def _as_line(message: str) -> str:
     line = " ".join("".join(c if c.isprintable() or c.isspace() else "?" for c in message).split())
-    if len(line) > _LONGEST_MESSAGE:
+    if len(line) > _LONGEST_MESSAGE:  # leaves out the folders of the file, and then the middle
         line = re.sub(r"^[^ ]*/(?=[^ /]+:)", ".../", line)
     if len(line) > _LONGEST_MESSAGE:
         line = f"{line[: _LONGEST_MESSAGE // 2 - 5]} ... {line[-_LONGEST_MESSAGE // 2 :]}"
@@ -108,12 +105,12 @@ class Table(BaseModel):
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
 
-    # Keys that a table got later. They are not written while they have their defaults, so that what was
-    # written before, and the digests of runs, stay the same.
-    later: ClassVar[frozenset[str]] = frozenset()
+    # Keys that are not written while they have their defaults: they were added after runs had been published,
+    # whose digests must stay the same.
+    omitted_at_default: ClassVar[Set[str]] = frozenset()
 
-    def _given(self) -> dict[str, Any]:
-        """The values by key, without what is cached, which is neither compared nor copied nor pickled."""
+    # Cached properties are neither compared nor copied nor pickled.
+    def _given(self) -> dict[str, object]:
         return {key: self.__dict__[key] for key in type(self).model_fields}
 
     def __eq__(self, other: object) -> bool:
@@ -132,9 +129,9 @@ class Table(BaseModel):
         return super().__getstate__() | {"__dict__": self._given()}
 
     @model_serializer(mode="wrap")
-    def _without_later_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         written: dict[str, Any] = handler(self)
-        for key in self.later & written.keys():
+        for key in self.omitted_at_default & written.keys():
             if getattr(self, key) == type(self).model_fields[key].get_default(call_default_factory=True):
                 del written[key]
         return written
@@ -144,38 +141,31 @@ TableT = TypeVar("TableT", bound=Table)
 
 
 def require(is_met: bool, found: str, accepted: str) -> None:
-    """Refuses a value in a validator of a `Table` by a ValueError, to which `parse` adds file and key."""
+    """Raises a ValueError, to which `parse` adds file and key, if a condition of a `Table` is not met."""
     if not is_met:
         raise ValueError(f"{found}: accepted: {accepted}")
 
 
 def check_all(*checks: Callable[[], object]) -> None:
-    """Makes checks that do not depend on each other, and refuses at once what they refuse.
-
-    Raises:
-      ValueError: That of the only check that refuses something, or an InputError with the lines of several.
-    """
-    found = []
+    """Makes independent checks; raises the ValueError of one, or an InputError with the lines of several."""
+    errors = []
     for check in checks:
         try:
             check()
         except ValueError as error:
-            found.append(error)
-    if len(found) == 1:
-        raise found[0]
-    if found:
-        raise InputError(*(line for error in found for line in lines_of(error)))
+            errors.append(error)
+    if len(errors) == 1:
+        raise errors[0]
+    if errors:
+        raise InputError(*(line for error in errors for line in _lines_of(error)))
 
 
-def lines_of(error: ValueError) -> list[str]:
-    """Returns the message of each mistake."""
+def _lines_of(error: ValueError) -> list[str]:
     return [*error.args] if isinstance(error, InputError) else [str(error)]
 
 
 def is_name(text: str) -> bool:
-    """Returns whether a text can be a name: of an experiment, variant, scenario, reading, axis or value.
-
-    Names become parts of files, columns, labels and Gymnasium ids, and so need no escaping anywhere.
+    """Returns whether a text can be a name, which needs no escaping in files, columns, labels and ids.
 
     >>> [is_name(text) for text in ("S1", "rate-0_1", "9x", "_x", "a/b", "a b", "..", "", "1e5", "NA", "con")]
     [True, True, True, False, False, False, False, False, False, False, False]
@@ -200,7 +190,7 @@ Line = Annotated[str, AfterValidator(_in_one_line)]  # free text that labels som
 
 
 def check_file_name(path: Path, what: str) -> None:
-    """Refuses, by an InputError, a file after which something, say "results are", cannot be named."""
+    """Refuses a file by an InputError if `what`, say "results are", cannot be named after it."""
     if not is_name(path.stem):
         shown = str(path) if str(path).isprintable() else json.dumps(str(path))
         raise InputError(f"{shown}: {what} named after the file; accepted: {_NAME_RULE}.")
@@ -208,39 +198,33 @@ def check_file_name(path: Path, what: str) -> None:
 
 def in_either_case(names: Iterable[str]) -> tuple[str, str] | None:
     """Returns two names that differ in case alone, and so share files on some systems; None if none do."""
-    met: dict[str, str] = {}
+    first: dict[str, str] = {}
     for name in names:
-        other = met.setdefault(name.lower(), name)
-        if other != name:
-            return other, name
+        if first.setdefault(name.lower(), name) != name:
+            return first[name.lower()], name
     return None
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Reads a TOML file.
-
-    Raises:
-      InputError: The file cannot be read, or is not TOML; or it is too large, or nested too deeply.
-    """
+    """Reads a TOML file; one that cannot be read, is too large or nested too deeply raises an InputError."""
     try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: cannot be read: it is not a file.")
+        if path.exists() and not path.is_file():  # a pipe might never end
+            raise OSError(0, "it is not a file")
         if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(f"{path}: larger than {_LARGEST_FILE:,} bytes; accepted: a smaller file.")
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        _check_texts(data, str(path))
+            raise OSError(0, f"it is larger than {_LARGEST_FILE:,} bytes")
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot be read: {reason}.") from error
+    try:
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}.") from error
     except RecursionError:
-        raise InputError(f"{path}: nested too deeply; accepted: at most {_DEEPEST} levels.") from None
-    except InputError:
-        raise
+        raise InputError(f"{path}: {_TOO_DEEP}.") from None
     except ValueError as error:  # Python refuses to read such a number
-        accepted = f"at most {_MOST_DIGITS:,}"
-        raise InputError(f"{path}: a number has too many digits; accepted: {accepted}.") from error
+        raise InputError(f"{path}: a number has {_TOO_LONG}.") from error
+    _check_texts(data, str(path))
     return data
 
 
@@ -252,7 +236,7 @@ def whole_number(text: str, option: str, low: int, high: int) -> int:
 
 
 def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
-    r"""Returns a text as a message repeats it: of a long one the beginning; quoted, if it is not printable.
+    r"""Returns a text as messages repeat it: cut if it is long, quoted if it is not printable.
 
     >>> shortened("abc"), shortened("abcdef", longest=5), shortened("a\tb")
     ('abc', 'ab...', '"a\\tb"')
@@ -262,31 +246,26 @@ def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
 
 
 def _check_texts(value: object, source: str, key: str = "", depth: int = 1) -> None:
-    """Refuses, by an InputError, tables nested too deeply, control characters, and too many digits.
-
-    Control characters could take over a terminal; Python does not write more than so many digits.
-    """
+    """Refuses deep nesting, more digits than Python writes, and characters that take over a terminal."""
     if depth > _DEEPEST:
-        raise InputError(f"{source}: nested too deeply; accepted: at most {_DEEPEST} levels.")
+        raise InputError(f"{source}: {_TOO_DEEP}.")
     if isinstance(value, int) and abs(value) >= _TOO_LARGE:  # as hexadecimal, Python reads it
-        raise InputError(f"{source}: {key}: too many digits; accepted: at most {_MOST_DIGITS:,}.")
+        raise InputError(f"{source}: {key}: {_TOO_LONG}.")
     if isinstance(value, str) and _CONTROL.search(value):
-        raise InputError(
-            f"{source}: {key} = {shortened(value, _LONGEST_NAME)}: accepted: text without control characters "
-            "other than line breaks and tabs."
-        )
+        shown = shortened(value, _LONGEST_NAME)
+        raise InputError(f"{source}: {key} = {shown}: accepted: text without control characters.")
     if isinstance(value, Mapping):
-        for name, each in value.items():
+        for name, item in value.items():
             where = f"{key}.{shortened(str(name), _LONGEST_NAME)}".removeprefix(".")
             if _CONTROL.search(str(name)) or _BREAK.search(str(name)):
                 raise InputError(f"{source}: the key {where}: accepted: text without control characters.")
-            _check_texts(each, source, where, depth + 1)
+            _check_texts(item, source, where, depth + 1)
     elif isinstance(value, list | tuple):
-        for i, each in enumerate(value):
-            _check_texts(each, source, f"{key}.{i}", depth + 1)
+        for i, item in enumerate(value):
+            _check_texts(item, source, f"{key}.{i}", depth + 1)
 
 
-def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str) -> dict[str, Any]:
+def override(data: Mapping[str, object], overrides: Mapping[str, object], source: str) -> dict[str, Any]:
     """Returns a copy of nested tables with some values replaced, by dotted key: `{"grid.start": [8, 6]}`.
 
     A key that passes through a value that is not a table, or through too many tables, raises an InputError.
@@ -295,7 +274,7 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
     for dotted, value in overrides.items():
         *tables, key = dotted.split(".")
         if len(tables) >= _DEEPEST:
-            raise InputError(f"{source}: the key {shortened(dotted)}: nested too deeply.")
+            raise InputError(f"{source}: the key {shortened(dotted)}: {_TOO_DEEP}.")
         table = result
         for name in tables:
             table = table.setdefault(name, {})
@@ -305,17 +284,11 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
     return dict(result)
 
 
-def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any) -> TableT:
-    """Checks tables, as read from TOML, and returns them as a typed object.
+def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: object) -> TableT:
+    """Checks tables, as read from TOML, and returns them as an object of a class.
 
-    Args:
-      cls: Class of the object.
-      data: The tables.
-      source: Their file, for the message.
-      **given: Values that are not in the file; the file must not contain these keys.
-
-    Raises:
-      InputError: Names the file, the key, its value and what is accepted.
+    Values in `given` must not be in the tables. Mistakes raise an InputError that names the source, which is
+    the tables' file, the key, its value and what is accepted.
     """
     for key in given:
         if key in data:
@@ -325,38 +298,38 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any)
         # From JSON, because the strict validation of Python objects refuses a list in place of a tuple.
         return cls.model_validate_json(json.dumps({**data, **given}, default=str))
     except ValidationError as error:
-        found = _first_of_each_value(error.errors(), {**data, **given})
-        raise InputError(*(line for each in found for line in _lines(cls, each, source, given))) from None
+        errors = _first_of_each_value(error.errors(), {**data, **given})
+        lines = (line for details in errors for line in _lines(cls, details, source, given))
+        raise InputError(*lines) from None
 
 
-def _first_of_each_value(errors: Iterable[ErrorDetails], data: Any) -> list[ErrorDetails]:
+def _first_of_each_value(errors: Iterable[ErrorDetails], data: object) -> list[ErrorDetails]:
     """Returns the first error of each value; each alternative of a type makes one.
 
     Unknown keys come first: a misspelt key is also reported as missing, which is left out.
     """
-    found: dict[tuple[int | str, ...], ErrorDetails] = {}
-    for each in sorted(errors, key=lambda details: details["type"] != "extra_forbidden"):
-        place, value = each["loc"], data
-        for depth, key in enumerate(each["loc"]):
+    first: dict[tuple[int | str, ...], ErrorDetails] = {}
+    for error in sorted(errors, key=lambda details: details["type"] != "extra_forbidden"):
+        location, value, is_missing = error["loc"], data, error["type"] == "missing"
+        for depth, key in enumerate(error["loc"]):
             try:
-                value = value[key]
+                value = value[key]  # type: ignore[index]
             except (LookupError, TypeError):  # a missing key, or the name of an alternative
-                place = each["loc"][: depth + (each["type"] == "missing")]
+                location = error["loc"][: depth + is_missing]
                 break
-        others = [other["loc"][:-1] for other in found.values() if other["type"] == "extra_forbidden"]
-        if each["type"] != "missing" or each["loc"][:-1] not in others:
-            found.setdefault(place, each)
-    return [*found.values()]
+        misspelt = [other["loc"][:-1] for other in first.values() if other["type"] == "extra_forbidden"]
+        if not (is_missing and error["loc"][:-1] in misspelt):
+            first.setdefault(location, error)
+    return [*first.values()]
 
 
 def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[str]) -> list[str]:
-    """Returns what is wrong with a value, mostly one sentence."""
-    key = ".".join(shortened(str(part), _LONGEST_NAME) for part in error["loc"])
+    *tables, key = (shortened(str(part), _LONGEST_NAME) for part in error["loc"] or [""])
     if error["type"] == "extra_forbidden":
-        *table, name = error["loc"]
-        inside = ".".join(shortened(str(part), _LONGEST_NAME) for part in table)
-        where = f"{source}: [{inside}]" if table else source
-        return [_unknown(where, "key", str(name), set(_accepted(cls, table)) - set(given))]
+        *location, name = error["loc"]
+        where = f"{source}: [{'.'.join(tables)}]" if tables else source
+        return [_unknown(where, "key", str(name), set(_accepted(cls, location)) - set(given))]
+    key = ".".join([*tables, key])
     if error["type"] == "missing":
         return [f"{source}: the key {key} is missing."]
     where = f"{key} = {shortened(json.dumps(error['input'], default=str))}: " if key else ""
@@ -364,10 +337,7 @@ def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[s
 
 
 def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> NoReturn:
-    """Refuses a name by an InputError that lists the accepted names and points to the most similar.
-
-    What is accepted otherwise, such as a path, comes last.
-    """
+    """Refuses a name by an InputError that lists the accepted names, and what is accepted otherwise."""
     raise InputError(_unknown(source, kind, name, accepted, otherwise))
 
 
@@ -380,63 +350,54 @@ def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwi
 
 
 def _guess(name: str, accepted: Iterable[str]) -> str:
-    """Returns the question whether the most similar name was meant; empty if none is similar."""
     nearest = difflib.get_close_matches(name[:_LONGEST_NAME], accepted, n=1, cutoff=0.6)
     return f" (did you mean {nearest[0]}?)" if nearest else ""
 
 
 def imported(name: str, source: str, kind: str) -> object:
-    """Imports what a name `module:attribute` in a source means, of some kind, or raises an InputError.
+    """Imports what the name `module:attribute` of some kind in a source means, or raises an InputError.
 
-    The message recommends no package but this project's own: a misspelt name could be that of any other.
+    The message recommends only packages of this project's extras: a misspelt name could be any other's.
     """
     module, _, attribute = name.partition(":")
-    found: Any = None
+    loaded: ModuleType | None = None
     try:
-        found = import_module(module)
-        return getattr(found, attribute)
+        loaded = import_module(module)
+        return getattr(loaded, attribute)
     except (Exception, SystemExit) as error:  # a module can raise anything
         reason: object = "it calls exit" if isinstance(error, SystemExit) else error
         hint, missing = "", _missing(error)
-        if found is not None:
-            hint = _guess(attribute, dir(found))
-        elif missing is not None and (installer := _installer(missing)):
-            hint = f"; {installer}"
+        if loaded is not None:
+            hint = _guess(attribute, dir(loaded))
+        elif missing is not None and _installer(missing):
+            hint = _installer(missing)
         elif missing == module.partition(".")[0]:
-            known = [each for modules in EXTRAS.values() for each in modules]
             accepted = "a module of the current folder, of the experiment's folder or of an installed package"
-            hint = f"{_guess(missing, known)}; accepted: {accepted}"
+            hint = f"{_guess(missing, chain(*EXTRAS.values()))}; accepted: {accepted}"
         raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}.") from error
 
 
 @contextmanager
 def needed_by(what: str) -> Iterator[None]:
-    """Turns the failed import of a package of this project's extras into a MissingPackageError.
-
-    Other errors pass, among them those of modules that this project does not need.
-    """
+    """Turns the failed import of a package of this project's extras into a MissingPackageError."""
     try:
         yield
     except MissingPackageError:
         raise
     except ModuleNotFoundError as error:
         missing = _missing(error)
-        if missing is None or _installer(missing) is None:
+        if missing is None or not _installer(missing):
             raise
         raise missing_package(what, missing) from error
 
 
 def missing_package(what: str, module: str) -> MissingPackageError:
-    """Returns the error that something needs a package, named as it is imported, which is not installed."""
-    package = PACKAGES.get(module, module)
-    installer = f"; {installer}" if (installer := _installer(module)) else ""
-    return MissingPackageError(
-        f"{what} needs the package {package}, which is not installed{installer}.", name=module
-    )
+    """Returns the error that something needs a package, given as the module that is not installed."""
+    needed = f"{what} needs the package {PACKAGES.get(module, module)}, which is not installed"
+    return MissingPackageError(f"{needed}{_installer(module)}.", name=module)
 
 
 def _missing(error: BaseException) -> str | None:
-    """Returns the top-level module whose absence made an import fail, if that was the reason."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
     module = error.name.partition(".")[0]
@@ -444,17 +405,15 @@ def _missing(error: BaseException) -> str | None:
     return module if find_spec(module) is None else None
 
 
-def _installer(module: str) -> str | None:
-    """Returns what installs a module's package, if it belongs to an extra of this project."""
+def _installer(module: str) -> str:
     for extra, modules in EXTRAS.items():
         if module in modules:
             mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"
-            return f"pip install 'proxemic-benchmark[{extra}]' installs it (in a checkout: make {mark})"
-    return None
+            return f"; pip install 'proxemic-benchmark[{extra}]' installs it (in a checkout: make {mark})"
+    return ""
 
 
 def _reasons(error: ErrorDetails) -> list[str]:
-    """Returns why a value is refused, in plain words; a validator may have several reasons."""
     details = error.get("ctx", {})
     match error["type"]:
         case "too_short":
@@ -466,7 +425,7 @@ def _reasons(error: ErrorDetails) -> list[str]:
         case "model_type" | "model_attributes_type" | "dict_type":
             return ["accepted: a table"]
         case "value_error":
-            messages = lines_of(details["error"])
+            messages = _lines_of(details["error"])
         case _:
             messages = [error["msg"]]
     return [f"{message[:1].lower()}{message[1:]}" for message in messages]
@@ -488,14 +447,12 @@ def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:
 
 
 def _tags(annotation: Any) -> Sequence[Any]:
-    """Returns what names a table of a union: its kinds, or its tag."""
-    tags = [each.tag for each in getattr(annotation, "__metadata__", ()) if isinstance(each, Tag)]
+    tags = [tag.tag for tag in getattr(annotation, "__metadata__", ()) if isinstance(tag, Tag)]
     return tags or get_args(_bare(annotation).model_fields["kind"].annotation)
 
 
 def _bare(annotation: Any) -> Any:
-    """Returns a type without metadata, and without None if the value may be missing."""
     if get_origin(annotation) is Annotated:
         return _bare(get_args(annotation)[0])
-    others = [each for each in get_args(annotation) if each is not type(None)]
+    others = [alternative for alternative in get_args(annotation) if alternative is not type(None)]
     return _bare(others[0]) if len(others) == 1 and type(None) in get_args(annotation) else annotation

@@ -5,21 +5,16 @@ feedback is to come, wrong PINGs so far, the agent's cell), numbered in this ord
 paper's scenarios all but the last two have a single value, so the number is `pings * C + row * columns +
 column` with C cells: 120 cells and 600 states. The place is drawn at the start of an episode and stays.
 
-In a step the agent acts first. Event and rewards follow from where everyone stood before the step, and in
-which phase. Then the clock moves on. A person who walks waits while the agent stands in the way, so that
-nobody but the agent runs into anyone. A PING is answered by the nearest person; of equally near ones, by the
-first declared.
-
-An agent observes the components that the scenario names, the cell at least. What it does not observe is
-hidden, so the task is partially observed. Everything that acts, learns, plans or evaluates reads the arrays.
-A time limit is not in the arrays: it truncates an episode, and learners bootstrap through it.
+`envs/scenarios/README.md` says what happens in a step, and in which order. Everything that acts, learns,
+plans or evaluates reads the arrays. A time limit is not in them: it truncates an episode, and learners
+bootstrap through it.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,21 +36,9 @@ EVENTS: Final = (
     "wrong_ping",
     "last_wrong_ping",  # condition C2
 )
+_WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
-
-
-class Transition(NamedTuple):
-    """The outcome of an action in a state, as Python values."""
-
-    next_states: list[int]  # (K,)
-    probability: list[float]  # (K,) of each next state
-    grid_reward: float
-    issuer_reward: float  # mean
-    issuer_noise: float  # half-width of the uniform noise around the mean
-    terminated: bool
-    event: int  # index into EVENTS
-    wrong_pings: int  # so far in the episode, including this action
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +88,7 @@ class Model:
     @cached_property
     def n_observations(self) -> int:
         """O, the product of the components' sizes."""
-        return math.prod(component.size for component in self.components)
+        return self.scenario.n_observations
 
     @property
     def n_outcomes(self) -> int:
@@ -124,7 +107,6 @@ class Model:
 
     @cached_property
     def _is_fresh(self) -> NDArray[np.bool_]:
-        """(S,) whether a state has no wrong PING so far and no feedback to come."""
         block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
         return np.asarray(np.arange(len(self.observation)) % block < len(self.position))
 
@@ -157,52 +139,16 @@ class Model:
     @cached_property
     def is_wrong_ping(self) -> NDArray[np.bool_]:
         """(S, A) whether the action is a disagreement: a PING outside the target region."""
-        return np.isin(self.event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
+        return np.isin(self.event, _WRONG_PINGS)
 
     @cached_property
     def is_noisy(self) -> bool:
         """Whether the issuer's reward is random, so that a step needs a draw."""
         return bool(self.issuer_noise.any())
 
-    def transitions(self, state: int) -> list[Transition]:
-        """Returns the arrays of a state as Python values, by action: the fast way to step a single env."""
-        known = self._transitions.get(state)
-        if known is None:
-            arrays = (
-                self.next_state, self.probability, self.grid_reward, self.issuer_reward, self.issuer_noise,
-                self.terminated, self.event, self.wrong_pings,
-            )  # fmt: skip
-            rows = zip(*(array[state].tolist() for array in arrays), strict=True)
-            known = self._transitions[state] = [Transition(*row) for row in rows]
-        return known
-
-    @cached_property
-    def _transitions(self) -> dict[int, list[Transition]]:
-        """What `transitions` has returned so far, by state."""
-        return {}
-
-    @cached_property
-    def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:  # noqa: N802
-        """`P[state][action] = [(probability, next state, mean reward, terminated)]`, as in toy-text."""
-        return {
-            state: {
-                action: [
-                    (probability, following, t.grid_reward + t.issuer_reward, t.terminated)
-                    for probability, following in zip(t.probability, t.next_states, strict=True)
-                ]
-                for action, t in enumerate(self.transitions(state))
-            }
-            for state in range(len(self.observation))
-        }
-
 
 def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbers:
-    """Returns the issuer's reward for a draw. Also works on arrays, and inside numba.
-
-    Args:
-      mean: Mean reward.
-      noise: Half-width of the uniform noise.
-      uniform: A draw from [0, 1).
+    """Returns the issuer's reward for a draw from [0, 1), also of arrays and inside numba.
 
     >>> draw_issuer_reward(0.0, 1.0, 0.25)
     -0.5
@@ -239,8 +185,7 @@ def compile_scenario(scenario: Scenario) -> Model:
         EVENTS.index("wrong_ping"),
     )
     event = np.column_stack([move_event, ping_event])  # (S, A)
-    is_wrong = np.isin(event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
-    wrong_pings = pings[:, None] + is_wrong
+    wrong_pings = pings[:, None] + np.isin(event, _WRONG_PINGS)
     rewards = scenario.rewards
     reward_of_event = {"none": 0.0, "move": rewards.other} | dict(rewards)
     grid_reward = np.array([reward_of_event[name] for name in EVENTS])[event]
@@ -325,23 +270,21 @@ def _components(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Compo
     grid = scenario.grid
     farthest = np.array(grid.size) - 1
     largest = np.maximum(farthest, 1)
-    stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
+    stands = np.array([[people[0].position for people in stages] for stages in scenario.people])  # (J, P, 2)
     cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
     shown = np.array(scenario.shown_cells)  # (I, 2)
-    where = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
+    index = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
     n_phases, n_pings = len(scenario.stages), scenario.ping_limit
     offset = stands[place, phase] - grid.position[cell] + farthest  # (S, 2), from 0
-    known = {
+    components = {  # values of states, and coordinates of values
         "agent": (cell, grid.position / largest),
         "offset": (offset @ (2 * grid.columns - 1, 1), (grid.offset + farthest) / (2 * largest)),
-        "issuer": (where[place, phase], shown / largest),
+        "issuer": (index[place, phase], shown / largest),
         "phase": (phase, np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
         "wrong_pings": (pings, np.arange(n_pings)[:, None] / max(n_pings - 1, 1)),
     }
-    return tuple(
-        Component(name, known[name][0].astype(np.int32), np.asarray(known[name][1]))
-        for name in scenario.observe
-    )
+    observed = ((name, *components[name]) for name in scenario.observe)
+    return tuple(Component(name, of_state.astype(np.int32), values) for name, of_state, values in observed)
 
 
 def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
@@ -350,7 +293,7 @@ def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float
     Feedback by distance is relative to the largest distance from a start in the same place.
     """
     position = scenario.grid.position
-    stands = np.array([[[who.cell for who in people] for people in stages] for stages in scenario.people])
+    stands = np.array([[[who.position for who in people] for people in stages] for stages in scenario.people])
     shape = *stands.shape[:2], len(position)  # J, P, C
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
     every_start = scenario.starts_by_place.values()

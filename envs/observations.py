@@ -1,4 +1,4 @@
-"""Forms of observation: what the agent is given of the observed components, as tables of all observations.
+"""Forms of observation, as tables of all observations.
 
 The forms that begin with "offset" are egocentric: instead of the agent's cell and the issuer's, the agent is
 given the second relative to the first. Where the issuer is not seen, they are the same as the others.
@@ -37,20 +37,13 @@ def check_one_hot(n_observations: int, n_features: int) -> None:
 
 
 def check_form(observation: str) -> None:
-    """Refuses, by an InputError, an unknown form."""
+    """Refuses an unknown form by an InputError."""
     if observation not in OBSERVATIONS:
         unknown_name("observation", "form", str(observation), OBSERVATIONS)
 
 
 def seen_as(scenario: Scenario, observation: str) -> Scenario:
-    """Returns a scenario with the components that an agent is given in a form.
-
-    Raises:
-      InputError: Unknown form.
-
-    >>> seen_as(load_scenario("Anywhere"), "offset").observe
-    ('offset',)
-    """
+    """Returns a scenario with the components that an agent is given in a form."""
     check_form(observation)
     if not observation.startswith("offset") or "issuer" not in scenario.observe:
         return scenario
@@ -65,22 +58,18 @@ def compile_seen(scenario: Scenario, observation: str) -> Model:
 
 def observation_blocks(model: Model) -> NDArray[np.int64]:
     """Returns which columns of the one-hot form are 1, (O, components): one of each component's block."""
-    values = np.unravel_index(
-        np.arange(model.n_observations), [each.size for each in reversed(model.components)]
-    )
-    firsts = np.cumsum([0, *(each.size for each in model.components[:-1])])
-    return np.asarray(np.stack(values[::-1], axis=1) + firsts)
+    sizes = [component.size for component in model.components]
+    values = np.unravel_index(np.arange(model.n_observations), sizes[::-1])
+    return np.asarray(np.stack(values[::-1], axis=1) + np.cumsum([0, *sizes[:-1]]))
 
 
 def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32]:
     """Returns all observations.
 
     Args:
-      model: Compiled scenario with O observations, which consist of components.
-      kind: `"index"`: the observation's number, (O,) int64; `"one_hot"`: a block per component, (O, sum of
-        their sizes) float32; `"coordinates"`: the coordinates of all components in turn, (O, sum of their
-        numbers) float32, row and column of a cell, or a number, each scaled to [0, 1]. The forms of the
-        offset are encoded in the same three ways, of a model that is compiled for them, see `compile_seen`.
+      model: Compiled scenario with O observations; for the forms of the offset by `compile_seen`.
+      kind: The form. Index: (O,) int64. One-hot: a block per component, (O, sum of their sizes) float32.
+        Coordinates: those of all components in turn, (O, D) float32, each scaled to [0, 1].
 
     Raises:
       InputError: Unknown `kind`, or too many numbers.
@@ -88,7 +77,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
     check_form(kind)
     if ENCODINGS[kind] == "index":
         return np.arange(model.n_observations)
-    sizes = [each.size for each in model.components]
+    sizes = [component.size for component in model.components]
     columns = observation_blocks(model)
     if ENCODINGS[kind] == "one_hot":
         check_one_hot(len(columns), sum(sizes))
@@ -96,7 +85,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         np.put_along_axis(table, columns, 1, axis=1)
         return table
     values = columns - np.cumsum([0, *sizes[:-1]])
-    blocks = [each.coordinates[values[:, i]] for i, each in enumerate(model.components)]
+    blocks = [component.coordinates[values[:, i]] for i, component in enumerate(model.components)]
     return np.concatenate(blocks, axis=1).astype(np.float32)
 
 

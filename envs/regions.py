@@ -1,12 +1,9 @@
 """The regions around a person: their shapes, the zones of cells, and outlines.
 
-This is the only place that knows what shape a region has: everything else reads zones, distances and
-outlines. The C cells are numbered `row * columns + column`.
-
-A region holds every cell whose centre lies in its shape, in cells or in metres. A shape with a front turns
-with the person's heading.
+The C cells are numbered `row * columns + column`. A region holds every cell whose centre lies in its shape.
 """
 
+from collections.abc import Set
 from functools import lru_cache
 from typing import Annotated, ClassVar, Final, Literal, Self
 
@@ -26,12 +23,10 @@ HEADINGS: Final[dict[Heading, tuple[int, int]]] = {  # (row, column)
     "right": (0, 1),
 }
 Length = Annotated[float, Field(ge=0, le=1000)]  # in cells, or in metres
-Axis = Annotated[float, Field(gt=0, le=1000)]
 
-# (row, column) of a crossing of grid lines; cell (r, c) lies between the corners (r, c) and (r + 1, c + 1).
-Corner = tuple[int, int]
-# The corners at which a closed line turns, from the leftmost of its topmost corners. The enclosed cells are
-# on the right of the line, so that it runs clockwise, or anticlockwise around a hole.
+Corner = tuple[int, int]  # (row, column); cell (r, c) lies between the corners (r, c) and (r + 1, c + 1)
+# The corners at which a closed line turns, from the leftmost of its topmost corners, with the enclosed cells
+# on its right.
 Loop = tuple[Corner, ...]
 
 # Lengths that are rounded in metres must not decide whether a cell on the border belongs to a region.
@@ -41,78 +36,39 @@ _TOLERANCE: Final = 1e-9
 class Round(Table):
     """A square or circle around the person, by Chebyshev or Euclidean distance."""
 
-    has_front: ClassVar[bool] = False
     kind: Literal["square", "circle"]
     """Whether the distance is Chebyshev ("square") or Euclidean ("circle")."""
     radius: Length
     """The largest distance that belongs to the region."""
 
 
-class Ellipse(Table):
-    """An ellipse around the person: `length` ahead and behind, `width` to either side."""
-
-    has_front: ClassVar[bool] = True
-    kind: Literal["ellipse"]
-    """This shape."""
-    length: Axis
-    """How far it reaches ahead and behind."""
-    width: Axis
-    """How far it reaches to either side."""
-
-
 class Egg(Table):
     """Two half ellipses that meet beside the person, who keeps more room in front than behind.
 
-    By default, `side` is two thirds and `back` half of `front`, as the spreads of personal space in Kirby,
-    Simmons and Forlizzi (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable Robot
-    Navigation".
+    It reaches two thirds of `front` to either side and half of it behind, as in Kirby, Simmons and Forlizzi
+    (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable Robot Navigation".
     """
 
-    later: ClassVar[frozenset[str]] = frozenset({"side", "back"})
-    has_front: ClassVar[bool] = True
     kind: Literal["egg"]
     """This shape."""
-    front: Axis
+    front: Annotated[float, Field(gt=0, le=1000)]
     """How far it reaches ahead."""
-    side: Axis | None = None
-    """How far it reaches to either side; by default two thirds of `front`."""
-    back: Axis | None = None
-    """How far it reaches behind; by default half of `front`."""
 
 
-class Mask(Table):
-    """Any set of cells, drawn for a person who looks up: `I` the person, `#` the region, `.` no cell."""
-
-    has_front: ClassVar[bool] = True
-    kind: Literal["mask"]
-    """This shape."""
-    cells: str
-    """Lines of equal length."""
-
-    @model_validator(mode="after")
-    def _is_drawn(self) -> Self:
-        lines = self.cells.split()
-        is_block = len({len(line) for line in lines}) == 1 and set("".join(lines)) <= set("I#.")
-        require(is_block, "cells", 'lines of equal length, of the characters "I", "#" and "."')
-        require(self.cells.count("I") == 1, "cells", 'exactly one "I", the person')
-        return self
-
-
-AnyShape = Round | Ellipse | Egg | Mask
+AnyShape = Round | Egg
 Shape = Annotated[AnyShape, Field(discriminator="kind")]
 
 
 class Regions(Table):
     """The regions around a person: squares by their radii, or any two shapes.
 
-    The uncomfortable region is what lies in its shape, the target region what lies in its own shape and not
-    in the uncomfortable region. Radii are Chebyshev distances in cells. Lengths of shapes are in cells, or in
-    metres if `unit` says so.
+    The target region is what lies in its shape and not in the uncomfortable one. Radii are Chebyshev
+    distances in cells. Lengths of shapes are in cells, or in metres if `unit` says so.
     """
 
-    later: ClassVar[frozenset[str]] = frozenset(
-        {"uncomfortable_radius", "target_radius", "unit", "uncomfortable", "target"}
-    )
+    omitted_at_default: ClassVar[Set[str]] = {
+        "uncomfortable_radius", "target_radius", "unit", "uncomfortable", "target",
+    }  # fmt: skip
 
     uncomfortable_radius: Annotated[int, Field(ge=0)] | None = None
     """Of a square; together with `target_radius`, in place of shapes."""
@@ -127,19 +83,14 @@ class Regions(Table):
 
     @model_validator(mode="after")
     def _nested(self) -> Self:
-        radii = self.uncomfortable_radius, self.target_radius
-        shapes = self.uncomfortable, self.target
-        given = tuple(each is not None for each in (*radii, *shapes))
+        inner, outer = self.uncomfortable_radius, self.target_radius
+        given = tuple(value is not None for value in (inner, outer, self.uncomfortable, self.target))
         if given not in ((True, True, False, False), (False, False, True, True)):
             keys = "uncomfortable_radius and target_radius"
             raise ValueError(f"accepted: the keys {keys}, or the tables uncomfortable and target")
-        if radii[0] is not None and radii[1] is not None:
-            more = f"more than uncomfortable_radius = {radii[0]}"
-            require(radii[1] > radii[0], f"target_radius = {radii[1]}", more)
+        if inner is not None and outer is not None:
+            require(outer > inner, f"target_radius = {outer}", f"more than uncomfortable_radius = {inner}")
             require(self.unit == "cells", 'unit = "metres"', '"cells", since radii are in cells')
-        is_drawn = any(isinstance(shape, Mask) for shape in shapes)
-        accepted = '"cells", since a mask is drawn in cells'
-        require(self.unit == "cells" or not is_drawn, 'unit = "metres"', accepted)
         return self
 
     @property
@@ -154,15 +105,7 @@ class Regions(Table):
 def zones(
     regions: Regions, heading: Heading, cell: Cell, size: tuple[int, int], metres_per_cell: float = 1.0
 ) -> NDArray[np.int8]:
-    """Returns the zone of every cell around a person, (C,) index into ZONES.
-
-    Args:
-      regions: Of the person.
-      heading: Where the person looks.
-      cell: Where the person stands.
-      size: Rows and columns of the grid.
-      metres_per_cell: The width of a cell, for lengths in metres.
-    """
+    """Returns the zone of every cell around a person, (C,) index into ZONES; `size` is that of the grid."""
     window = _window(regions, heading, size, metres_per_cell if regions.unit == "metres" else 1.0)
     top, left = size[0] - 1 - cell[0], size[1] - 1 - cell[1]
     return window[top : top + size[0], left : left + size[1]].ravel()
@@ -171,46 +114,29 @@ def zones(
 @lru_cache(maxsize=256)
 def _window(regions: Regions, heading: Heading, size: tuple[int, int], cell_width: float) -> NDArray[np.int8]:
     """Returns the zone at every offset from a person that a grid can have, (2 rows - 1, 2 columns - 1)."""
-    down, right = np.meshgrid(
-        np.arange(1 - size[0], size[0]) * cell_width,
-        np.arange(1 - size[1], size[1]) * cell_width,
-        indexing="ij",
-    )
+    offsets = [np.arange(1 - n, n) * cell_width for n in size]
+    down, right = np.meshgrid(*offsets, indexing="ij")
     row, column = HEADINGS[heading]
     ahead, aside = down * row + right * column, right * -row + down * column
     inner, outer = (_holds(shape, ahead, aside) for shape in regions.shapes)
     inside = [(down == 0) & (right == 0), inner, outer]
-    names = "issuer", "uncomfortable", "target"
-    return np.select(inside, [ZONES.index(name) for name in names], ZONES.index("outside")).astype(np.int8)
+    nearest = [ZONES.index(name) for name in ("issuer", "uncomfortable", "target")]
+    return np.select(inside, nearest, ZONES.index("outside")).astype(np.int8)
 
 
 def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which offsets, ahead of a person and to the side, lie in a shape."""
-    match shape:
-        case Round():
-            is_square = shape.kind == "square"
-            distance = np.maximum(abs(ahead), abs(aside)) if is_square else np.hypot(ahead, aside)
-            inside = distance <= shape.radius + _TOLERANCE
-        case Ellipse():
-            inside = np.hypot(ahead / shape.length, aside / shape.width) <= 1 + _TOLERANCE
-        case Egg():
-            back = shape.front / 2 if shape.back is None else shape.back
-            side = shape.front * 2 / 3 if shape.side is None else shape.side
-            inside = np.hypot(ahead / np.where(ahead >= 0, shape.front, back), aside / side) <= 1 + _TOLERANCE
-        case Mask():
-            drawn = np.array([list(line) for line in shape.cells.split()])
-            ((row, column),) = np.argwhere(drawn == "I")
-            room = np.pad(drawn != ".", max(ahead.shape))  # so that no offset leaves it
-            rows = max(ahead.shape) + row - np.rint(ahead).astype(int)
-            inside = room[rows, max(ahead.shape) + column + np.rint(aside).astype(int)]
-    return np.asarray(inside)
+    if isinstance(shape, Egg):
+        length = np.where(ahead >= 0, shape.front, shape.front / 2)
+        return np.asarray(np.hypot(ahead / length, aside / (shape.front * 2 / 3)) <= 1 + _TOLERANCE)
+    is_square = shape.kind == "square"
+    distance = np.maximum(abs(ahead), abs(aside)) if is_square else np.hypot(ahead, aside)
+    return np.asarray(distance <= shape.radius + _TOLERANCE)
 
 
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:
     """Returns the Chebyshev distance of every cell from the target region around a person, (C,).
 
-    The region counts as complete even if the grid's edge, with so many rows and columns, cuts it. Regions
-    that are not given by their radii raise an InputError.
+    The region counts as complete even if the grid's edge cuts it. Shapes raise an InputError.
     """
     if regions.uncomfortable_radius is None or regions.target_radius is None:
         raise InputError("regions: the distance from the target region needs radii.")
@@ -221,10 +147,7 @@ def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDAr
 
 
 def outlines(inside: NDArray[np.bool_]) -> tuple[Loop, ...]:
-    """Returns the border of a set of cells as closed loops. Cells beyond the grid count as outside.
-
-    Args:
-      inside: Cells of the set, (rows, columns).
+    """Returns the border of a set of cells, (rows, columns), as closed loops; beyond the grid is outside.
 
     >>> outlines(np.array([[False, True, True]]))
     (((0, 1), (0, 3), (1, 3), (1, 1)),)

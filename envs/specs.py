@@ -1,7 +1,7 @@
 """Env specs that Gymnasium can write as JSON, whatever the env was made with."""
 
+import json
 from enum import Enum
-from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -11,29 +11,22 @@ from envs.scenario import Scenario
 
 
 class JsonSpec:
-    """An env's attribute `spec`, its arguments stored as values that JSON has.
+    """An env's attribute `spec`, which Gymnasium assigns; a path becomes a string, a `Scenario` a mapping."""
 
-    Gymnasium assigns `spec` after it has made an env. `EnvSpec.to_json` would fail if a path or a `Scenario`
-    were among the arguments, so a path becomes a string and a `Scenario` a mapping. The envs accept both.
-    """
-
-    def __get__(self, env: Any, _: type | None = None) -> EnvSpec | None:
+    def __get__(self, env: object, _: type | None = None) -> EnvSpec | None:
         """Returns the spec; None if the env was not made by Gymnasium."""
         return getattr(env, "_spec", None)
 
     def __set__(self, env: Any, spec: EnvSpec | None) -> None:
         """Stores a spec."""
         if spec is not None:
-            spec.kwargs = {name: _to_json(value) for name, value in spec.kwargs.items()}
+            spec.kwargs = json.loads(json.dumps(spec.kwargs, default=_to_json))
         env._spec = spec
 
 
-def _to_json(value: Any) -> Any:
-    """Returns an argument of an env as a value that JSON has."""
+def _to_json(value: object) -> Any:
     if isinstance(value, Scenario):
         return value.model_dump(mode="json")
-    if isinstance(value, PurePath):
-        return str(value)
     if isinstance(value, Enum):
         return value.value
-    return value.item() if isinstance(value, np.generic) else value
+    return value.item() if isinstance(value, np.generic) else str(value)

@@ -3,7 +3,7 @@
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, SupportsIndex
 
 import gymnasium
 import numpy as np
@@ -21,7 +21,6 @@ from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 from envs.specs import JsonSpec
 
-_BLOCK: Final = 256  # draws that an env takes from its generator at once
 _INFO: Final = {
     "event": np.int64,
     "zone": np.int64,
@@ -31,14 +30,16 @@ _INFO: Final = {
 }
 
 Info = dict[str, Any]
+Actions = NDArray[np.integer]
+Observations = NDArray[Any]  # (N, ...)
+Draw = Callable[[], NDArray[np.float64]]  # draws numbers from [0, 1)
 
 
-class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     """N proxemic envs that step together; `ProxemicEnv` describes them.
 
     `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. It returns what
-    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions, in all three autoreset modes:
-    every env has a random generator, and `reset(seed=s)` seeds that of env i with s + i.
+    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions, in all three autoreset modes.
     """
 
     spec = JsonSpec()
@@ -48,7 +49,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         num_envs: int = 1,
         scenario: ScenarioLike = "S1",
         observation: str = "index",
-        overrides: Mapping[str, Any] | None = None,
+        overrides: Mapping[str, object] | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
@@ -57,22 +58,21 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
         Args:
           num_envs: N, at least 1.
-          scenario: As for `ProxemicEnv`.
-          observation: As for `ProxemicEnv`.
-          overrides: As for `ProxemicEnv`.
+          scenario: As for `ProxemicEnv`, like `observation` and `overrides`.
+          observation: See there.
+          overrides: See there.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
           autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
-          render_mode: `"rgb_array"` or None. `gymnasium.make_vec` also takes `"ansi"` and `"human"`, with
-            `vectorization_mode="sync"`.
+          render_mode: `"rgb_array"` or None; others with `vectorization_mode="sync"`.
 
         Raises:
           InputError: An argument is not accepted.
         """
-        self.num_envs = n = _whole_number("num_envs", num_envs, "a whole number, at least 1")
+        self.num_envs = n = _positive("num_envs", num_envs, "a whole number, at least 1")
         self._limit: int = np.iinfo(np.int64).max
-        if max_episode_steps is not None and max_episode_steps != -1:
+        if max_episode_steps not in (None, -1):
             accepted = "at least 1, or None or -1 for no limit"
-            self._limit = _whole_number("max_episode_steps", max_episode_steps, accepted)
+            self._limit = _positive("max_episode_steps", max_episode_steps, accepted)
         if render_mode not in (None, "rgb_array"):
             accepted = 'rgb_array or None; others with vectorization_mode = "sync"'
             raise InputError(f"render_mode = {render_mode!r}; accepted for a batch: {accepted}.")
@@ -109,58 +109,38 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._steps = np.zeros(n, dtype=np.int64)
         self._over = np.zeros(n, dtype=np.bool_)  # episodes that wait for a reset; none in SameStep
 
-        self._generators: list[tuple[np.random.Generator, int] | None] = [None] * n  # with their seeds
         self._starts = model.starts.astype(np.intp)
-        self._draws = np.empty((n, _BLOCK))
-        self._first_draw = np.arange(n) * _BLOCK  # of each env, in the flat array of draws
-        self._n_used = np.full(n, _BLOCK)  # draws of each env that are used up
-
-    @property  # type: ignore[misc]
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """The generators of the envs, as in `SyncVectorEnv`. Each is up to 256 draws ahead of its env."""
-        return tuple(self._generator(i)[0] for i in range(self.num_envs))
-
-    @property
-    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seeds of the envs, as in `SyncVectorEnv`."""
-        return tuple(self._generator(i)[1] for i in range(self.num_envs))
+        self._generators = [seeding.np_random()[0] for _ in range(n)]
 
     def reset(
         self,
         *,
         seed: int | np.integer | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[NDArray[Any], Info]:
-        """Moves agents to the start.
+    ) -> tuple[Observations, Info]:
+        """Starts episodes; returns observations, (N, ...), and the info of the envs that were reset.
 
         Args:
-          seed: Seeds env i with `seed + i`, or with the item i of a sequence. An env with seed None goes on
-            with its generator, which is seeded from the operating system at first.
+          seed: Seeds env i with `seed + i`, or with the item i of a sequence; with None it is not seeded.
           options: With `{"reset_mask": mask}`, (N,) bool, only these envs are reset and seeded.
-
-        Returns:
-          Observations, (N, ...), and the info of the envs that were reset.
 
         Raises:
           InputError: The mask or the number of seeds does not fit.
         """
-        mask = np.ones(self.num_envs, dtype=np.bool_)
-        if options is not None and "reset_mask" in options:
-            mask = self._checked_mask(options["reset_mask"])
+        mask = self._checked_mask((options or {}).get("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
         envs = np.flatnonzero(mask)
         seeds = self._seeds(seed)
         for i in envs.tolist():
             if seeds[i] is not None:
-                self._generators[i] = seeding.np_random(seeds[i])
-                self._n_used[i] = _BLOCK
+                self._generators[i] = seeding.np_random(seeds[i])[0]
         self._over[envs] = False
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
         self._begin(envs, info)
         return self.observe(), _with_masks(info, mask)
 
     def step(
-        self, actions: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
+        self, actions: Actions
+    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Takes an action in every env.
 
         Args:
@@ -170,8 +150,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
           Observations (N, ...), rewards (N,), terminated (N,), truncated (N,), and the info of
           `ProxemicEnv` as arrays (N,), each with a mask `_name` of the envs that it holds for. When an
           episode has ended, the next step resets its env and ignores the action (NextStep); or the same
-          step resets it, and the info has `final_obs` and `final_info` of these envs (SameStep); or the
-          env waits for `reset` with a `reset_mask` (Disabled).
+          step resets it, and the info has `final_obs` and `final_info` (SameStep); or the env waits for
+          `reset` with a `reset_mask` (Disabled).
 
         Raises:
           InputError: The actions have the wrong shape or type, one of them is not in 0 to 4, or an
@@ -189,8 +169,9 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 f"actions: the episodes of envs {fresh.tolist()} are over; accepted: a reset first."
             )
         going = np.flatnonzero(~self._over)  # an env that is about to be reset takes no draws for its step
-        advanced = self.advance(actions.astype(np.intp), partial(self._draw, going))
-        taken, grid_reward, issuer_reward, terminated, truncated = advanced
+        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
+            actions.astype(np.intp), partial(self._draw, going)
+        )
         info = {
             "event": self._event.take(taken),
             "zone": self._zone.take(self._state),
@@ -222,18 +203,14 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return tuple(render.to_image(scene_of(self.model, where), agent) for where, agent in states)
 
     def advance(
-        self, actions: NDArray[Any], draw: Callable[[], NDArray[np.float64]]
+        self, actions: Actions, draw: Draw
     ) -> tuple[
         NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
     ]:
         """Moves every env by one action: the core of `step`, without checks, resets and info.
 
-        Args:
-          actions: (N,) integers, 0 to 4.
-          draw: Draws from [0, 1), (N,): first for noisy rewards, then for outcomes if there are several.
-
-        Returns:
-          (N,) `state * A + action` before the move, grid's and issuer's rewards, terminated, truncated.
+        It draws (N,) numbers for noisy rewards, and then for outcomes if there are several. It returns (N,)
+        `state * A + action` before the move, the grid's and the issuer's rewards, terminated, and truncated.
         """
         taken = self._state * len(ACTIONS) + actions
         issuer_reward = self._issuer_reward.take(taken)
@@ -248,38 +225,23 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         truncated = self._steps >= self._limit
         return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
 
-    def restart(self, envs: NDArray[np.intp], draw: Callable[[], NDArray[np.float64]]) -> None:
+    def restart(self, envs: NDArray[np.intp], draw: Draw) -> None:
         """Moves the agents of these envs, (n,), to a start, of several by draws from [0, 1), (n,)."""
-        place = (draw() * len(self._starts)).astype(np.intp) if len(self._starts) > 1 else 0
-        self._state[envs] = self._starts[place]
+        n = len(self._starts)
+        self._state[envs] = self._starts[(draw() * n).astype(np.intp) if n > 1 else 0]
         self._steps[envs] = 0
 
-    def observe(self) -> NDArray[Any]:
+    def observe(self) -> Observations:
         """Returns a copy of the observations, (N, ...)."""
         return self._table.take(self._observation.take(self._state), axis=0)
 
-    def _generator(self, env: int) -> tuple[np.random.Generator, int]:
-        """Returns an env's generator and its seed."""
-        generator = self._generators[env]
-        if generator is None:
-            self._generators[env] = generator = seeding.np_random()
-        return generator
-
     def _draw(self, envs: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Returns the next draws of these envs, and meaningless numbers for the others, (N,).
-
-        Draws are taken in blocks, which is many times as fast, and gives the numbers of single draws.
-        """
-        empty = np.flatnonzero(self._n_used == _BLOCK)
-        for i in empty.tolist():
-            self._generator(i)[0].random(out=self._draws[i])
-        self._n_used[empty] = 0
-        uniform: NDArray[np.float64] = self._draws.take(self._first_draw + self._n_used)
-        self._n_used[envs] += 1
+        """Returns a draw from the generator of each of these envs, and 0 for the others, (N,)."""
+        uniform = np.zeros(self.num_envs)
+        uniform[envs] = [self._generators[i].random() for i in envs.tolist()]
         return uniform
 
     def _final(self, info: Info, ended: NDArray[np.bool_]) -> Info:
-        """Returns `final_obs` and `final_info` of the envs whose episodes have ended."""
         observations = self.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
@@ -295,8 +257,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             info[name][envs] = 0
         info["zone"][envs] = self._zone[self._state[envs]]
 
-    def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
-        """Returns a reset mask, which must be (N,) bool and select an env."""
+    def _checked_mask(self, mask: object) -> NDArray[np.bool_]:
         if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             given = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
             raise InputError(f"reset_mask: {given}; accepted: a bool array of shape ({self.num_envs},).")
@@ -305,7 +266,6 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return mask
 
     def _seeds(self, seed: int | np.integer | Sequence[int | None] | None) -> Sequence[int | None]:
-        """Returns a seed for each env, of which there must be as many; None for those that have none."""
         if seed is None:
             return [None] * self.num_envs
         if isinstance(seed, int | np.integer):
@@ -315,10 +275,10 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return [None if item is None else operator.index(item) for item in seed]
 
 
-def _whole_number(name: str, value: Any, accepted: str) -> int:
-    """Returns an argument as a Python integer, which must be at least 1."""
+def _positive(name: str, value: SupportsIndex | None, accepted: str) -> int:
+    """Returns a whole number from 1 as a Python integer."""
     try:
-        number = operator.index(value)
+        number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         number = 0
     if number < 1:

@@ -87,21 +87,20 @@ class Chaos:
         )
 
     def check(self) -> int:
-        """Checks that no run is lost or different, and returns how many are stored."""
         try:
             with Store(self.results / "runs.db", read_only=True) as store:
                 if problem := store.problem():
                     raise Broken(f"the store is damaged: {problem}")
-                found = arrays_of(store.get(sorted(store.ended())))
+                stored = arrays_of(store.get(sorted(store.ended())))
         except NoRunsError:
-            found = {}
-        if lost := self._kept - found.keys():
+            stored = {}
+        if lost := self._kept - stored.keys():
             raise Broken(f"{len(lost)} runs are lost")
-        for digest, arrays in found.items():
+        for digest, arrays in stored.items():
             if arrays != self.expected.get(digest):
                 raise Broken(f"run {digest[:12]} is different")
-        self._kept = {*found}
-        return len(found)
+        self._kept = {*stored}
+        return len(stored)
 
     def finish(self) -> None:
         """Executes what is missing undisturbed, checks that nothing is repeated or left, and starts anew."""
@@ -121,7 +120,6 @@ class Chaos:
         self._kept = set()
 
     def _wait(self, process: subprocess.Popen[str]) -> int:
-        """Waits for a random moment; returns whether a process is still running then."""
         time.sleep(self.rng.uniform(0.2, self.duration))
         return int(process.poll() is None)
 
@@ -142,7 +140,6 @@ class Chaos:
         return is_running
 
     def worker_killed(self) -> int:
-        """A worker process is killed at some moment; the driver goes on."""
         process = self.start()
         self._wait(process)
         n_killed, workers = 0, list[int]()
@@ -174,7 +171,6 @@ class Chaos:
         return is_running
 
     def one_of_two_drivers_killed(self) -> int:
-        """Two drivers share the store; one is killed."""
         first, second = self.start(), self.start()
         if is_running := self._wait(first):
             os.killpg(first.pid, signal.SIGKILL)
@@ -196,7 +192,6 @@ class Chaos:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.chaos", description=__doc__)
     parser.add_argument("--kills", type=int, default=200, help="how many processes to kill (default: 200)")
     parser.add_argument("--seed", type=int, default=0, help="random seed of what happens when (default: 0)")
@@ -247,7 +242,6 @@ def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> No
 
 
 def _workers(pid: int) -> list[int]:
-    """Returns the workers of multiprocessing that a process has started."""
     try:
         started = {child: Path(f"/proc/{child}/cmdline").read_text() for child in children(pid)}
     except OSError:  # one has ended

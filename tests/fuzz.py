@@ -61,7 +61,7 @@ evaluation_every = 50
 map_every = 100
 policy = "greedy"
 group = "tables"
-settings = { learning_rate = 0.2, final_epsilon = 0.01, epsilon_fraction = 0.5, record_every = 10 }
+settings = { learning_rate = 0.2, epsilon = 0.1, record_every = 10 }
 [algorithms.dqn]
 algorithm = "compiled_dqn"
 observations = ["one_hot", "coordinates"]
@@ -118,7 +118,7 @@ SCENARIOS: Final = (
     "S1", "S2", "S3", "Walls", "TwoPeople", "Walking", "Moody", "Turning", "Egg", "Hall", "YesNo",
 )  # fmt: skip
 COMMANDS: Final[dict[str, list[str]]] = {
-    "run": ["--seeds", "--jobs", "--report", "--tensorboard", "--executor", "--results"],
+    "run": ["--seeds", "--jobs", "--report", "--executor", "--results"],
     "report": ["--seeds", "--partial", "--results"],
     "verify": ["--runs", "--seed", "--jobs", "--results"],
     "watch": ["--scenario", "--algorithm", "--observation", "--seed", "--experiment", "--save", "--terminal"],

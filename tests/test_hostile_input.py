@@ -1,26 +1,16 @@
 """What is too large, too deep, of another kind or in the way is refused by one line, before any work."""
 
 import os
-import random
-import signal
 import subprocess
 import sys
-import time
-from collections import Counter
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any
 
-import gymnasium
 import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution.store import Store
 from benchmark.experiments import EXPERIMENT_DIRECTORY, load_experiment
-from envs import InputError, load_scenario, scenario
-from envs.inputs import parse, read_toml
-from envs.regions import zones
+from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT
 
@@ -123,28 +113,6 @@ def test_files_that_are_too_much(
     assert expected in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
 
 
-def test_a_grid_of_many_points_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Zones are computed once for all points, and settings are checked once."""
-    numbers: Counter[str] = Counter()
-
-    def counted(function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **named: Any) -> Any:
-            numbers[function.__name__] += 1
-            return function(*arguments, **named)
-
-        return call
-
-    text = GRID.replace("rewards.key0", "rewards.other").replace("rewards.key1", "rewards.wrong_ping")
-    (tmp_path / "mine.toml").write_text("".join(line for line in text.splitlines(True) if ".key" not in line))
-    scenario._shared_by.cache_clear()
-    scenario._checked.cache_clear()
-    monkeypatch.setattr("envs.scenario.zones", counted(zones))
-    monkeypatch.setattr("benchmark.experiments.specification.parse", counted(parse))
-    experiment = load_experiment(tmp_path / "mine.toml")
-    assert len(experiment.conditions) == 100
-    assert numbers == {"zones": 1, "parse": 1}
-
-
 def test_chain_of_extensions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for i in range(1200):
         text = f'extends = "{tmp_path}/e{i + 1}.toml"\ndescription = ""\nchanges = {{}}\n'
@@ -195,13 +163,6 @@ def test_pipe_is_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "not a file" in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
 
 
-def test_one_hot_observations_of_many_cells() -> None:
-    large = {"grid.rows": 250, "grid.columns": 400, "ping_limit": 1}
-    with pytest.raises(InputError, match="one_hot: 100,000 observations of 100,000 numbers each"):
-        gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides=large)
-    gymnasium.make("envs:Proxemic/S1-v0", observation="coordinates", overrides=large)
-
-
 def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """If every step and every PING pays the same, the optimal policy earns no more than the random one."""
     text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
@@ -217,19 +178,6 @@ def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_many_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = refused(capsys, "run", "reproduce", "--seeds", "0-99999", "--results", tmp_path)
     assert "2,700,000 runs; accepted: at most 500,000" in line
-
-
-def test_walk_with_many_ticks_is_refused_before_it_is_laid_out() -> None:
-    with pytest.raises(InputError, match=r"states: accepted: at most 100000"):
-        load_scenario(
-            "S1",
-            {
-                "grid.rows": 100,
-                "grid.columns": 1000,
-                "issuer.position": [50, 1],
-                "issuer.walk": {"corners": [[50, 900], [60, 900], [60, 1]], "steps": 1000},
-            },
-        )
 
 
 @pytest.mark.parametrize(
@@ -263,26 +211,3 @@ def test_closed_and_full_outputs(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (2, "error: No space left on device.\n")
     done = bash("benchmark list | head -1; exit ${PIPESTATUS[0]}")
     assert (done.returncode, done.stdout, done.stderr) == (0, "scenarios\n", "")
-
-
-def test_interrupt_at_any_moment_is_one_line() -> None:
-    rng = random.Random(0)
-    for _ in range(3):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "benchmark", "list"],
-            cwd=ROOT,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            # As from a terminal, whatever this process does about interrupts.
-            preexec_fn=partial(signal.signal, signal.SIGINT, signal.default_int_handler),
-        )
-        modules = Path(f"/proc/{process.pid}/maps")
-        while modules.exists() and "numpy" not in modules.read_text():  # before, Python itself starts
-            time.sleep(0.001)
-        time.sleep(rng.uniform(0, 1.5))
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
-        assert errors in ("", "interrupted: finished runs are kept; the same command continues.\n")
-        # If Python was executing a text, it ends as if the interrupt had killed it.
-        assert process.returncode in (0, 130, -signal.SIGINT)

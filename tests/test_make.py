@@ -23,7 +23,11 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     ),
     "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"], set()),
     "report": ([], [], {"README.md", "index.html"}),
-    "docs": (["PACKAGES=envs"], ["the site is"], {"site/index.html", "site/scenarios.html", "site/envs"}),
+    "docs": (
+        ["PACKAGES=envs"],
+        ["the site is"],
+        {"site/index.html", "site/envs/scenarios/README.html", "site/envs"},
+    ),
     "tune": (["EXPERIMENT=tuning_smoke"], ["72 runs done", "the chosen settings are in"], {"runs.db"}),
     "when": (["EXPERIMENT=when_smoke"], ["the page is"], {"runs.db", "when_smoke/map.svg"}),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),

@@ -1,22 +1,21 @@
 """Arithmetic whose bits are the same on every processor, in compiled code.
 
-Sums, products, quotients and square roots are rounded as IEEE 754 says, everywhere. What differs between
-processors and libraries is the order in which products of matrices are summed up, whether a product and a sum
-are rounded once or twice, and the last digit of `exp`, `log` and `tanh`. Here all of that is fixed: a number
-of a product is one chain of fused multiplications and additions, in the order of the inner index. It does not
-depend on how many rows are multiplied together, nor on the width of the vector registers.
-
-Arrays may be of float32, in which nets are trained, or float64.
+IEEE 754 fixes how sums, products, quotients and square roots are rounded, but processors and libraries differ
+in the order of sums, in whether a product and a sum are rounded once or twice, and in the last digit of `exp`,
+`log` and `tanh`. Here all of that is fixed: a number of a product of matrices is one chain of fused
+multiplications and additions, in the order of the inner index. Arrays are of float32, or in tests of float64.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, Final
 
 import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, typing
+from numba.core.base import BaseContext
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -28,73 +27,84 @@ _EXP: Final = tuple(1.0 / math.factorial(k) for k in range(13, -1, -1))
 _ARTANH: Final = tuple(1.0 / k for k in range(21, -1, -2))
 
 Numbers = NDArray[np.floating[Any]]
+Kind = type[np.floating[Any]]  # of an agent's numbers
 Vector = tuple[Numbers, int]  # a flat array, and where in it the vector begins
-Matrix = tuple[Numbers, int, int, int]  # the same, and how far it is from row to row, and column to column
+Matrix = tuple[Numbers, int, int, int]  # the same, and the distances from row to row and column to column
 
 # For functions that compiled code calls. In Python's model of errors, a loop that divides has an exit for
 # zero, and then numba uses no vector registers.
 inlined: Final = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
-def _block(n_rows: int) -> Any:
-    """Returns compiled code for some rows and `LANES` columns of a product, see `multiply`.
-
-    numba cannot say that a product and a sum are to be rounded once, so this is written for LLVM.
-    """
+def _block(n_rows: int) -> Callable[..., None]:
+    """Returns compiled code for some rows and `LANES` columns of a product, see `multiply`."""
 
     @intrinsic
-    def block(_: Any, operands: Any) -> Any:
+    def block(
+        _: typing.Context, operands: types.BaseTuple
+    ) -> tuple[typing.Signature, Callable[..., ir.Value]]:
         return types.void(operands), lambda context, builder, signature, values: _build(
             context, builder, signature.args[0], cgutils.unpack_tuple(builder, values[0]), n_rows
         )
 
-    return block
+    return block  # type: ignore[no-any-return]
 
 
-def _build(context: Any, builder: Any, kinds: Any, values: Any, n_rows: int) -> Any:
-    """Writes the instructions of `_block`; the operands are those of `multiply`, for a block."""
+def _build(
+    context: BaseContext, builder: ir.IRBuilder, kinds: types.BaseTuple, values: list[ir.Value], n_rows: int
+) -> ir.Value:
+    """Writes the instructions of `_block` for the operands of `multiply`, whose types are `kinds`.
+
+    numba cannot say that a product and a sum are rounded once. In C, with vectors of `LANES` numbers:
+
+        for (r...) total[r] = start;
+        for (k = 0; k < n_inner; k++)
+            for (r...) total[r] = fma(a[r * a_row + k * a_inner], b[k * b_inner ...], total[r]);
+        for (r...) c[r * c_row ...] = total[r];
+    """
     start, a, b, c = (
         builder.gep(context.make_array(kinds[i])(context, builder, values[i]).data, [values[i + 1]])
         for i in (0, 2, 6, 9)
     )
     a_row, a_inner, b_inner, c_row, n_inner = (values[i] for i in (4, 5, 8, 11, 12))
-    number, place = context.get_data_type(kinds[0].dtype), ir.IntType(64)
-    vector = ir.VectorType(number, LANES)
-    bits = kinds[0].dtype.bitwidth
+    number, index = context.get_data_type(kinds[0].dtype), ir.IntType(64)
+    vector, n_bytes = ir.VectorType(number, LANES), kinds[0].dtype.bitwidth // 8
     signature = ir.FunctionType(vector, [vector] * 3)
-    fma = cgutils.get_or_insert_function(builder.module, signature, f"llvm.fma.v{LANES}f{bits}")
-    everywhere = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    name = f"llvm.fma.v{LANES}f{8 * n_bytes}"
+    fma = cgutils.get_or_insert_function(builder.module, signature, name)
     undefined = ir.Constant(vector, ir.Undefined)
+    all_first = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
 
-    def at(array: Any, i: Any, stride: Any) -> Any:
+    def at(array: ir.Value, i: ir.Value, stride: ir.Value) -> ir.Value:
         return builder.gep(array, [builder.mul(i, stride)])
 
-    def vector_at(pointer: Any) -> Any:
+    def vector_at(pointer: ir.Value) -> ir.Value:
         return builder.bitcast(pointer, vector.as_pointer())
 
-    rows = [at(a, place(r), a_row) for r in range(n_rows)]
-    first = builder.load(vector_at(start), align=bits // 8)
-    before = builder.block
-    loop, after = builder.append_basic_block(), builder.append_basic_block()
+    rows = [at(a, index(r), a_row) for r in range(n_rows)]
+    first = builder.load(vector_at(start), align=n_bytes)
+    before, loop, after = builder.block, builder.append_basic_block(), builder.append_basic_block()
     builder.branch(loop)
+
     builder.position_at_end(loop)
-    inner = builder.phi(place)
+    k = builder.phi(index)
     totals = [builder.phi(vector) for _ in rows]
-    factors = builder.load(vector_at(at(b, inner, b_inner)), align=bits // 8)
+    factors = builder.load(vector_at(at(b, k, b_inner)), align=n_bytes)
     sums = []
     for row, total in zip(rows, totals, strict=True):
-        factor = builder.insert_element(undefined, builder.load(at(row, inner, a_inner)), ir.IntType(32)(0))
-        factor = builder.shuffle_vector(factor, undefined, everywhere)
-        sums.append(builder.call(fma, [factor, factors, total]))
+        factor = builder.insert_element(undefined, builder.load(at(row, k, a_inner)), ir.IntType(32)(0))
+        repeated = builder.shuffle_vector(factor, undefined, all_first)
+        sums.append(builder.call(fma, [repeated, factors, total]))
         total.add_incoming(first, before)
         total.add_incoming(sums[-1], loop)
-    following = builder.add(inner, place(1))
-    inner.add_incoming(place(0), before)
-    inner.add_incoming(following, loop)
-    builder.cbranch(builder.icmp_signed("<", following, n_inner), loop, after)
+    next_k = builder.add(k, index(1))
+    k.add_incoming(index(0), before)
+    k.add_incoming(next_k, loop)
+    builder.cbranch(builder.icmp_signed("<", next_k, n_inner), loop, after)
+
     builder.position_at_end(after)
     for r, total in enumerate(sums):
-        builder.store(total, vector_at(at(c, place(r), c_row)), align=bits // 8)
+        builder.store(total, vector_at(at(c, index(r), c_row)), align=n_bytes)
     return context.get_dummy_value()
 
 
@@ -105,14 +115,8 @@ _six, _two, _one = _block(_ROWS), _block(2), _block(1)
 def multiply(shape: tuple[int, int, int], start: Vector, a: Matrix, b: Matrix, c: Matrix) -> None:
     """Multiplies matrices: c[r, j] = start[j] + sum of a[r, k] * b[k, j] over k, in this order.
 
-    Nothing is checked.
-
-    Args:
-      shape: Rows of a and c; columns of b and c, a multiple of `LANES`; columns of a and rows of b.
-      start: What the sums begin with, the same in all rows.
-      a: The first factor.
-      b: The second factor, from column to column 1.
-      c: The product, from column to column 1.
+    `shape` has the numbers of rows of a and c, of columns of b and c, a multiple of `LANES`, and of columns
+    of a and rows of b. The columns of b and c are next to each other. Nothing is checked.
     """
     n_rows, n_columns, n_inner = shape
     (starts, start_at), (a_numbers, a_at, a_row, a_inner) = start, a
@@ -177,11 +181,7 @@ def log(x: float) -> float:
 
 @inlined
 def tanh(values: Numbers) -> None:
-    """Replaces numbers by their hyperbolic tangents, float32 within 4e-7.
-
-    For float32 it is Eigen's rational function. Numbers of float64, in which tests compare nets with other
-    implementations, get the C library's function.
-    """
+    """Replaces numbers by their hyperbolic tangents: of float32 by Eigen's rational function, within 4e-7."""
     if values.itemsize == 8:
         for i in range(len(values)):
             values[i] = math.tanh(values[i])

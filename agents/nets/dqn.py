@@ -1,26 +1,26 @@
 """DQN (Mnih et al. 2015) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-There are few observations, and they recur. So the target net's values are kept until the next
-synchronisation, and a mini-batch computes each distinct observation once. Only the order of sums differs.
+Observations are few and recur. So the target net's values are kept until the next synchronisation, and a
+mini-batch computes each distinct observation once. Only the order of sums differs.
 
-An agent draws where its first episodes start. Then each step of its envs takes a number that decides whether
-to explore, and for each env one for a random action, what `agents.nets.walk.take` draws, and one for the next
-start if an episode ends. Mini-batches take numbers of another stream: row and, with several envs, env.
+An agent draws where its first episodes start. Then each step of its envs draws whether to explore, and for
+each env a random action and what `agents.nets.walk.take` draws. Mini-batches have a stream of their own: they
+draw a row and, with several envs, an env.
 
-Axis letters: E envs, O observations, A actions, C rows of the replay buffer, B rows of a mini-batch, T
-evaluation steps.
+Axis letters: E envs, O observations, A actions, P parameters, C rows of the replay buffer, B rows of a
+mini-batch.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets import net
-from agents.nets.arithmetic import Numbers, inlined, like
+from agents.nets.arithmetic import Kind, Numbers, inlined, like
 from agents.nets.learner import Agent, NetAlgorithm
-from agents.nets.net import Known, Merged, Net, Parameters
+from agents.nets.net import Distinct, Net, Parameters, Values
 from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
@@ -48,10 +48,10 @@ class Constants(NamedTuple):
 
 
 class Target(NamedTuple):
-    """The target net, and what is known of its values since the last synchronisation."""
+    """The target net."""
 
-    values: Numbers  # (P,) parameters
-    known: Known
+    parameters: Numbers  # (P,)
+    values: Values  # since the last synchronisation
 
 
 class Batch(NamedTuple):
@@ -62,7 +62,7 @@ class Batch(NamedTuple):
     target: Numbers  # (B,)
     discount: Numbers  # (B,) of the value of the next observation
     next_observed: NDArray[np.int32]  # (B,)
-    merged: Merged
+    distinct: Distinct
 
 
 class Dqn(NamedTuple):
@@ -84,7 +84,7 @@ class DqnAgent(Agent):
     is_value = True
     outputs = (N_ACTIONS,)
 
-    def begin(self, model: Model, settings: DqnSettings, kind: type[np.floating[Any]]) -> Dqn:
+    def begin(self, model: Model, settings: DqnSettings, kind: Kind) -> Dqn:
         """Draws uniform weights, and makes room for the replay buffer and a mini-batch."""
         n_envs, n_updates, n_observations = settings.n_envs, settings.gradient_steps, model.n_observations
         (q_net,) = self.nets
@@ -100,9 +100,9 @@ class DqnAgent(Agent):
             constants=Constants(**same | changed),
             net=q_net,
             parameters=self.parameters,
-            target=Target(self.parameters.values.copy(), net.nothing_known(n_observations, kind)),
+            target=Target(self.parameters.values.copy(), net.values_of(n_observations, kind)),
             replay=room_for_steps(n_rows * n_envs),
-            batch=Batch(*batch, merged=net.merged_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
+            batch=Batch(*batch, distinct=net.distinct_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
             walk=self.walk,
             stream=self.learning,
         )
@@ -169,8 +169,8 @@ def _synchronise(values: Numbers, target: Target, tau: float) -> None:
     """Moves the target net towards the net by a share."""
     kept, share = like(values, 1.0 - tau), like(values, tau)
     for i in range(len(values)):
-        target.values[i] = kept * target.values[i] + share * values[i]
-    net.forget(target.known.memo)
+        target.parameters[i] = kept * target.parameters[i] + share * values[i]
+    target.values.is_known[:] = False
 
 
 @inlined
@@ -205,20 +205,20 @@ def _draw_batch(agent: Dqn) -> None:
 @inlined
 def _update(agent: Dqn) -> None:
     """Adds what follows on the returns, by the target net, and makes a gradient step by the Huber loss."""
-    q_net, parameters, batch, merged = agent.net, agent.parameters, agent.batch, agent.batch.merged
-    net.know(q_net, agent.target.values, batch.next_observed, agent.target.known)
+    q_net, parameters, batch, distinct = agent.net, agent.parameters, agent.batch, agent.batch.distinct
+    net.compute_values(q_net, agent.target.parameters, batch.next_observed, agent.target.values)
     for b in range(len(batch.target)):
         if batch.next_observed[b] != agent.walk.process.n_observations:
-            batch.target[b] += batch.discount[b] * agent.target.known.largest[batch.next_observed[b]]
-    n_distinct = net.merge(batch.observed, merged)
-    at = net.forward(q_net, parameters.values, merged.distinct, n_distinct)
+            batch.target[b] += batch.discount[b] * agent.target.values.largest[batch.next_observed[b]]
+    n_distinct = net.list_distinct(batch.observed, distinct)
+    at = net.forward(q_net, parameters.values, distinct.observed, n_distinct)
     one, share = like(batch.target, 1), like(batch.target, 1.0 / len(batch.observed))
     net.clear(q_net.slopes[at : at + n_distinct * q_net.stride])
     for b in range(len(batch.observed)):
-        i = at + merged.place[batch.observed[b]] * q_net.stride + batch.action[b]
+        i = at + distinct.row[batch.observed[b]] * q_net.stride + batch.action[b]
         error = q_net.hidden[i] - batch.target[b]
         q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
-    net.backward(q_net, parameters, merged.distinct, n_distinct)
+    net.backward(q_net, parameters, distinct.observed, n_distinct)
     net.learn(parameters, agent.constants.learning_rate, _EPSILON, agent.constants.max_grad_norm)
 
 

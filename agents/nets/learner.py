@@ -5,15 +5,14 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import groupby
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
-from agents.contract import DeepTraining, Schedule, SequentialAlgorithm, snapshots
-from agents.nets.arithmetic import Numbers
+from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
+from agents.nets.arithmetic import Kind, Numbers
 from agents.nets.net import Net, net_of, parameters_of, read, unpadded
 from agents.nets.walk import walk_of
 from agents.process import N_ACTIONS
@@ -34,12 +33,9 @@ class Agent(ABC):
         observation: str,
         points: NDArray[np.int64],
         seed: SeedSequence,
-        kind: type[np.floating[Any]],
+        kind: Kind,
     ) -> None:
-        """Makes an agent that has drawn its first weights and starts.
-
-        It computes in float32, or in tests in float64; `points` (T,) are the evaluation steps.
-        """
+        """Makes an agent that has drawn its first weights; `points` (T,) are the evaluation steps."""
         streams = np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
         acting, self.learning, self.drawing = streams
         self.walk = walk_of(model, settings, acting, points)
@@ -54,7 +50,7 @@ class Agent(ABC):
         self.state = self.begin(model, settings, kind)
 
     @abstractmethod
-    def begin(self, model: Model, settings: Any, kind: type[np.floating[Any]]) -> Any:
+    def begin(self, model: Model, settings: Any, kind: Kind) -> Any:
         """Draws the first weights; returns all that the compiled loop reads and changes."""
 
     @abstractmethod
@@ -98,13 +94,8 @@ class NetAlgorithm(SequentialAlgorithm):
         observation: str,
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
-        """Trains an agent, see `agents.contract.SequentialAlgorithm`.
-
-        The policy changes only between rollouts, so the policy at a rollout's start is that of every
-        evaluation step from there to the next rollout.
-        """
+    ) -> Fields:
+        """Trains an agent; its policy, which changes only between rollouts, is read at their starts."""
         points, rollout = schedule.evaluation_steps, settings.rollout
         agent = self.agent(model, settings, observation, np.array(points, np.int64), seed, np.float32)
         tables = np.full((len(points), model.n_observations, N_ACTIONS), np.nan)

@@ -1,21 +1,20 @@
 """A multilayer perceptron of one agent in flat arrays, its gradient by hand, and Adam, in compiled code.
 
-The numbers of an agent stay in the caches of a core from one update to the next, so agents are trained one
-after the other. Rows of weights are padded with zeros to a multiple of `LANES`. Zeros they stay, since their
-gradients are zero.
+Agents are trained one after the other, so that the numbers of an agent stay in the caches of a core. Rows of
+weights are padded to a multiple of `LANES` with zeros, which stay zeros since their gradients are.
 
 Axis letters: O observations, P parameters with padding, L layers, B rows of a call, W the widest layer.
 """
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
-from agents.nets.arithmetic import LANES, Numbers, inlined, like, log, multiply, tanh
+from agents.nets.arithmetic import LANES, Kind, Numbers, inlined, like, log, multiply, tanh
 from agents.nets.walk import draw
 from envs import Model
 from envs.observations import ENCODINGS, observation_blocks, observation_table
@@ -47,26 +46,18 @@ class Net(NamedTuple):
     zeros: Numbers  # (W,)
 
 
-class Memo(NamedTuple):
-    """Which observations were met since `forget`."""
-
-    met_at: NDArray[np.int64]  # (O,) when each was last met
-    now: NDArray[np.int64]  # (1,) calls of `forget`
-
-
-class Known(NamedTuple):
-    """What is known of the largest outputs of a net."""
+class Values(NamedTuple):
+    """The largest outputs of a net, as far as they are computed."""
 
     largest: Numbers  # (O,)
-    memo: Memo  # of which observations it is known
+    is_known: NDArray[np.bool_]  # (O,)
 
 
-class Merged(NamedTuple):
+class Distinct(NamedTuple):
     """The observations of a mini-batch, each once."""
 
-    distinct: NDArray[np.int32]  # (B,)
-    place: NDArray[np.int64]  # (O,) where an observation is among them
-    memo: Memo
+    observed: NDArray[np.int32]  # (B,)
+    row: NDArray[np.int64]  # (O,) the index of an observation among them
 
 
 class Parameters(NamedTuple):
@@ -88,15 +79,15 @@ def net_of(
     n_outputs: int,
     first: int,
     n_rows: int,
-    kind: type[np.floating[Any]],
+    kind: Kind,
     *,
     is_relu: bool,
 ) -> Net:
-    """Returns a net whose parameters begin at a place of the flat arrays, for calls with at most B rows."""
+    """Returns a net whose parameters begin at the index `first`, for calls with at most B rows."""
     is_sparse, n_observations = ENCODINGS[observation] == "one_hot", model.n_observations
     ones = observation_blocks(model) if is_sparse else np.empty((n_observations, 0))
     table = np.empty((n_observations, 0)) if is_sparse else observation_table(model, observation)
-    n_inputs = sum(each.size for each in model.components) if is_sparse else table.shape[1]
+    n_inputs = sum(component.size for component in model.components) if is_sparse else table.shape[1]
     outputs = np.array([*hidden, n_outputs])
     width = -(-outputs // LANES) * LANES
     sizes = np.array([n_inputs, *width[:-1]]) * width
@@ -120,26 +111,21 @@ def net_of(
     )
 
 
-def parameters_of(n_parameters: int, kind: type[np.floating[Any]]) -> Parameters:
+def parameters_of(n_parameters: int, kind: Kind) -> Parameters:
     """Returns parameters that are zero."""
     values, gradient, first, second = (np.zeros(n_parameters, kind) for _ in range(4))
     sums, n_steps = np.zeros(_SUMS, kind), np.zeros(1, np.int64)
     return Parameters(values, gradient, first, second, sums, np.ones(2), n_steps)
 
 
-def memo_of(n_observations: int) -> Memo:
-    """Returns a memo of nothing."""
-    return Memo(np.full(n_observations, -1), np.zeros(1, np.int64))
+def values_of(n_observations: int, kind: Kind) -> Values:
+    """Returns room for `compute_values`."""
+    return Values(np.zeros(n_observations, kind), np.zeros(n_observations, np.bool_))
 
 
-def nothing_known(n_observations: int, kind: type[np.floating[Any]]) -> Known:
-    """Returns room for `know`."""
-    return Known(np.zeros(n_observations, kind), memo_of(n_observations))
-
-
-def merged_of(n_observations: int, n_rows: int) -> Merged:
-    """Returns room for `merge`."""
-    return Merged(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64), memo_of(n_observations))
+def distinct_of(n_observations: int, n_rows: int) -> Distinct:
+    """Returns room for `list_distinct`."""
+    return Distinct(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64))
 
 
 def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
@@ -151,28 +137,14 @@ def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
 
 
 @inlined
-def forget(memo: Memo) -> None:
-    """Makes all observations new."""
-    memo.now[0] += 1
-
-
-@inlined
-def is_new(memo: Memo, o: int) -> bool:
-    """Returns whether an observation is met for the first time since `forget`."""
-    if memo.met_at[o] == memo.now[0]:
-        return False
-    memo.met_at[o] = memo.now[0]
-    return True
-
-
-@inlined
-def merge(observed: NDArray[np.int32], merged: Merged) -> int:
+def list_distinct(observed: NDArray[np.int32], distinct: Distinct) -> int:
     """Lists the observations of a mini-batch (B,), each once, and returns how many there are."""
-    n_distinct = 0
-    forget(merged.memo)
     for o in observed:
-        if is_new(merged.memo, o):
-            merged.place[o], merged.distinct[n_distinct] = n_distinct, o
+        distinct.row[o] = -1
+    n_distinct = 0
+    for o in observed:
+        if distinct.row[o] < 0:
+            distinct.row[o], distinct.observed[n_distinct] = n_distinct, o
             n_distinct += 1
     return n_distinct
 
@@ -209,7 +181,7 @@ def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int)
 
 @inlined
 def best_output(net: Net, at: int) -> int:
-    """Returns the first of the largest outputs, of those that begin at a place of `net.hidden`."""
+    """Returns the first of the largest outputs, of those that begin at an index of `net.hidden`."""
     best = 0
     for j in range(1, net.n_outputs[-1]):
         if net.hidden[at + j] > net.hidden[at + best]:
@@ -218,27 +190,24 @@ def best_output(net: Net, at: int) -> int:
 
 
 @inlined
-def know(net: Net, values: Numbers, observed: NDArray[np.int32], known: Known) -> None:
-    """Computes the largest output for those observations of which it is not known; O is none."""
-    unknown, n_unknown = net.observed, 0
+def compute_values(net: Net, parameters: Numbers, observed: NDArray[np.int32], values: Values) -> None:
+    """Computes the largest output for those of some observations that lack it; O is none of them."""
+    lacking, n_lacking = net.observed, 0
     for i in range(len(observed) + 1):
-        if n_unknown == len(unknown) or (i == len(observed) and n_unknown):
-            at = forward(net, values, unknown, n_unknown)
-            for r in range(n_unknown):
+        if n_lacking == len(lacking) or (i == len(observed) and n_lacking):
+            at = forward(net, parameters, lacking, n_lacking)
+            for r in range(n_lacking):
                 row = at + r * net.stride
-                known.largest[unknown[r]] = net.hidden[row + best_output(net, row)]
-            n_unknown = 0
-        if i < len(observed) and observed[i] < len(known.largest) and is_new(known.memo, observed[i]):
-            unknown[n_unknown] = observed[i]
-            n_unknown += 1
+                values.largest[lacking[r]] = net.hidden[row + best_output(net, row)]
+            n_lacking = 0
+        if i < len(observed) and observed[i] < len(values.largest) and not values.is_known[observed[i]]:
+            lacking[n_lacking], values.is_known[observed[i]] = observed[i], True
+            n_lacking += 1
 
 
 @inlined
 def backward(net: Net, parameters: Parameters, observed: NDArray[np.int32], n_rows: int) -> None:
-    """Computes the gradient of a loss, after `forward` for the same observations.
-
-    `net.slopes` has the slopes of the loss by the outputs, where `net.hidden` has the outputs.
-    """
+    """Computes the gradient of a loss, after `forward`, from its slopes by the outputs in `net.slopes`."""
     values, gradient = parameters.values, parameters.gradient
     hidden, slopes, transposed = net.hidden, net.slopes, net.transposed
     stride, size, zeros = net.stride, net.n_rows * net.stride, (net.zeros, 0)
@@ -385,17 +354,17 @@ def draw_uniform(net: Net, values: Numbers, stream: NDArray[np.uint64]) -> None:
 
 @compiled
 def draw_orthogonal(
-    net: Net, values: Numbers, stream: NDArray[np.uint64], gains: Any, room: NDArray[np.float64]
+    net: Net, values: Numbers, stream: NDArray[np.uint64], gains: tuple[float, float]
 ) -> None:
     """Draws orthogonal weights as PyTorch does, with the gains of hidden layers and the last; no biases.
 
-    The rows or columns, whichever are fewer, are orthogonal and as long as the gain: normal numbers, made
-    orthogonal by Gram and Schmidt's method (Golub & Van Loan 2013, section 5.2.8).
+    The rows or columns, whichever are fewer, are normal numbers, made orthogonal by Gram and Schmidt's method
+    (Golub & Van Loan 2013, section 5.2.8) and as long as the gain.
     """
     n_in = net.n_inputs
     for i in range(len(net.width)):
         n_out, width, at = net.n_outputs[i], net.width[i], net.weights_at[i]
-        vectors = room[: min(n_in, n_out), : max(n_in, n_out)]
+        vectors = np.empty((min(n_in, n_out), max(n_in, n_out)))
         for v in range(len(vectors)):
             vector = vectors[v]
             for j in range(len(vector)):

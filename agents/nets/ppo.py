@@ -1,27 +1,25 @@
 """PPO (Schulman et al. 2017) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-There are few observations, and they recur. So probabilities and values are kept during a rollout, and a
-mini-batch computes each distinct observation once. Only the order of sums differs.
+Observations are few and recur. So probabilities and values are kept during a rollout, and a mini-batch
+computes each distinct observation once. Only the order of sums differs.
 
-An agent draws where its first episodes start. Then each step of each env takes a number for the action, what
-`agents.nets.walk.take` draws, and a number for the next start if the episode ends. Permutations of rollouts
-take numbers of another stream.
+An agent draws where its first episodes start. Then each step of each env draws the action and what
+`agents.nets.walk.take` draws. Permutations of rollouts have a stream of their own.
 
-Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch, T evaluation
-steps.
+Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch.
 """
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets import net
-from agents.nets.arithmetic import Numbers, exp, inlined, like, log
+from agents.nets.arithmetic import Kind, Numbers, exp, inlined, like, log
 from agents.nets.learner import Agent, NetAlgorithm
-from agents.nets.net import Known, Memo, Merged, Net, Parameters
+from agents.nets.net import Distinct, Net, Parameters, Values
 from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
@@ -50,12 +48,12 @@ class Constants(NamedTuple):
     max_grad_norm: float
 
 
-class KnownPolicy(NamedTuple):
-    """What the actor says of observations since the last update."""
+class Probabilities(NamedTuple):
+    """The actor's probabilities, as far as they are computed since the last update."""
 
     probability: Numbers  # (O, A)
     log_probability: Numbers  # (O, A)
-    memo: Memo  # of which they are known
+    is_known: NDArray[np.bool_]  # (O,)
 
 
 class Rollout(NamedTuple):
@@ -71,7 +69,7 @@ class Batch(NamedTuple):
     """Room for a mini-batch."""
 
     observed: NDArray[np.int32]  # (B,)
-    merged: Merged
+    distinct: Distinct
     probability: Numbers  # (B, A) of distinct observations
     log_probability: Numbers  # (B, A)
 
@@ -83,8 +81,8 @@ class Ppo(NamedTuple):
     actor: Net
     critic: Net
     parameters: Parameters
-    policy: KnownPolicy
-    known: Known  # the critic's values since the last update
+    policy: Probabilities
+    values: Values  # the critic's since the last update
     steps: Steps  # (E * L,) of a rollout, as Stable-Baselines3 flattens it, env after env
     rollout: Rollout
     batch: Batch
@@ -98,28 +96,29 @@ class PpoAgent(Agent):
     is_value = False
     outputs = (N_ACTIONS, 1)
 
-    def begin(self, model: Model, settings: PpoSettings, kind: type[np.floating[Any]]) -> Ppo:
+    def begin(self, model: Model, settings: PpoSettings, kind: Kind) -> Ppo:
         """Draws orthogonal weights, and makes room for a rollout and a mini-batch."""
         n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
         actor, critic = self.nets
-        for each, gain in zip(self.nets, _GAINS, strict=True):
-            room = np.empty((each.stride, max(each.n_inputs, each.stride)))
-            net.draw_orthogonal(each, self.parameters.values, self.drawing, (_GAIN, gain), room)
+        for mlp, gain in zip(self.nets, _GAINS, strict=True):
+            net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain))
         constants = {name: getattr(settings, name) for name in Constants._fields}
         endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
-        table = n_observations, N_ACTIONS
+        table, numbers = (n_observations, N_ACTIONS), np.zeros((3, settings.rollout), kind)
         return Ppo(
             constants=Constants(**constants | endless),
             actor=actor,
             critic=critic,
             parameters=self.parameters,
-            policy=KnownPolicy(np.zeros(table, kind), np.zeros(table, kind), net.memo_of(n_observations)),
-            known=net.nothing_known(n_observations, kind),
+            policy=Probabilities(
+                np.zeros(table, kind), np.zeros(table, kind), np.zeros(n_observations, np.bool_)
+            ),
+            values=net.values_of(n_observations, kind),
             steps=room_for_steps(settings.rollout),
-            rollout=Rollout(*(np.zeros(settings.rollout, dtype) for dtype in (kind, kind, kind, np.int64))),
+            rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),
             batch=Batch(
                 observed=np.zeros(n_rows, np.int32),
-                merged=net.merged_of(n_observations, n_rows),
+                distinct=net.distinct_of(n_observations, n_rows),
                 probability=np.zeros((n_rows, N_ACTIONS), kind),
                 log_probability=np.zeros((n_rows, N_ACTIONS), kind),
             ),
@@ -140,7 +139,7 @@ class PpoAgent(Agent):
 
 @inlined
 def _to_probabilities(logits: Numbers, at: int, log_probability: Numbers, probability: Numbers) -> bool:
-    """Writes the probabilities (A,) whose logits begin at a place; returns whether they are finite."""
+    """Writes the probabilities (A,) whose logits begin at an index; returns whether they are finite."""
     largest = logits[at]
     for a in range(1, N_ACTIONS):
         largest = max(largest, logits[at + a])
@@ -167,12 +166,12 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 def _advance(agent: Ppo, until: int) -> None:
     """Trains an agent until so many steps are done."""
     while agent.walk.taken[0] < until:
-        net.forget(agent.policy.memo)
-        net.forget(agent.known.memo)
+        agent.policy.is_known[:] = False
+        agent.values.is_known[:] = False
         if not _roll_out(agent):
             return
         for observed in (agent.steps.observed, agent.steps.next_observed):
-            net.know(agent.critic, agent.parameters.values, observed, agent.known)
+            net.compute_values(agent.critic, agent.parameters.values, observed, agent.values)
         _estimate_advantages(agent)
         _learn(agent)
 
@@ -185,8 +184,8 @@ def _roll_out(agent: Ppo) -> bool:
         for e in range(len(walk.state)):
             o, i = walk.process.observation[walk.state[e]], e * n_steps + t
             probability, log_probability = policy.probability[o], policy.log_probability[o]
-            if net.is_new(policy.memo, o):
-                agent.actor.observed[0] = o
+            if not policy.is_known[o]:
+                policy.is_known[o], agent.actor.observed[0] = True, o
                 at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False
@@ -204,7 +203,7 @@ def _roll_out(agent: Ppo) -> bool:
 @inlined
 def _estimate_advantages(agent: Ppo) -> None:
     """Estimates advantages by GAE (Schulman et al. 2016), as Stable-Baselines3 does."""
-    steps, rollout, value, n_steps = agent.steps, agent.rollout, agent.known.largest, agent.constants.n_steps
+    steps, rollout, value, n_steps = agent.steps, agent.rollout, agent.values.largest, agent.constants.n_steps
     zero, gamma = like(value, 0), like(value, agent.constants.gamma)
     decay = like(value, agent.constants.gamma * agent.constants.gae_lambda)
     for e in range(len(agent.walk.state)):
@@ -239,12 +238,12 @@ def _learn(agent: Ppo) -> None:
             chosen = order[start : start + constants.batch_size]
             for b in range(len(chosen)):
                 batch.observed[b] = agent.steps.observed[chosen[b]]
-            n_distinct = net.merge(batch.observed[: len(chosen)], batch.merged)
+            n_distinct = net.list_distinct(batch.observed[: len(chosen)], batch.distinct)
             if not _slope_of_actor(agent, chosen, n_distinct):
                 return
             _slope_of_critic(agent, chosen, n_distinct)
-            for each in (agent.actor, agent.critic):
-                net.backward(each, agent.parameters, batch.merged.distinct, n_distinct)
+            for mlp in (agent.actor, agent.critic):
+                net.backward(mlp, agent.parameters, batch.distinct.observed, n_distinct)
             net.learn(agent.parameters, constants.learning_rate, _EPSILON, constants.max_grad_norm)
 
 
@@ -253,7 +252,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
     """Computes the slopes of clipped surrogate and entropy; returns whether learning is to go on."""
     rollout, batch, constants, actor = agent.rollout, agent.batch, agent.constants, agent.actor
     slopes, n_rows = actor.slopes, len(chosen)
-    at = net.forward(actor, agent.parameters.values, batch.merged.distinct, n_distinct)
+    at = net.forward(actor, agent.parameters.values, batch.distinct.observed, n_distinct)
     net.clear(slopes[at : at + n_distinct * actor.stride])
     for r in range(n_distinct):
         row = at + r * actor.stride
@@ -268,7 +267,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
         deviation = math.sqrt(square / (n_rows - 1)) + 1e-8
     divergence = 0.0
     for i in chosen:
-        r, action = batch.merged.place[agent.steps.observed[i]], agent.steps.action[i]
+        r, action = batch.distinct.row[agent.steps.observed[i]], agent.steps.action[i]
         log_ratio = float(batch.log_probability[r, action] - rollout.old_log_probability[i])
         ratio = exp(log_ratio)
         divergence += (ratio - 1.0 - log_ratio) / n_rows
@@ -290,14 +289,14 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
 @inlined
 def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> None:
     """Computes the slopes of the squared error by the critic's outputs."""
-    rollout, merged, constants, critic = agent.rollout, agent.batch.merged, agent.constants, agent.critic
-    at = net.forward(critic, agent.parameters.values, merged.distinct, n_distinct)
+    rollout, distinct, constants, critic = agent.rollout, agent.batch.distinct, agent.constants, agent.critic
+    at = net.forward(critic, agent.parameters.values, distinct.observed, n_distinct)
     net.clear(critic.slopes[at : at + n_distinct * critic.stride])
     for i in chosen:
         o = agent.steps.observed[i]
-        row = at + merged.place[o] * critic.stride
+        row = at + distinct.row[o] * critic.stride
         value = critic.hidden[row]
-        if not abs(value - agent.known.largest[o]) > constants.clip_range_vf:
+        if not abs(value - agent.values.largest[o]) > constants.clip_range_vf:
             critic.slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)
 
 

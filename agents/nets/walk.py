@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets.arithmetic import inlined
-from agents.process import Process, Stream, U, draw_number, draw_outcome, draw_reward, draw_start, process_of
+from agents.process import Process, Stream, U, draw_number, draw_start, draw_step, process_of
 from agents.sb3.settings import Sb3Settings
 from envs import Model
 
@@ -26,7 +26,7 @@ class Walk(NamedTuple):
     taken: NDArray[np.int64]  # (1,) steps
     disagreements: NDArray[np.int64]  # (1,) wrong PINGs
     points: NDArray[np.int64]  # (T,) evaluation steps
-    counts: NDArray[np.int64]  # (T,) wrong PINGs up to each of them that is over
+    counts: NDArray[np.int64]  # (T,) wrong PINGs up to each of them, once it is over
 
 
 class Steps(NamedTuple):
@@ -52,17 +52,11 @@ def walk_of(
 ) -> Walk:
     """Returns the walk of an agent that has drawn where its first episodes start."""
     n_envs = settings.n_envs
-    walk = Walk(
-        process=process_of(model),
-        time_limit=settings.time_limit or 2**62,
-        stream=stream,
-        state=np.zeros(n_envs, np.int64),
-        steps=np.zeros(n_envs, np.int64),
-        taken=np.zeros(1, np.int64),
-        disagreements=np.zeros(1, np.int64),
-        points=points,
-        counts=np.zeros(len(points), np.int64),
+    state, steps, taken, disagreements, counts = (
+        np.zeros(n, np.int64) for n in (n_envs, n_envs, 1, 1, len(points))
     )
+    limit = settings.time_limit or 2**62
+    walk = Walk(process_of(model), limit, stream, state, steps, taken, disagreements, points, counts)
     _start(walk)
     return walk
 
@@ -93,21 +87,16 @@ def _restart(walk: Walk, e: int) -> None:
 
 @inlined
 def take(walk: Walk, e: int, action: int, steps: Steps, at: int) -> None:
-    """Takes a step in an env, keeps it at a place of `steps`, and starts an episode if one ends.
+    """Takes a step in an env, keeps it at an index of `steps`, and starts an episode if one ends.
 
-    Drawn are, in this order and only where there is something to draw, the noise of the reward, the outcome
-    and the start.
+    It draws, in this order and only if needed, the noise of the reward, the outcome and the next start.
     """
     process, state, stream = walk.process, U(walk.state[e]), _words(walk.stream)
-    i = U(process.first[state]) + U(action) * U(process.n_outcomes)
-    reward = process.outcomes[i].reward
-    walk.disagreements[0] += process.outcomes[i].is_wrong_ping
-    if process.is_noisy and process.outcomes[i].noise > 0.0:
-        reward, stream = draw_reward(reward, process.outcomes[i].noise, stream)
-    if process.n_outcomes > 1:
-        i, stream = draw_outcome(i, process.outcomes, stream)
+    first, outcomes, n_outcomes = process.first, process.outcomes, process.n_outcomes
+    reward, i, stream = draw_step(first, outcomes, n_outcomes, process.is_noisy, state, U(action), stream)
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
-    following, terminates = state + U(process.outcomes[i].state_change), process.outcomes[i].terminates
+    walk.disagreements[0] += outcomes[i].is_wrong_ping
+    following, terminates = state + U(outcomes[i].state_change), outcomes[i].terminates
     walk.state[e] = following
     walk.steps[e] += 1
     truncates = not terminates and walk.steps[e] >= walk.time_limit

@@ -1,13 +1,13 @@
 """Any class like those of Stable-Baselines3 as an algorithm of this project, by its import path.
 
-Its settings are the arguments in its signature and those of this project. The class's own defaults are
-recorded with them, so that a version with other defaults makes other runs. Whether the class accepts their
-values is found out by making an untrained agent.
+Its settings are this project's and the arguments in its signature, recorded with their defaults, so that a
+version with other defaults makes other runs. Values are checked by making an untrained agent.
 """
 
 import inspect
 import json
 import sys
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import packages_distributions
 from typing import Any, ClassVar, Final, Self
@@ -16,7 +16,7 @@ from pydantic import ConfigDict, create_model, model_validator
 
 from agents.sb3.algorithms import Sb3Algorithm
 from agents.sb3.settings import OUR_SETTINGS, Count, Sb3Settings, Share
-from envs.inputs import InputError
+from envs.inputs import InputError, imported
 
 # What this project sets itself, and types of arguments that it understands.
 _SET_HERE: Final = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}
@@ -28,10 +28,10 @@ _KNOWN: Final[dict[str, Any]] = {
 _SOUND: Final[set[tuple[str, str]]] = set()  # path and settings with which an agent could be made
 
 
-def is_sb3_class(found: object) -> bool:
+def is_sb3_class(value: object) -> bool:
     """Returns whether an object is a class of agents like those of SB3, without importing SB3."""
     module = sys.modules.get("stable_baselines3.common.base_class")
-    return module is not None and isinstance(found, type) and issubclass(found, module.BaseAlgorithm)
+    return module is not None and isinstance(value, type) and issubclass(value, module.BaseAlgorithm)
 
 
 class ImportedSettings(Sb3Settings):
@@ -52,29 +52,23 @@ class ImportedSettings(Sb3Settings):
         if key not in _SOUND:
             from agents.sb3.training import check_settings
 
-            check_settings(Sb3Algorithm(self.path, type(self), has_modes=True), self)
+            check_settings(Sb3Algorithm(self.path, type(self)).load(), self, self.path)
             _SOUND.add(key)
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the path, from which another process makes the class of the settings again."""
-        return _restored, (self.path, self.model_dump_json(exclude_unset=True))
+        return _unpickled, (self.path, self.model_dump_json(exclude_unset=True))
 
 
-def _restored(path: str, settings: str) -> Any:
-    """Returns pickled settings."""
-    from agents import load_algorithm
-
-    return load_algorithm(path).settings.model_validate_json(settings)
+def _unpickled(path: str, settings: str) -> Sb3Settings:
+    cls = imported(path, "settings", "algorithm")
+    return algorithm_of(cls, path).settings.model_validate_json(settings)
 
 
 @lru_cache
 def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
-    """Makes an algorithm of a class.
-
-    Args:
-      cls: A class for which `is_sb3_class` is true.
-      path: Its import path, `module:class`.
+    """Makes an algorithm of a class with the import path `module:class`, see `is_sb3_class`.
 
     Raises:
       InputError: It lacks an argument from which this project takes the discount or the rollout.
@@ -94,34 +88,33 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
     settings.path = path
     modules = {base.__module__.partition(".")[0] for base in cls.__mro__} & packages_distributions().keys()
     packages = tuple(sorted(modules | {"stable_baselines3", "torch"}))
-    return Sb3Algorithm(path, settings, packages, has_modes=True)
+    return Sb3Algorithm(path, settings, packages)
 
 
-def _arguments(cls: type) -> dict[str, Any]:
-    """Returns the named arguments of a class with their defaults, `...` where one is required.
+def _arguments(cls: type) -> dict[str, object]:
+    """Returns the named arguments of a class with their defaults; see `_default`.
 
-    A class that passes `**kwargs` on has the arguments of the class above it, too. The default None stands
-    for one that a file cannot hold.
+    A class that passes `**kwargs` on has the arguments of the class above it, too.
     """
-    found: dict[str, Any] = {}
+    arguments: dict[str, object] = {}
     for base in cls.__mro__[:-1]:
         if "__init__" not in vars(base):
             continue
-        parameters = list(inspect.signature(vars(base)["__init__"]).parameters.values())[1:]
-        for parameter in parameters:
-            is_single = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
-            if is_single and not parameter.name.startswith("_"):
-                found.setdefault(parameter.name, _default(parameter.default))
-        if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters):
+        passes_on = False
+        for parameter in list(inspect.signature(vars(base)["__init__"]).parameters.values())[1:]:
+            if parameter.kind is parameter.VAR_KEYWORD:
+                passes_on = True
+            elif parameter.kind is not parameter.VAR_POSITIONAL and not parameter.name.startswith("_"):
+                arguments.setdefault(parameter.name, _default(parameter.default))
+        if not passes_on:
             break
-    return found
+    return arguments
 
 
-def _default(default: Any) -> Any:
-    """Returns a default as JSON has it; `...` if there is none, None if it has no such form."""
+def _default(default: object) -> object:
+    """Returns a default as JSON has it; `...` if there is none, None if JSON cannot hold it."""
     if default is inspect.Parameter.empty:
         return ...
-    try:
+    with suppress(TypeError, ValueError):
         return json.loads(json.dumps(default, allow_nan=False))
-    except (TypeError, ValueError):
-        return None
+    return None

@@ -1,8 +1,7 @@
-"""Settings of Stable-Baselines3's algorithms.
+"""Settings of Stable-Baselines3's algorithms, with SB3's argument names and defaults.
 
-They bear SB3's argument names and have SB3's defaults. They are written out here for two reasons: experiments
-are checked without importing SB3, which would load torch, and SB3's signatures do not say which values make
-sense. A test compares names and defaults with SB3's signatures.
+They are written out here because importing SB3 loads torch, and its signatures do not say which values make
+sense. A test compares names and defaults with the signatures.
 """
 
 from itertools import pairwise
@@ -56,22 +55,20 @@ class Sb3Settings(LearnerSettings):
     def memory(self, n_inputs: int, n_kept: int) -> dict[str, int]:
         """Returns about how many bytes an agent takes, by the settings that decide it.
 
-        Args:
-          n_inputs: Numbers of an observation.
-          n_kept: Those that are kept of each observation of a rollout or replay buffer.
+        An observation has `n_inputs` numbers, of which a rollout or replay buffer keeps `n_kept`.
         """
         values = vars(self)
         widths: tuple[int, ...] = getattr(self.policy_kwargs, "net_arch", ())
         layers = [n_inputs, *widths, 1]
         n_parameters = sum((n + 1) * m for n, m in pairwise(layers))
         n_steps, key = self.rollout, f"n_steps = {values.get('n_steps')} with n_envs = {self.n_envs}"
-        found = {f"policy_kwargs.net_arch = {[*widths]}": 4 * (8 * n_parameters + max(layers) ** 2)}
+        sizes = {f"policy_kwargs.net_arch = {[*widths]}": 4 * (8 * n_parameters + max(layers) ** 2)}
         if isinstance(n_rows := values.get("batch_size"), int):
             n_rows = n_rows if "buffer_size" in values else min(n_rows, n_steps)
-            found[f"batch_size = {values['batch_size']}"] = 4 * n_rows * (4 * sum(widths) + 2 * n_inputs + 20)
+            sizes[f"batch_size = {values['batch_size']}"] = 4 * n_rows * (4 * sum(widths) + 2 * n_inputs + 20)
         if "buffer_size" in values:
             n_steps, key = min(values["buffer_size"], self.budget), f"buffer_size = {values['buffer_size']}"
-        return found | {key: n_steps * (8 * n_kept + 40)}
+        return sizes | {key: n_steps * (8 * n_kept + 40)}
 
     def _fitted(self, arguments: dict[str, Any]) -> dict[str, Any]:
         """Returns the arguments with a buffer no larger than the budget: the rest would only take memory."""

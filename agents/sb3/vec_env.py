@@ -4,31 +4,28 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from envs import ProxemicVectorEnv
+from envs.vector_env import Actions, Observations
 
 
 class SB3VecEnv(VecEnv):
     """A `ProxemicVectorEnv` with the interface that Stable-Baselines3 expects.
 
     An `info` has only what SB3 reads: `terminal_observation` and `TimeLimit.truncated` where an episode
-    ended. All arrays are copies. A single generator serves the batch, so no two envs share draws; `seed(s)`
-    seeds it, where SB3's envs would seed env i with `s + i`.
-
-    Attributes:
-      disagreements: Wrong PINGs of all envs since the last reset.
+    ended. A single generator serves the batch; `seed(s)` seeds it, where SB3's envs would seed env i with
+    `s + i`.
     """
 
     def __init__(self, env: ProxemicVectorEnv) -> None:
         """Wraps a batch of envs; whatever its mode, an env is reset in the step that ends its episode."""
         self.env = env
-        self.disagreements = 0
+        self.disagreements = 0  # wrong PINGs of all envs since the last reset
         self._is_disagreement = env.model.is_wrong_ping.ravel()
         self._seed: int | None = None
         self._generator = np.random.default_rng()
-        self._actions: NDArray[Any] = np.zeros(env.num_envs, dtype=np.int64)
+        self._actions: Actions = np.zeros(env.num_envs, dtype=np.int64)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
@@ -36,7 +33,7 @@ class SB3VecEnv(VecEnv):
         self._seed = seed
         return [seed] * self.num_envs
 
-    def reset(self) -> NDArray[Any]:
+    def reset(self) -> Observations:
         """Resets every env; returns observations (N, ...)."""
         if self._seed is not None:
             self._generator, self._seed = np.random.default_rng(self._seed), None
@@ -45,7 +42,7 @@ class SB3VecEnv(VecEnv):
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return self.env.observe()
 
-    def step_async(self, actions: NDArray[Any]) -> None:
+    def step_async(self, actions: Actions) -> None:
         """Sets the actions of the next step, (N,)."""
         self._actions = actions
 
@@ -70,15 +67,15 @@ class SB3VecEnv(VecEnv):
         """Closes the env."""
         self.env.close()
 
-    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
         """Returns an attribute of the batch, repeated for every requested env."""
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
-    def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:  # noqa: ARG002
+    def env_is_wrapped(self, wrapper_class: type[object], indices: VecEnvIndices = None) -> list[bool]:  # noqa: ARG002
         """Returns False for every requested env."""
         return [False] * len(list(self._get_indices(indices)))
 
-    def env_method(self, method_name: str, *_: Any, **__: Any) -> NoReturn:
+    def env_method(self, method_name: str, *_: object, **__: object) -> NoReturn:
         """Refuses what would be for single envs, as does `set_attr`."""
         raise NotImplementedError(f"{method_name}: accepted: nothing; all envs share what the batch has.")
 

@@ -20,7 +20,7 @@ import linecache
 from collections.abc import Callable
 from functools import lru_cache
 from types import FunctionType
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numba
 import numpy as np
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
-from agents.process import N_ACTIONS, Process, U, draw_outcome, draw_reward, draw_start, draw_word
+from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
 from agents.tabular.updates import Q_LEARNING, Successor, UpdateRule
 
 PLACES: Final = 60
@@ -42,21 +42,12 @@ for _mask in range(1, ALL_ACTIONS + 1):
     CHOICES[_mask] = _members[np.arange(PLACES) * len(_members) // PLACES]
 
 
-class Decay(NamedTuple):
-    """A number that changes linearly with training, and then stays the same."""
-
-    first: float
-    last: float
-    until: int  # the budget unit from which on it has its last value; 0 if it never changes
-
-
 class Constants(NamedTuple):
     """How agents act and learn."""
 
-    learning_rate: Decay
-    visit_exponent: float  # a rate is divided by this power of the number of visits; 0 if it is not
+    learning_rate: float
     discount: float
-    epsilon: Decay
+    epsilon: float
     initial_value: float
     trace_decay: float  # the weight of a trace is multiplied by discount * trace_decay per step
     takes_lowest: bool  # whether the lowest of several best actions is the only greedy one
@@ -70,7 +61,7 @@ class Plan(NamedTuple):
     by_episode: bool  # whether the unit is an episode; else it is a step
     record_every: int
     points: NDArray[np.int64]  # (T + 1,) evaluation steps, and another that is never reached
-    map_index: NDArray[np.int64]  # (T,) place of each evaluation step among the map steps; -1 if it is none
+    map_index: NDArray[np.int64]  # (T,) index of each evaluation step among the map steps; -1 if it is none
 
 
 class Results(NamedTuple):
@@ -86,6 +77,9 @@ class Results(NamedTuple):
     episodes_ended: NDArray[np.int64]  # (N,)
 
 
+Kernel = Callable[[Process, Constants, Plan, NDArray[np.uint64], Results], None]
+
+
 @numba.njit
 def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.uint64:
     """Chooses an action epsilon-greedily by one word, given the mask of the greedy actions."""
@@ -93,14 +87,6 @@ def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.
     if (word >> U(32)) < explore_below:  # what CHOICES has for all actions, without waiting for the mask
         return (draw * U(N_ACTIONS)) >> U(32)
     return U(CHOICES[U(greedy), (draw * U(PLACES)) >> U(32)])
-
-
-@numba.njit
-def _at(decay: Decay, unit: int) -> float:
-    """Returns a decaying number at a budget unit."""
-    if unit >= decay.until:
-        return decay.last
-    return decay.first + (decay.last - decay.first) * (unit / decay.until)
 
 
 @numba.njit
@@ -160,32 +146,25 @@ def _update_tree(tree: NDArray[np.float64], o: np.uint64, best: float) -> None:
 
 @numba.njit
 def _trace(
-    traced: NDArray[np.int64],
-    traces: NDArray[np.float64],
-    trace_rates: NDArray[np.float64],
-    n_traces: int,
-    decay: float,
-    pair: np.uint64,
-    rate: float,
+    traced: NDArray[np.int64], weights: NDArray[np.float64], n_traces: int, decay: float, pair: np.uint64
 ) -> int:
     """Decays the traces, drops the least, and sets that of a pair to 1; returns how many there are."""
     n_kept = 0
     for i in range(n_traces):
-        weight = decay * traces[i]
+        weight = decay * weights[i]
         if weight >= LEAST_TRACE and U(traced[i]) != pair:
-            traced[n_kept], traces[n_kept], trace_rates[n_kept] = traced[i], weight, trace_rates[i]
+            traced[n_kept], weights[n_kept] = traced[i], weight
             n_kept += 1
-    traced[n_kept], traces[n_kept], trace_rates[n_kept] = pair, 1.0, rate
+    traced[n_kept], weights[n_kept] = pair, 1.0
     return n_kept + 1
 
 
-# `compile_kernel` sets these: whatever a kernel does not need is left out of its code, not skipped each step.
+# `compile_kernel` replaces these in its copy of `_train`. They are constants when that is compiled, so what a
+# rule does not need is left out of the compiled code instead of being skipped in each step.
 _bootstrap: Callable[[Successor], float] = numba.njit(Q_LEARNING.bootstrap)
 _IS_ON_POLICY = Q_LEARNING.is_on_policy
 _HAS_TWO_TABLES = Q_LEARNING.has_two_tables
 _HAS_TRACES = Q_LEARNING.has_traces
-_DRAWS_OUTCOMES = False
-_COUNTS_VISITS = False
 
 
 def _train(
@@ -197,29 +176,22 @@ def _train(
     """
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    rates, visit_exponent, discount, epsilons, initial_value, trace_decay = constants[:6]
-    takes_lowest, time_limit = constants[6:]
+    learning_rate, discount, epsilon, initial_value, trace_decay, takes_lowest, time_limit = constants
     budget, by_episode, record_every, points, map_index = plan
-    n_pairs = n_observations * N_ACTIONS
+    explore_below = U(round(epsilon * 2**32))
     has_tree = results.table_max_q.shape[1] > 0
-    changes_until = max(rates.until, epsilons.until)
     for n in range(len(streams)):
         stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
         q = results.q[n]
         q[:] = initial_value
-        max_q = results.max_q[n]
-        table_max_q = results.table_max_q[n]
+        max_q, table_max_q = results.max_q[n], results.table_max_q[n]
         highest = np.full(n_observations, initial_value)  # the largest action value of each observation
         greedy = np.full(n_observations, 1 if takes_lowest else ALL_ACTIONS)  # masks
         tree = _new_tree(n_observations, initial_value)
-        visits = np.zeros((n_observations if _COUNTS_VISITS else 0, N_ACTIONS), np.uint32)
         tables = np.full((n_observations if _HAS_TWO_TABLES else 0, 2, N_ACTIONS), initial_value)
         table_rows = tables.reshape(-1, N_ACTIONS)
-        traced = np.empty(n_pairs if _HAS_TRACES else 0, np.int64)  # pairs, o * A + a, the latest last
-        traces = np.empty(len(traced))  # their weights
-        trace_rates = np.empty(len(traced))
-        learning_rate, epsilon = _at(rates, 0), _at(epsilons, 0)
-        explore_below = U(round(epsilon * 2**32))
+        traced = np.empty(n_observations * N_ACTIONS if _HAS_TRACES else 0, np.int64)  # pairs, o * A + a
+        weights = np.empty(len(traced))  # of the traces, the latest last
         state, stream = draw_start(starts, stream)
         o = U(observation[state])
         a = a_next = learned = best = U(0)
@@ -231,9 +203,6 @@ def _train(
                 _take_snapshot(results, n, n_points, map_index[n_points], q, greedy, disagreements)
                 n_points += 1
                 next_point = points[n_points]
-            if unit <= changes_until:
-                learning_rate, epsilon = _at(rates, unit), _at(epsilons, unit)
-                explore_below = U(round(epsilon * 2**32))
             is_recorded = unit == next_record
             highest_met = table_highest = -np.inf
             while True:
@@ -241,24 +210,22 @@ def _train(
                     highest_met = max(highest_met, highest[o])
                     if has_tree:
                         table_highest = max(table_highest, tree[1])
+
+                # Act
                 if begins or not _IS_ON_POLICY:
                     word, stream = draw_word(stream)
                     a = choose_action(word, explore_below, greedy[o])
-                i = U(first[state]) + (a * U(n_outcomes) if _DRAWS_OUTCOMES else a)
-                reward = outcomes[i].reward
-                disagreements += outcomes[i].is_wrong_ping
-                if is_noisy and outcomes[i].noise > 0.0:
-                    reward, stream = draw_reward(reward, outcomes[i].noise, stream)
-                if _DRAWS_OUTCOMES:
-                    i, stream = draw_outcome(i, outcomes, stream)
+                reward, i, stream = draw_step(first, outcomes, n_outcomes, is_noisy, state, a, stream)
                 outcome = outcomes[i]
+                disagreements += outcome.is_wrong_ping
                 o_next = o + U(outcome.observation_change)
-                terminates = outcome.terminates
+
+                # Compute the target
                 if _HAS_TWO_TABLES:
                     word, stream = draw_word(stream)
                     learned = word >> U(63)
                 value = 0.0
-                if not terminates:
+                if not outcome.terminates:
                     if _HAS_TWO_TABLES:  # the lower half of the word chooses among several best actions
                         _, mask = _best(table_rows, U(2) * o_next + learned, takes_lowest)
                         best = choose_action(word, U(0), mask)
@@ -270,34 +237,33 @@ def _train(
                         Successor(q, o_next, best_value, best_actions, epsilon, a_next, tables, learned, best)
                     )
                 target = reward + discount * value
-                rate = learning_rate
-                if _COUNTS_VISITS:
-                    visits[o, a] += U(1)
-                    rate /= visits[o, a] ** visit_exponent
+
+                # Learn
                 if _HAS_TRACES:
                     if begins or not (greedy[o] >> a) & U(1):
                         n_traces = 0
-                    pair, decay = o * U(N_ACTIONS) + a, discount * trace_decay
-                    n_traces = _trace(traced, traces, trace_rates, n_traces, decay, pair, rate)
+                    n_traces = _trace(traced, weights, n_traces, discount * trace_decay, o * U(N_ACTIONS) + a)
                     error = target - q[o, a]
                     for j in range(n_traces):
                         o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
-                        q[o_traced, a_traced] += trace_rates[j] * error * traces[j]
+                        q[o_traced, a_traced] += learning_rate * error * weights[j]
                         highest[o_traced], greedy[o_traced] = _best(q, o_traced, takes_lowest)
                         if has_tree:
                             _update_tree(tree, o_traced, highest[o_traced])
                 else:
                     if _HAS_TWO_TABLES:
-                        tables[o, learned, a] += rate * (target - tables[o, learned, a])
+                        tables[o, learned, a] += learning_rate * (target - tables[o, learned, a])
                         q[o, a] = (tables[o, 0, a] + tables[o, 1, a]) / 2
                     else:
-                        q[o, a] += rate * (target - q[o, a])
+                        q[o, a] += learning_rate * (target - q[o, a])
                     highest[o], greedy[o] = _best(q, o, takes_lowest)
                     if has_tree:
                         _update_tree(tree, o, highest[o])
+
+                # Go on, or start the next episode
                 steps += 1
                 episode_steps += 1
-                begins = terminates or episode_steps == time_limit
+                begins = outcome.terminates or episode_steps == time_limit
                 if begins:
                     state, stream = draw_start(starts, stream)
                     o = U(observation[state])
@@ -321,21 +287,16 @@ def _train(
 
 
 @lru_cache
-def compile_kernel(
-    update: UpdateRule, *, draws_outcomes: bool, counts_visits: bool
-) -> Callable[[Process, Constants, Plan, Any, Results], None]:
+def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
 
     The kernel is a copy of `_train` whose globals hold the rule. Compiled code is kept on disk by the name of
     the function. So the copy's name contains a digest of the rule and of the text of the rule's file.
-    It leaves out what is not needed: several outcomes of an action, K > 1, and counts of visits.
     """
     flags = {
         "_IS_ON_POLICY": update.is_on_policy,
         "_HAS_TWO_TABLES": update.has_two_tables,
         "_HAS_TRACES": update.has_traces,
-        "_DRAWS_OUTCOMES": draws_outcomes,
-        "_COUNTS_VISITS": counts_visits,
     }
     rule = flags | {"_bootstrap": numba.njit(update.bootstrap)}
     kernel = FunctionType(_train.__code__, globals() | rule, _train.__name__)

@@ -1,16 +1,14 @@
 """Trains populations of independent agents that each learn a table of action values.
 
-An algorithm is an update rule, see `agents.tabular.updates`; the settings, the kernel and the results are the
-same for all rules.
+An algorithm is an update rule, see `agents.tabular.updates`; all else is the same for all rules.
 """
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
@@ -21,7 +19,7 @@ from pydantic import Field, model_validator
 from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_request
 from agents.process import process_of
 from agents.tabular import updates
-from agents.tabular.kernel import Constants, Decay, Plan, Results, compile_kernel
+from agents.tabular.kernel import Constants, Plan, Results, compile_kernel
 from agents.tabular.updates import UpdateRule
 from envs.model import ACTIONS, Model
 
@@ -35,10 +33,7 @@ MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
 class Settings(LearnerSettings):
     """The settings of a tabular learner; the defaults are the paper's."""
 
-    later: ClassVar[frozenset[str]] = frozenset(
-        {"initial_value", "final_learning_rate", "learning_rate_fraction"}
-        | {"final_epsilon", "epsilon_fraction", "visit_exponent"}
-    )
+    omitted_at_default: ClassVar[Set[str]] = {"initial_value"}
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
     """How far an update moves a value towards its target, as a share of the difference."""
@@ -54,35 +49,11 @@ class Settings(LearnerSettings):
     """Budget units from one record of the largest action value to the next."""
     initial_value: float = 0.0
     """Value of every action in every observation before training."""
-    final_learning_rate: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Learning rate at the end of a linear decay; by default there is none."""
-    learning_rate_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Share of the budget over which the learning rate decays."""
-    final_epsilon: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Epsilon at the end of a linear decay; by default there is none."""
-    epsilon_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Share of the budget over which epsilon decays."""
-    visit_exponent: Annotated[float, Field(gt=0, le=1)] | None = None
-    """The n-th update of an action in an observation has the rate `learning_rate / n**visit_exponent`
-    (Even-Dar & Mansour 2003, who prove convergence for exponents above 1/2)."""
 
     @property
     def discount_factor(self) -> float:
         """The discount of the table's values."""
         return self.discount
-
-    @property
-    def learning_rates(self) -> Decay:
-        """The learning rate over the budget, before it is divided by any number of visits."""
-        return self._decay(self.learning_rate, self.final_learning_rate, self.learning_rate_fraction)
-
-    @property
-    def epsilons(self) -> Decay:
-        """The probability of a random action over the budget."""
-        return self._decay(self.epsilon, self.final_epsilon, self.epsilon_fraction)
-
-    def _decay(self, first: float, last: float | None, fraction: float) -> Decay:
-        return Decay(first, first, 0) if last is None else Decay(first, last, round(fraction * self.budget))
 
     @model_validator(mode="after")
     def _settings_fit(self) -> Self:
@@ -91,17 +62,8 @@ class Settings(LearnerSettings):
                 f"record_every = {self.record_every} with budget = {self.budget}: accepted: at most "
                 f"{MOST_RECORDS:,} records"
             )
-        for key in ("learning_rate", "epsilon"):
-            first, last, fraction = (getattr(self, name) for name in (key, f"final_{key}", f"{key}_fraction"))
-            if last is None and fraction != 1:
-                raise ValueError(f"{key}_fraction = {fraction} needs final_{key}")
-            if last is not None and last > first:
-                raise ValueError(f"final_{key} = {last} is above {key} = {first}; accepted: at most {first}")
-        if self.final_learning_rate is not None and self.visit_exponent is not None:
-            raise ValueError("final_learning_rate and visit_exponent exclude each other; set only one")
-        if self.budget_unit == "episodes" and self.epsilons.last == 0 and self.time_limit is None:
-            key = "epsilon" if self.final_epsilon is None else "final_epsilon"
-            raise ValueError(f'budget_unit = "episodes" with {key} = 0 may never end; set time_limit')
+        if self.budget_unit == "episodes" and self.epsilon == 0 and self.time_limit is None:
+            raise ValueError('budget_unit = "episodes" with epsilon = 0 may never end; set time_limit')
         return self
 
 
@@ -136,14 +98,8 @@ def train(
 ) -> TabularTraining:
     """Trains one agent per seed, see `agents.contract.Algorithm.train`.
 
-    Args:
-      model: Compiled scenario.
-      settings: The learner's settings.
-      seeds: One per agent.
-      schedule: In units of the budget.
-      update: What the agents learn by.
-      record_table: Whether to record the largest value of the whole table, too.
-      threads: How many threads to use; no result depends on it.
+    With `record_table`, the largest value of the whole table is recorded, too. No result depends on the
+    number of threads.
 
     Raises:
       ValueError: No seed or thread, a schedule for another budget, or traces without their settings.
@@ -172,15 +128,11 @@ def train(
         episodes_ended=np.empty(n_agents, dtype=np.int64),
     )
     is_mapped = schedule.is_mapped
-    kernel = compile_kernel(
-        update, draws_outcomes=model.n_outcomes > 1, counts_visits=settings.visit_exponent is not None
-    )
-    process = process_of(model)
+    kernel, process = compile_kernel(update), process_of(model)
     constants = Constants(
-        learning_rate=settings.learning_rates,
-        visit_exponent=settings.visit_exponent or 0.0,
+        learning_rate=settings.learning_rate,
         discount=settings.discount,
-        epsilon=settings.epsilons,
+        epsilon=settings.epsilon,
         initial_value=settings.initial_value,
         trace_decay=settings.trace_decay if isinstance(settings, TraceSettings) else 0.0,
         takes_lowest=settings.ties == "lowest",
@@ -238,7 +190,6 @@ class TabularAlgorithm(Algorithm):
         observation: str,  # noqa: ARG002
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-        logs: Sequence[Path] = (),  # noqa: ARG002
     ) -> TabularTraining:
         """Trains by `train`; the table's maximum is recorded if there is more than one record."""
         record_table = settings.record_every < settings.budget

@@ -5,15 +5,13 @@ Tables are lists of lists, random numbers are Python's own, and no array is touc
 
 import random
 import time
-from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
 
-from agents.contract import Schedule, SequentialAlgorithm
+from agents.contract import Fields, Schedule, SequentialAlgorithm
 from agents.policy import greedy_masks
-from agents.tabular.kernel import Decay
 from agents.tabular.learner import Settings
 from envs.model import ACTIONS, Model
 
@@ -37,8 +35,7 @@ class PlainQLearning(SequentialAlgorithm):
         observation: str,  # noqa: ARG002
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains an agent, see `agents.contract.SequentialAlgorithm`."""
         rng = random.Random(int(seed.generate_state(1)[0]))
         draws_outcomes = model.n_outcomes > 1
@@ -48,10 +45,6 @@ class PlainQLearning(SequentialAlgorithm):
         noise, is_wrong_ping = model.issuer_noise.tolist(), model.is_wrong_ping.tolist()
         cell = model.observation.tolist()
         q = [[settings.initial_value] * len(ACTIONS) for _ in range(model.n_observations)]
-        visits = [[0] * len(ACTIONS) for _ in range(model.n_observations)]
-        exponent = settings.visit_exponent
-        rates, epsilons = settings.learning_rates, settings.epsilons
-        changes_until = max(rates.until, epsilons.until)
         starts = model.starts.tolist()
         has_starts = len(starts) > 1
         state = rng.choice(starts) if has_starts else starts[0]
@@ -60,11 +53,9 @@ class PlainQLearning(SequentialAlgorithm):
         tables, counts, seconds = [], [], []
         for until in dict.fromkeys([*schedule.evaluation_steps, settings.budget]):
             started_s = time.thread_time()
-            for step in range(trained, until):
-                if step <= changes_until:
-                    rate, epsilon = _at(rates, step), _at(epsilons, step)
+            for _ in range(trained, until):
                 row = q[cell[state]]
-                if rng.random() < epsilon:
+                if rng.random() < settings.epsilon:
                     action = rng.randrange(len(ACTIONS))
                 else:
                     best = max(row)
@@ -79,11 +70,8 @@ class PlainQLearning(SequentialAlgorithm):
                 following, ends = next_state[state][action], terminated[state][action]
                 if draws_outcomes:
                     (following,) = rng.choices(following, probability[state][action])
-                if exponent is not None:
-                    visits[cell[state]][action] += 1
-                    rate = settings.learning_rate / visits[cell[state]][action] ** exponent
                 target = reward if ends else reward + settings.discount * max(q[cell[following]])
-                row[action] += rate * (target - row[action])
+                row[action] += settings.learning_rate * (target - row[action])
                 episode_steps += 1
                 if ends or episode_steps == settings.time_limit:
                     state, episode_steps = rng.choice(starts) if has_starts else starts[0], 0
@@ -108,13 +96,6 @@ class PlainQLearning(SequentialAlgorithm):
             "parameters": tables[-1].size,
             "diverged_at": -1,
         }
-
-
-def _at(decay: Decay, step: int) -> float:
-    """Returns a decaying number at a step."""
-    if step >= decay.until:
-        return decay.last
-    return decay.first + (decay.last - decay.first) * step / decay.until
 
 
 Q_LEARNING: Final = PlainQLearning()

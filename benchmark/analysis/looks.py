@@ -20,15 +20,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.frames import Group, by_population, by_step, learned, tables
 from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
 from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Population
 
-NEITHER: Final = "neither"  # most runs of neither learner learn, whatever their budgets
-TOO_SHORT: Final = "too short"  # nor within the smaller budget; within its own, most runs of one do
+FASTER, SLOWER, EQUAL, UNDECIDED = "faster", "slower", "equally fast", "undecided"
+NEITHER: Final = "neither learns"  # most runs of neither learner learn, whatever their budgets
+TOO_SHORT: Final = "budget too short"  # nor within the smaller budget; within its own, most runs of one do
+VERDICTS: Final = (FASTER, SLOWER, EQUAL, NEITHER, TOO_SHORT, UNDECIDED)
 SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
 
@@ -74,9 +75,9 @@ def decide(
     if never > 0.5:
         verdict = TOO_SHORT if one_learns else NEITHER
     elif 0.5 - margin < low <= high < 0.5 + margin:
-        verdict = EQUIVALENT
+        verdict = EQUAL
     else:
-        verdict = BETTER if low > 0.5 else WORSE if high < 0.5 else UNDECIDED
+        verdict = FASTER if low > 0.5 else SLOWER if high < 0.5 else UNDECIDED
     return Decision(n, verdict, Estimate(mean, low, high))
 
 
@@ -101,14 +102,14 @@ def took(curves: pd.DataFrame, level: float, budget: float = math.inf) -> pd.Dat
 def rows_of(experiment: Experiment, frame: pd.DataFrame) -> dict[Population, pd.DataFrame]:
     """Returns the rows of every population of a map that has any, without runs after a missing one."""
     named = {(keys["condition"], keys["learner"]): rows for keys, rows in by_population(frame)}
-    found = {}
+    rows_by_population = {}
     for population in experiment.populations:
-        rows = named.get((population.condition.name, population.learner.name))
-        if rows is not None:
-            seeds, start = rows["seed"].unique(), population.seeds.start
-            n = int((seeds == start + np.arange(len(seeds))).sum())
-            found[population] = rows[rows["seed"] < start + n]
-    return found
+        rows = named.get((population.condition.name, population.learner.name), frame[:0])
+        seeds, start = rows["seed"].unique(), population.seeds.start
+        n = int((seeds == start + np.arange(len(seeds))).sum())
+        if n:
+            rows_by_population[population] = rows[rows["seed"] < start + n]
+    return rows_by_population
 
 
 def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
@@ -132,12 +133,12 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     assert report is not None
     # The same contrast may be in two grids.
     n_contrasts = len({(x.first.digest, y.first.digest) for x, y in pairs})
-    tail, found = tail_of(n_contrasts, len(report.looks)), []
+    tail, decided = tail_of(n_contrasts, len(report.looks)), []
     for x, y in pairs:
         if x in rows and y in rows:
             looked = _look(experiment, (x, y), (rows[x], rows[y]), tail)
-            found += [] if looked is None else [looked]
-    return found
+            decided += [] if looked is None else [looked]
+    return decided
 
 
 def _look(

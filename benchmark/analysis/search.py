@@ -63,7 +63,7 @@ def searched_areas(runs: pd.DataFrame, experiment: Experiment, learner: Learner)
 def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
     """Returns what a search has found for every learner, by its runs of the first two stages."""
     assert experiment.declared.search is not None
-    found = []
+    all_outcomes = []
     for learner in experiment.learners.values():
         searched = searched_areas(runs, experiment, learner)
         again = runs[(runs["learner"] == learner.name) & (runs["stage"] == FRESH)]
@@ -75,8 +75,8 @@ def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
             trial: float(np.mean(everywhere(fresh, trial)))
             for trial in finalists(searched, experiment.declared.search.finalists)
         }
-        found.append(Outcome(learner, searched, fresh, max(means, key=lambda trial: means[trial])))
-    return found
+        all_outcomes.append(Outcome(learner, searched, fresh, max(means, key=lambda trial: means[trial])))
+    return all_outcomes
 
 
 def settings_of(experiment: Experiment, learner: Learner, trial: int) -> dict[str, object]:
@@ -94,12 +94,12 @@ def chosen(experiment: Experiment, store: Store) -> dict[str, Chosen]:
 
 
 def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
-    """Returns the same by the runs."""
-    found = {}
+    """Returns the same, given the runs of all stages."""
+    results = {}
     for outcome in outcomes(experiment, runs):
         name = outcome.learner.name
         tried = runs[(runs["learner"] == name) & (runs["stage"] != AROUND)]
-        found[name] = Chosen(
+        results[name] = Chosen(
             trial=outcome.chosen,
             settings=settings_of(experiment, outcome.learner, outcome.chosen),
             score=round(float(np.mean(everywhere(outcome.fresh, outcome.chosen))), 6),
@@ -108,18 +108,17 @@ def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
             steps=int(tried["budget"].sum()),
             cpu_time_s=round(float(tried["cpu_time_s"].sum()), 3),
         )
-    return found
+    return results
 
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     """Yields the runs of each stage, as long as those before are stored."""
     search, names = experiment.declared.search, [*experiment.scenarios]
     assert search is not None
-    # By learner, trial and scenario
-    populations = {
-        (each.learner.name, int(each.condition.axes["trial"]), each.scenario.name): each
-        for each in experiment.populations
-    }
+    populations: dict[tuple[str, int, str], Population] = {}  # by learner, trial and scenario
+    for population in experiment.populations:
+        trial = int(population.condition.axes["trial"])
+        populations[population.learner.name, trial, population.scenario.name] = population
     first = [
         Group(population, population.runs(), {"stage": SEARCHED}) for population in experiment.populations
     ]

@@ -1,14 +1,14 @@
 """Estimates what missing runs cost, from stored runs of the same populations on such a machine."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from agents import load_algorithm
 from benchmark.execution.plan import plan
 from benchmark.execution.provenance import machine
-from benchmark.execution.store import Store
+from benchmark.execution.store import Provenance, Store
 from benchmark.experiments import RunSpecification, population_of
 from envs import InputError
 
@@ -50,10 +50,10 @@ def estimate(runs: Sequence[RunSpecification], store: Store | None, jobs: int, c
     )
 
 
-def _stored(populations: Collection[str], store: Store) -> dict[str, list[Mapping[str, Any]]]:
+def _stored(populations: Collection[str], store: Store) -> dict[str, list[Provenance]]:
     """Returns the provenance of stored runs of such a machine, by population."""
-    stored: dict[str, list[Mapping[str, Any]]] = {}
-    with suppress(InputError):  # it is damaged where it is read
+    stored: dict[str, list[Provenance]] = {}
+    with suppress(InputError):  # the file is damaged
         for digest, content in store.contents().items():
             with suppress(InputError, TypeError, ValueError):  # a damaged record
                 if (population := population_of(content)) in populations:

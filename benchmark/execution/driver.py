@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
 from itertools import islice
-from pathlib import Path
 
 from agents import load_algorithm
 from benchmark.execution.executors import Executor, ExecutorFactory, load_executor
@@ -22,7 +21,6 @@ def run(
     jobs: int,
     on_progress: Callable[[list[Record]], None] = lambda _: None,
     on_start: Callable[[Job], None] = lambda _: None,
-    logs: Path | None = None,
     executor: ExecutorFactory | None = None,
 ) -> list[str]:
     """Executes the runs that have no valid record, and stores their records as they come.
@@ -36,7 +34,6 @@ def run(
       jobs: How many jobs are submitted at a time.
       on_progress: Called with the records of every job that has ended.
       on_start: Called with every job that starts.
-      logs: The folder for TensorBoard logs of algorithms that write them; no result depends on it.
       executor: Executes all jobs; by default, each algorithm's placement decides.
 
     Returns:
@@ -49,46 +46,60 @@ def run(
     for algorithm in sorted({run.algorithm for run in todo}):
         versions(algorithm)  # refuses a missing package before any work
     waiting = iter(plan(todo))
-    executors: dict[str, Executor] = {}
     under_way: dict[Future[list[Record]], tuple[Job, float]] = {}  # with the time when it was submitted
     errors: list[str] = []
 
-    def submit(job: Job, stack: ExitStack) -> None:
-        placement = load_algorithm(job[0].algorithm).placement if executor is None else ""
-        if placement not in executors:
-            executors[placement] = (executor or load_executor(placement))(jobs)
-            stack.callback(executors[placement].cancel)
-        on_start(job)
-        under_way[executors[placement].submit(job, logs)] = job, time.perf_counter()
-
     def keep(future: Future[list[Record]]) -> None:
-        try:
-            records = future.result()
-        except Exception as error:  # the job was lost, so its runs have failed
-            job, started = under_way[future]
-            records = failures(job, error, started)
+        records = _records(future, *under_way[future])
         store.add(records)
         errors.extend(record.error for record in records if record.error is not None)
         on_progress(records)
         del under_way[future]  # or its arrays would stay in memory
 
     try:
-        with ExitStack() as stack:
+        with _Executors(jobs, executor) as executors:
             done: set[Future[list[Record]]] = set()
             while True:
                 for job in islice(waiting, jobs - len(under_way) + len(done)):
-                    submit(job, stack)
+                    on_start(job)
+                    under_way[executors.of(job).submit(job)] = job, time.perf_counter()
                 for future in done:
                     keep(future)
                 if not under_way:
-                    break
+                    return errors
                 done = wait(under_way, return_when=FIRST_COMPLETED).done
     except KeyboardInterrupt:
-        for future in list(under_way):
-            if future.done() and not future.cancelled() and future.exception() is None:
-                keep(future)
+        for future in [future for future in under_way if _is_finished(future)]:
+            keep(future)
         raise
-    return errors
+
+
+class _Executors(ExitStack):
+    """The executors of jobs, each made when it is first needed; they are cancelled at the end."""
+
+    def __init__(self, jobs: int, executor: ExecutorFactory | None) -> None:
+        super().__init__()
+        self._jobs, self._executor = jobs, executor
+        self._made: dict[str, Executor] = {}
+
+    def of(self, job: Job) -> Executor:
+        placement = "" if self._executor else load_algorithm(job[0].algorithm).placement
+        if placement not in self._made:
+            self._made[placement] = (self._executor or load_executor(placement))(self._jobs)
+            self.callback(self._made[placement].cancel)
+        return self._made[placement]
+
+
+def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:
+    """Returns the records of a job that has ended; if it was lost, its runs have failed."""
+    try:
+        return future.result()
+    except Exception as error:
+        return failures(job, error, started)
+
+
+def _is_finished(future: Future[list[Record]]) -> bool:
+    return future.done() and not future.cancelled() and future.exception() is None
 
 
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:

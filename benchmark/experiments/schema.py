@@ -128,7 +128,8 @@ class Grid(Table):
     question: Annotated[Line, Field(min_length=1)]
     """What the grid is to answer, for readers."""
     learners: tuple[str, ...] = ()
-    """Names of learners, or of variants with all their observations; all by default."""
+    """Names of learners, or of variants with all their observations; all by default. A learner that no grid
+    names is in all grids."""
     scenario: dict[str, object] = Field(default_factory=dict)
     """Changes of the scenario at all its points, as dotted keys."""
     settings: dict[str, object] = Field(default_factory=dict)
@@ -238,7 +239,7 @@ class Reporting(Table):
     adjust: Literal["holm", "none"] = "holm"
     """How p-values are adjusted for the number of contrasts."""
     margins: Margins = Margins()
-    """Differences that are too small to matter."""
+    """Differences between x and y that are too small to matter."""
     fewest_runs: Annotated[int, Field(ge=10)] = 10
     """Runs per scenario and learner below which there is no verdict."""
     contrasts: tuple[tuple[str, str], ...] = ()
@@ -391,26 +392,23 @@ class Declaration(Table):
         require(not overlap(seeds, later), f"algorithms.{name}.first_seed = {each.first_seed}", accepted)
 
     def _check_grids(self) -> None:
-        """Checks that grids name learners, and that every learner is in a grid."""
+        """Checks that grids name learners."""
         if not self.grids:
             return
         is_alone = not self.sweep and self.search is None and len(self.readings) == 1
         require(is_alone, "grids", "no sweep, search or further reading in the same experiment")
-        learners = {
-            f"{name}, {each}": name for name in self.algorithms for each in self.algorithms[name].observations
-        }
-        known = {*self.algorithms, *learners}
+        known = {*self.algorithms, *self._learners}
         for name, grid in self.grids.items():
             for learner in grid.learners:
                 where = f"grids.{name}.learners: {learner}"
                 require(learner in known, where, ", ".join(sorted(known)))
-        if any(not grid.learners for grid in self.grids.values()):
-            return
-        used = {learner for grid in self.grids.values() for learner in grid.learners}
-        accepted = f"its name in the learners of one, such as grids.{next(iter(self.grids))}.learners"
-        for learner, name in learners.items():
-            is_used = not used.isdisjoint((learner, name))
-            require(is_used, f"algorithms.{name}: {learner} is in no grid", accepted)
+
+    @property
+    def _learners(self) -> dict[str, str]:
+        """The variant of every learner."""
+        return {
+            f"{name}, {form}": name for name in self.algorithms for form in self.algorithms[name].observations
+        }
 
     def _check_sweep(self) -> None:
         """Checks that every axis of a sweep changes something, and no two the same."""
@@ -475,6 +473,8 @@ class Declaration(Table):
 
     def _points(self) -> Iterator[Condition]:
         """Yields the points of a sweep, of grids, or of a search, as conditions without a reading."""
+        named = {name for grid in self.grids.values() for name in grid.learners}
+        unnamed = [name for name, variant in self._learners.items() if named.isdisjoint((name, variant))]
         for name, grid in self.grids.items():
             every = Changes(scenario=grid.scenario, settings=grid.settings)
             for point in grid.points:
@@ -482,7 +482,7 @@ class Declaration(Table):
                     f"grids.{name}.axes.{axis}.{value}": Changes(scenario=grid.axes[axis][value])
                     for axis, value in point.items()
                 }
-                axes, learners = {"grid": name, **point}, grid.learners
+                axes, learners = {"grid": name, **point}, grid.learners and (*grid.learners, *unnamed)
                 yield Condition(
                     f"{name}/{point_name(point)}", axes, {f"grids.{name}": every, **changes}, learners
                 )

@@ -10,9 +10,8 @@ import gzip
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -68,7 +67,7 @@ def chapters(results: Path) -> list[str]:
 def write(results: Path, experiment: str | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
-    In this repository, a folder that is not published gets a `.gitignore`, so that git leaves it alone.
+    In this repository, git ignores folders that are not published, by a `.gitignore` in them.
 
     Raises:
       InputError: There is nothing to show, or the page cannot be written.
@@ -118,7 +117,6 @@ class _Part:
         self.folder = self.document.folder
         self.name = path.name
         self.prefix = prefix
-        self.root = f"results/{path.name}/"  # in the repository
         self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
 
     def report(self, templates: jinja2.Environment) -> dict[str, object]:
@@ -133,91 +131,65 @@ class _Part:
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
             has_figure = document.has_figure(item) and item is not lead and not (table and is_folded)
-            html = templates.get_template("item.html").render(
-                item=item,
-                table=table,
-                figure=self._figure(item) if has_figure else None,
-                is_folded=is_folded,
-                most_rows=_MOST_ROWS,
-                source=self.link(f"{item.name}.csv"),
-            )
-            return html.strip()
+            shown = {"item": item, "table": table, "is_folded": is_folded, "most_rows": _MOST_ROWS}
+            shown |= {"figure": self._figure(item) if has_figure else None}
+            source = f"{self.prefix}{item.name}.csv"
+            return templates.get_template("item.html").render(shown, source=source).strip()
 
         markdown = document.render(
             lambda item, is_folded: f"\n\n{_MARK}{'FOLD ' * is_folded}{item.name}{_MARK}\n\n"
         )
-        description = self.inline(inert(manifest["description"]))
-        making = templates.get_template("made.html").render(
-            made=manifest, description=description, manifest=self.link(MANIFEST)
-        )
-        headline = (document.headline or "").split("\n\n")
-        return {
+        report = {
             "id": self.name,
             "question": document.question,
-            "headline": [self.inline(text) for text in headline if text],
+            "headline": [self.inline(text) for text in (document.headline or "").split("\n\n") if text],
             "map": self._map(),
             "lead": self._figure(lead) if lead is not None else None,
-            "description": description,
+            "description": self.inline(inert(manifest["description"])),
             "note": self.inline(inert(manifest.get("note", ""))),
             "sections": self._sections(markdown, content),
-            "readme": self.link("README.md"),
+            "readme": f"{self.prefix}README.md",
             "made": manifest,
+            "manifest": f"{self.prefix}{MANIFEST}",
             "partial": self.inline(manifest.get("partial") or ""),
             "year": manifest.get("last_started_at", "")[:4],
-            "making": Markup(making),
         }
+        return report | {"making": Markup(templates.get_template("made.html").render(report=report))}
 
     def _map(self) -> dict[str, object] | None:
         """Returns what the page's map needs but for its tables; None if this is no map."""
         if self.folder.manifest["report"]["kind"] != "map":
             return None
-        variants = self.folder.manifest["algorithms"]
         looks = {}
-        for variant, declared in variants.items():
-            for observation in declared["settings"]:
-                style, learner = learner_style(variant, observation, [*variants]), f"{variant}, {observation}"
-                looks[learner] = {
-                    "name": self.folder.title(learner),
-                    "told": self.folder.told(learner),
-                    "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
-                    "dash": "" if style["ls"] == "-" else " ".join(f"{4 * n:g}" for n in style["ls"][1]),
-                }
+        for learner, title in self.folder.titles.items():
+            variant, observation = learner.split(", ")
+            style = learner_style(variant, observation, [*self.folder.manifest["algorithms"]])
+            looks[learner] = {
+                "name": title,
+                "told": self.folder.told(learner),
+                "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
+                "dash": "" if style["ls"] == "-" else " ".join(f"{4 * n:g}" for n in style["ls"][1]),
+            }
         return {"folder": self.prefix, "looks": looks}
-
-    def link(self, file: str) -> str:
-        """Returns where a file of the folder is, seen from the page."""
-        return f"{self.prefix}{file}"
 
     def inline(self, text: str) -> Markup:
         """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
         return self._html(self._parser.parseInline(text))
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
-        """Returns parsed Markdown as HTML, with links from the page to what can be reached from it."""
-        bare = ""  # the file of a link that leads nowhere from the page, which is then named
+        """Returns parsed Markdown as HTML, with links that lead from the page to files of the folder."""
         for token in [child for block in tokens for child in (block.children or [])]:
             target = str(token.attrGet("href") or "")
-            if token.type == "link_close" and bare:
-                token.type, token.content, bare = "text", f" ({bare})", ""
             if target and ":" not in target and not target.startswith(("#", "/")):
+                token.attrSet("href", f"{self.prefix}{target}")
                 if ".csv" in target:
-                    token.attrSet("href", self.link(target))
                     token.attrSet("class", "n" if "#row=" in target else "file")
-                elif self.prefix and (repository := about()["repository"]):
-                    token.attrSet("href", f"{repository}/blob/main/{self.root}{target}")
-                else:
-                    token.type, token.content, bare = "text", "", f"{self.root}{target}"
             if token.type == "text":
                 token.content = _MINUS.sub("−", token.content)
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
 
     def _sections(self, markdown: str, content: Callable[[re.Match[str]], str]) -> list[dict[str, object]]:
-        """Returns a document's sections; what stands first has no heading.
-
-        Args:
-          markdown: The document, with marks around the names of items.
-          content: Returns the HTML of a marked item.
-        """
+        """Returns a document's sections, with the content of marked items; the first has no heading."""
         sections = []
         for text in _SECTIONS.split(f"\n{markdown}\n"):
             heading, body = text.split("\n", 1) if text.startswith("#") else ("", text)
@@ -241,7 +213,10 @@ class _Part:
         if shown.empty:
             return None
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
-        kinds = [_kind(str(name), [row[i].striptags() for row in cells]) for i, name in enumerate(shown)]
+        kinds = []  # the class of each column's cells: names have none
+        for name, column in zip(shown, zip(*cells, strict=True), strict=True):
+            is_number = all(_NUMBER.fullmatch(cell.striptags()) for cell in column)
+            kinds.append("number" if is_number else "verdict" if str(name).startswith("verdict") else "")
         n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
         kinds[1:n_keys] = ["key"] * (n_keys - 1)
         columns = [self.inline(str(name)) for name in shown]
@@ -266,32 +241,22 @@ def _slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
-def _kind(name: str, texts: Iterable[str]) -> str:
-    """Returns the class of a column's cells: names have none."""
-    if all(_NUMBER.fullmatch(text) for text in texts):
-        return "number"
-    return "verdict" if name.startswith("verdict") else ""
-
-
 def _render(parts: Sequence[_Part]) -> str:
     """Returns the page."""
     templates = templates_in(_TEMPLATES, is_html=True)
     templates.filters |= {"slug": _slug, "signed": lambda number: f"{number:.3g}".replace("-", "−")}
-    names = {part.link(path.name) for part in parts for path in part.folder.path.glob("*.csv")}
-    templates.globals |= {
-        "inside": names,
-        "root": "results/" if parts[0].prefix else parts[0].root,
-        "hosted": about()["repository"] if parts[0].prefix else "",  # which has published folders alone
-        **about(),
-    }
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
+    templates.globals |= {
+        "inside": tables,
+        "root": "results/" if parts[0].prefix else f"results/{parts[0].name}/",
+    }
     for part in parts:
         with part.folder.reading():
+            for path in sorted(part.folder.path.glob("*.csv")):
+                tables[f"{part.prefix}{path.name}"] = path.read_text(encoding="utf-8")
             reports.append(part.report(templates))
             if explorer.FILE in part.folder:
                 explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
-            for path in sorted(part.folder.path.glob("*.csv")):
-                tables[part.link(path.name)] = path.read_text(encoding="utf-8")
             for name, declared in part.folder.manifest["scenarios"].items():
                 scenarios[name] = part.inline(inert(declared["description"]))
     scene, steps = episode.episode()
@@ -312,22 +277,21 @@ def _render(parts: Sequence[_Part]) -> str:
             horizon=first.get("horizon"),
             agents=explored,
             command="make report" if len(parts) > 1 else first["command"],
+            version=_version(),
             year=max(str(report["year"]) for report in reports),
             css=Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
-            js=Markup(_script()),
+            js=Markup("\n".join(_scripts("main.js").values())),
             data=_base64(explorer.compressed(tables)),
         )
 
 
-@cache
-def about() -> dict[str, str]:
-    """Returns the version of this project, and the address of its repository, which may be empty."""
+def _version() -> str:
+    """Returns the version of this project, which need not be installed."""
     try:
         declared = tomllib.loads((_TEMPLATES.parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
-    except OSError:  # an installed package
-        return {"version": metadata.version("proxemic-benchmark"), "repository": ""}
-    repository = declared["tool"]["proxemic-benchmark"]["repository"]
-    return {"version": declared["project"]["version"], "repository": repository.rstrip("/")}
+    except OSError:
+        return metadata.version("proxemic-benchmark")
+    return str(declared["project"]["version"])
 
 
 def _base64(content: bytes) -> str:
@@ -344,22 +308,16 @@ def _agents(folder: Folder) -> bytes:
     return explorer.compressed(shown)
 
 
-def _script() -> str:
-    """Returns `main.js` and all modules that it imports as one script, since the page can import no files.
+def _scripts(name: str) -> dict[str, str]:
+    """Returns a module of the script after those that it imports, since the page can import no files.
 
-    A module comes after those that it imports. All share one scope, so their top-level names must differ.
+    All share one scope, so their top-level names must differ.
     """
+    text = (_TEMPLATES / "script" / name).read_text(encoding="utf-8")
     texts: dict[str, str] = {}
-
-    def add(name: str) -> None:
-        text = (_TEMPLATES / "script" / name).read_text(encoding="utf-8")
-        for needed in _IMPORT.findall(text):
-            if needed not in texts:
-                add(needed)
-        texts[name] = _EXPORT.sub("", _IMPORT.sub("", text))
-
-    add("main.js")
-    return "\n".join(texts.values())
+    for needed in _IMPORT.findall(text):
+        texts |= _scripts(needed)
+    return texts | {name: _EXPORT.sub("", _IMPORT.sub("", text))}
 
 
 def _is_in_repository(results: Path) -> bool:

@@ -1,21 +1,20 @@
 """Builds the site: `python -m benchmark.page.site RESULTS SITE [PACKAGE ...]`, or `make docs`.
 
-The page stands beside this project's documents, the references of files and columns, the tour, and the API.
-pdoc writes all but the page: to it, a document is a module that has nothing but a text.
+The page, this project's documents, the references of files and columns, the tour and the API are laid out as
+in the repository. pdoc writes all but the page: to it, a document is a module that has nothing but a text.
 """
 
 import json
-import os
 import re
 import shutil
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
 from types import ModuleType
-from typing import Final, NamedTuple
+from typing import Final
 
 from pdoc import doc, render
 
@@ -25,31 +24,22 @@ from envs import InputError
 ROOT: Final = Path(__file__).parents[2]
 PACKAGES: Final = ("envs", "agents", "benchmark")
 TOUR: Final = ROOT / "benchmark" / "tour.ipynb"
-# The project's own documents: name on the site, title in the navigation, file.
-_DOCUMENTS: Final = (
-    ("index", "Overview", "README.md"),
-    ("tour", "Tour in ten cells", "benchmark/tour.ipynb"),
-    ("commands", "Running experiments", "benchmark/commands/README.md"),
-    ("scenarios", "Scenario files", "envs/scenarios/README.md"),
-    ("experiments", "Experiment files", "benchmark/experiments/README.md"),
-    ("algorithms", "Algorithms", "agents/README.md"),
-    ("reports", "Reports", "benchmark/reports/README.md"),
-    ("columns", "Columns of tables", "benchmark/reports/columns.py"),
-    ("contributing", "Contributing", "CONTRIBUTING.md"),
-    ("glossary", "Glossary", "benchmark/glossary.md"),
-)
+_GUIDES: Final = {  # in the navigation, by their names on the site
+    "README": "Overview",
+    "benchmark.tour": "Tour in ten cells",
+    "benchmark.commands.README": "Running experiments",
+    "envs.scenarios.README": "Scenario files",
+    "benchmark.experiments.README": "Experiment files",
+    "agents.README": "Algorithms",
+    "benchmark.reports.README": "Reports",
+    "columns": "Columns of tables",
+    "CONTRIBUTING": "Contributing",
+    "benchmark.glossary": "Glossary",
+    "results.README": "Folders of results",
+}
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "site"
-_LINK: Final = re.compile(r"(!?)\[((?:\\.|[^\]\\])*)\]\(([^)\s]+)\)")
-_CODE: Final = re.compile(r"(^```.*?^```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
+_LINK: Final = re.compile(r'(href|src)="(?![a-z]+:)([^"#]+)')
 _MARK: Final = "search.js"  # which every site has, and nothing else that could be deleted
-
-
-class Document(NamedTuple):
-    """A document of the site: its title in the navigation, its file, and its Markdown."""
-
-    title: str
-    source: Path
-    text: str
 
 
 def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None:
@@ -64,62 +54,54 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
       InputError: There is nothing to show, see `benchmark.page.build.write`; or the site would delete
         something else.
     """
-    for kept in (ROOT.resolve(), results.resolve()):
-        if kept.is_relative_to(site.resolve()):
-            raise InputError(f"SITE={site}: it has {kept} inside; accepted: a folder of its own.")
-    if site.exists() and not (site / _MARK).is_file() and not (site.is_dir() and not any(site.iterdir())):
+    is_other = site.exists() and not (site.is_dir() and (not any(site.iterdir()) or (site / _MARK).is_file()))
+    if is_other or results.resolve().is_relative_to(site.resolve()):
         raise InputError(f"SITE={site}: it has other files; accepted: a new or empty folder, or a site.")
     build.write(results)
     shutil.rmtree(site, ignore_errors=True)
     for folder in build.published(results):
         shutil.copytree(folder, site / "results" / folder.name, ignore=shutil.ignore_patterns(".*"))
-    for name in ("index.html", "README.md"):
-        shutil.copy(results / name, site / "results")
-    shutil.copy(TOUR, site)
-    documents = _documents(results)
-    pages = {document.source: _page(name) for name, document in documents.items()}
+    shutil.copy(results / "index.html", site / "results")
     modules = {}
-    for name, document in documents.items():
-        module = ModuleType(name, _linked(document, _page(name).count("/"), results, pages))
+    for name, text in _documents(results).items():
+        module = ModuleType(name, text)
         module.__dict__.update(__all__=[], __docformat__="markdown")
         modules[name] = doc.Module(module)
     api = {name: doc.Module.from_name(name) for package in packages for name in _modules(package)}
     render.configure(docformat="google", template_directory=_TEMPLATES, show_source=False)
-    titles = {name: document.title for name, document in documents.items()}
-    render.env.globals |= {"documents": titles, "packages": packages}
+    render.env.globals |= {"documents": _GUIDES, "packages": packages}
     with warnings.catch_warnings():  # annotations that only type checkers understand are shown as they are
         warnings.filterwarnings("ignore", "Error parsing type annotation")
         for name, shown in (modules | api).items():
-            path = site / _page(name)
+            path = _page(name, site)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(render.html_module(shown, api), encoding="utf-8")
         (site / _MARK).write_text(render.search_index(modules | api), encoding="utf-8")
+    for name in modules:
+        _link(_page(name, site), site)
+    shutil.copy(site / "README.html", site / "index.html")
 
 
-def _page(name: str) -> str:
-    """Returns the path of a document or module on the site."""
-    return f"{name.replace('.', '/')}.html"
+def _page(name: str, site: Path) -> Path:
+    return site / f"{name.replace('.', '/')}.html"
 
 
 def _modules(package: str) -> list[str]:
     """Lists a package and all modules inside, also those that its `__all__` does not name."""
-    paths = import_module(package).__path__
-    inside = [module.name for module in walk_packages(paths, f"{package}.")]
-    return [package, *(name for name in inside if not name.endswith("__main__"))]
+    inside = walk_packages(import_module(package).__path__, f"{package}.")
+    return [package, *(module.name for module in inside if not module.name.endswith("__main__"))]
 
 
-def _documents(results: Path) -> dict[str, Document]:
-    """Returns all documents by their names on the site."""
-    files = {name: (title, ROOT / file) for name, title, file in _DOCUMENTS}
-    files["results"] = ("Folders of results", results / "README.md")
-    for folder in build.published(results):
-        files[f"results.{folder.name}"] = (folder.name, folder / "README.md")
-    texts = {name: path.read_text(encoding="utf-8") for name, (_, path) in files.items()}
-    texts["tour"] = tour()
-    texts["columns"] = reference.columns(results)
-    texts["scenarios"] += f"\n{reference.scenarios()}"
-    texts["experiments"] += f"\n{reference.experiments()}"
-    return {name: Document(title, path, texts[name]) for name, (title, path) in files.items()}
+def _documents(results: Path) -> dict[str, str]:
+    """Returns the Markdown of all documents by their names on the site."""
+    made = {"benchmark.tour": tour(), "columns": reference.columns(results)}
+    files = {name: ROOT / f"{name.replace('.', '/')}.md" for name in _GUIDES if name not in made}
+    files["results.README"] = results / "README.md"
+    files |= {f"results.{path.name}.README": path / "README.md" for path in build.published(results)}
+    texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()} | made
+    texts["envs.scenarios.README"] += f"\n{reference.scenarios()}"
+    texts["benchmark.experiments.README"] += f"\n{reference.experiments()}"
+    return texts
 
 
 def tour() -> str:
@@ -131,37 +113,20 @@ def tour() -> str:
     return "\n\n".join([*texts, f"[Download the notebook]({TOUR.name})"])
 
 
-def _linked(document: Document, depth: int, results: Path, pages: Mapping[Path, str]) -> str:
-    """Returns a document whose links lead to the site's own pages and files, or to the repository.
-
-    A link to a file of the repository whose address is not known becomes its text.
-
-    Args:
-      document: The document.
-      depth: The number of folders around its page on the site.
-      results: The folder of results.
-      pages: By file, the pages of all documents.
-    """
-    repository = build.about()["repository"]
+def _link(path: Path, site: Path) -> None:
+    """Turns a document's links to other documents into links to their pages; copies other linked files."""
 
     def moved(match: re.Match[str]) -> str:
-        mark, label, link = match.groups()
-        if re.match(r"[a-z]+:|#", link) or link == TOUR.name:
-            return match[0]
-        file, hash_, row = link.partition("#")
-        path = Path(os.path.normpath(document.source.parent / file))
-        if path in pages:
-            target = pages[path]
-        elif path.is_relative_to(results) and path.exists():
-            target = f"results/{path.relative_to(results).as_posix()}"
-        elif repository and path.is_relative_to(ROOT):
-            return f"{mark}[{label}]({repository}/blob/main/{path.relative_to(ROOT).as_posix()})"
-        else:
-            return label
-        return f"{mark}[{label}]({'../' * depth}{target}{hash_}{row})"
+        target = path.parent / match[2]
+        if target.suffix == ".md" and target.with_suffix(".html").exists():
+            return f'{match[1]}="{match[2].removesuffix(".md")}.html'
+        original = ROOT / target.resolve().relative_to(site.resolve())
+        if original.is_file() and not target.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(original, target)
+        return match[0] if target.exists() else ""
 
-    parts = _CODE.split(document.text)
-    return "".join(part if i % 2 else _LINK.sub(moved, part) for i, part in enumerate(parts))
+    path.write_text(_LINK.sub(moved, path.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

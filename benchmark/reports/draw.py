@@ -135,7 +135,7 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
         if value and not report.reads_curves:
             raise InputError(f"{where}: {key} with report.kind = {declared.kind}: accepted: kind = map.")
     report.check(experiment)
-    return replace(report, items=items)
+    return replace(report, items=items, columns=() if declared.items else report.columns)
 
 
 def measured_files(items: Sequence[Item]) -> tuple[str, ...]:

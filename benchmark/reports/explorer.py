@@ -8,20 +8,18 @@ scenarios, the page looks up what follows a step, and computes the optimum.
 import gzip
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from benchmark.analysis.frames import RecordsOf
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records
 from benchmark.execution.store import VALUE_DECIMALS
-from benchmark.experiments import Experiment
-from benchmark.reports.item import Item, writing
+from benchmark.reports.item import writing
 from envs import ACTIONS, EVENTS, ZONES, Model
 from envs import scene as drawn
 from envs.model import MOVES
@@ -35,31 +33,17 @@ _NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
 _FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one on
 
 
-class Shown(NamedTuple):
-    """A learner and its agents in one scenario."""
+# Decorates the function of the item with the explorer's file, which calls `write`.
+explorer_item: Final = writing(
+    "agents",
+    "what the explorer on the page shows: values, policies and scenarios, as compressed JSON",
+    FILE,
+)
 
-    algorithm: str  # the variant's name
-    observation: str
-    records: Records
 
-
-def explorer_item(lister: Callable[[Experiment, RecordsOf], Iterable[Shown]]) -> Item:
-    """Returns the item with the explorer's file.
-
-    Args:
-      lister: Returns what is shown of an experiment.
-    """
-
-    @writing(
-        "agents",
-        "what the explorer on the page shows: values, policies and scenarios, as compressed JSON",
-        FILE,
-    )
-    def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
-        if shown := [*lister(experiment, records)]:
-            path.write_bytes(compressed(packed(shown)))
-
-    return agents
+def write(shown: Sequence[Records], path: Path) -> None:
+    """Writes the explorer's file, of one population or more."""
+    path.write_bytes(compressed(packed(shown)))
 
 
 def compressed(data: object) -> bytes:
@@ -68,19 +52,19 @@ def compressed(data: object) -> bytes:
     return gzip.compress(text.encode(), mtime=0)
 
 
-def packed(shown: Sequence[Shown]) -> dict[str, object]:
+def packed(shown: Sequence[Records]) -> dict[str, object]:
     """Returns what the explorer shows; agents refer to their scene and to what they see by index."""
-    models = {learner.records.model.scenario: learner.records.model for learner in shown}
+    models = {records.model.scenario: records.model for records in shown}
     scene_of_scenario = {scenario: _scene(model) for scenario, model in models.items()}
     scenes: list[dict[str, object]] = []  # shared by scenarios that differ in what is observed
     for scene in scene_of_scenario.values():
         if scene not in scenes:
             scenes.append(scene)
     agents = []
-    for learner in shown:
-        scenario = learner.records.model.scenario
+    for records in shown:
+        scenario = records.model.scenario
         indices = {"scene": scenes.index(scene_of_scenario[scenario]), "sight": [*models].index(scenario)}
-        agents.append(_learner(learner) | indices)
+        agents.append(_learner(records) | indices)
     return {
         "actions": ACTIONS,
         "events": EVENTS,
@@ -116,13 +100,12 @@ def typical_agent(records: Records) -> int:
     return min(np.flatnonzero(means == median).tolist(), key=lambda agent: records.seeds[agent])
 
 
-def _learner(shown: Shown) -> dict[str, object]:
+def _learner(records: Records) -> dict[str, object]:
     """Returns a learner's first agent, with its values if there are few, and the final policies of others.
 
     Of maps over training there is every second, and the last. `kind` says what they hold: `q` for action
     values, or `probability` for the action probabilities of a stochastic policy.
     """
-    records = shown.records
     n_observations = records.model.n_observations
     last = len(records.map_indices) - 1
     has_values = n_observations <= MOST_VALUED
@@ -133,12 +116,12 @@ def _learner(shown: Shown) -> dict[str, object]:
     others = [agent["greedy"][-1] for agent in records.agents[1:n_shown]]
     return {
         "scenario": records.scenario,
-        "algorithm": shown.algorithm,
-        "observation": shown.observation,
-        "horizon": records.horizon,
+        "algorithm": records.run.variant,
+        "observation": records.run.observation,
+        "horizon": records.run.horizon,
         "unit": getattr(records.run.settings, "budget_unit", "steps"),
         "kind": "probability" if first["stochastic"].shape[0] else "q",
-        "discount": records.discount,
+        "discount": records.run.settings.discount_factor,
         "steps": [records.evaluation_steps[point] for point in points],
         "score": _listed(records.unbounded_scores()[0, points]),
         "success": _listed(first["success"][points]),
@@ -178,7 +161,7 @@ def _scene(model: Model) -> dict[str, object]:
         "rows": views[0].rows,
         "columns": views[0].columns,
         "walls": np.flatnonzero(views[0].is_wall).tolist(),
-        "outlines": [[outline.label, outline.is_dashed] for outline in views[0].outlines],
+        "outlines": [*drawn.BORDERS.values()],
         "views": [view.as_json() for view in views],
         "shape": [model.n_places, len(scenario.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
         "ticks": scenario.ticks.tolist(),

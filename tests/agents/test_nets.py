@@ -18,13 +18,13 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from scipy.stats import kstest
 
-from agents import Schedule, check_training
+from agents import Schedule
 from agents.dynamic_programming import evaluate
 from agents.nets import arithmetic
 from agents.nets.dqn import DqnAgent
 from agents.nets.learner import NetAlgorithm
 from agents.nets.ppo import PpoAgent
-from agents.policy import ALL_ACTIONS, mask_policy
+from agents.policy import mask_policy
 from agents.sb3 import algorithms
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings
 from agents.sb3.training import make_agent
@@ -58,28 +58,14 @@ ANYWHERE = compile_scenario(
 )
 SCENES = {"S1": S1, "moods": MOODY, "noisy moods": NOISY_MOODY, "anywhere": ANYWHERE}
 AGENTS: dict[str, Any] = {"compiled_dqn": DqnAgent, "compiled_ppo": PpoAgent}
+SHARED: dict[str, Any] = {
+    "budget": 400, "time_limit": 30, "gamma": 0.875, "policy_kwargs": PolicyArguments(net_arch=(24, 16)),
+}  # fmt: skip
 SETTINGS: dict[str, Any] = {
     "compiled_dqn": DqnSettings(
-        budget=400,
-        time_limit=30,
-        train_freq=2,
-        learning_rate=1e-3,
-        gamma=0.875,
-        target_update_interval=50,
-        exploration_fraction=0.8,
-        policy_kwargs=PolicyArguments(net_arch=(24, 16)),
+        train_freq=2, learning_rate=1e-3, target_update_interval=50, exploration_fraction=0.8, **SHARED
     ),
-    "compiled_ppo": PpoSettings(
-        budget=400,
-        time_limit=30,
-        n_envs=2,
-        n_steps=20,
-        batch_size=20,
-        n_epochs=10,
-        gamma=0.875,
-        gae_lambda=0.75,
-        policy_kwargs=PolicyArguments(net_arch=(24, 16)),
-    ),
+    "compiled_ppo": PpoSettings(n_envs=2, n_steps=20, batch_size=20, n_epochs=10, gae_lambda=0.75, **SHARED),
 }
 OBSERVATIONS = ["one_hot", "coordinates"]
 N_AGENTS = 3
@@ -174,7 +160,7 @@ def stock_agent(name: str, settings: Any, observation: str, model: Model, seed: 
     )
     vec_env: Any = ExactVecEnv(env)
     vec_env._generator = chance = Chance(sequences([seed])[0], env, limit)
-    stock: Any = make_agent(method, settings, vec_env)
+    stock: Any = make_agent(method.load(), settings, vec_env)
     stock.policy.double()
     for module in stock.policy.modules():
         if type(module).__name__ == "FlattenExtractor":
@@ -322,13 +308,8 @@ def test_ppo_is_stable_baselines3s(
     settings = settings_of("compiled_ppo", **changes)
     ours = agent_of("compiled_ppo", observation, model, np.float64, **changes)
     stock, chance = stock_agent("compiled_ppo", settings, observation, model, seed=0)
-    policy = stock.policy
-    nets = (
-        policy.mlp_extractor.policy_net,
-        policy.action_net,
-        policy.mlp_extractor.value_net,
-        policy.value_net,
-    )
+    policy, extractor = stock.policy, stock.policy.mlp_extractor
+    nets = extractor.policy_net, policy.action_net, extractor.value_net, policy.value_net
     set_weights(linear_layers(*nets), ours.weights())
     ours.advance(400)
 
@@ -358,15 +339,14 @@ def test_ppo_is_stable_baselines3s(
 # First weights
 
 
-def first_weights(name: str, observation: str) -> list[list[NDArray[Any]]]:
+def first_weights(name: str) -> list[list[NDArray[Any]]]:
     """Returns the first weights and biases of every layer of three agents."""
     net = {"policy_kwargs": {"net_arch": (64, 48)}}
-    return [agent_of(name, observation, S1, np.float32, seed, **net).weights() for seed in range(N_AGENTS)]
+    return [agent_of(name, "one_hot", S1, np.float32, seed, **net).weights() for seed in range(N_AGENTS)]
 
 
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-def test_first_weights_of_dqn_are_those_of_linear_layers(observation: str) -> None:
-    layers = list(zip(*first_weights("compiled_dqn", observation), strict=True))
+def test_first_weights_of_dqn_are_those_of_linear_layers() -> None:
+    layers = list(zip(*first_weights("compiled_dqn"), strict=True))
     for weights, biases in zip(layers[::2], layers[1::2], strict=True):
         bound = 1 / np.sqrt(len(weights[0]))
         values = np.concatenate([part.ravel() for part in (*weights, *biases)])
@@ -374,17 +354,16 @@ def test_first_weights_of_dqn_are_those_of_linear_layers(observation: str) -> No
         assert not np.array_equal(weights[0], weights[1])
 
 
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-def test_first_weights_of_ppo_are_orthogonal(observation: str) -> None:
+def test_first_weights_of_ppo_are_orthogonal() -> None:
     gains = [np.sqrt(2), np.sqrt(2), 0.01, np.sqrt(2), np.sqrt(2), 1.0]
-    for parts in first_weights("compiled_ppo", observation):
+    agents = first_weights("compiled_ppo")
+    for parts in agents:
         assert not any(biases.any() for biases in parts[1::2])
         for matrix, gain in zip(parts[::2], gains, strict=True):
             short = matrix if len(matrix) <= len(matrix.T) else matrix.T
             assert short @ short.T == pytest.approx(gain**2 * np.eye(len(short)), abs=1e-5)
     # Of a random direction, each coordinate is nearly normal.
-    matrices = [parts[0] for parts in first_weights("compiled_ppo", "one_hot")]
-    scaled = np.concatenate([matrix.ravel() for matrix in matrices]) * np.sqrt(120 / 2)
+    scaled = np.concatenate([parts[0].ravel() for parts in agents]) * np.sqrt(120 / 2)
     assert kstest(scaled, "norm").pvalue > 1e-3
 
 
@@ -423,13 +402,13 @@ CASES: dict[str, list[dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize(("name", "scene"), [(name, scene) for name in CASES for scene in ("S1", "moods")])
-def test_bits_of_an_agent_do_not_depend_on_how_work_is_split(name: str, scene: str) -> None:
+@pytest.mark.parametrize("name", CASES)
+def test_bits_of_an_agent_do_not_depend_on_how_work_is_split(name: str) -> None:
     """Seeds in one call, one by one, in unequal parts, and in two threads at a time."""
-    changes, model = {"budget": 200} | CASES[name][0], SCENES[scene]
+    changes = {"budget": 200} | CASES[name][0]
 
     def some(seeds: list[int]) -> Any:
-        return trained(name, "one_hot", seeds, model, (0, 100, 200), **changes)
+        return trained(name, "one_hot", seeds, MOODY, (0, 100, 200), **changes)
 
     together = some([*range(5)])
     with ThreadPoolExecutor(2) as pool:
@@ -539,88 +518,3 @@ def test_functions_are_those_of_analysis() -> None:
     odd = np.array([np.nan, -np.inf, np.inf], np.float32)
     tanh(odd)
     assert odd.tolist() == pytest.approx([np.nan, -1, 1], abs=4e-7, nan_ok=True)
-
-
-# Divergence
-
-
-def poisoned(name: str, from_step: int) -> Callable[..., Any]:
-    """Makes agents of which the second has weights that are not finite, from some step on."""
-    made: list[Any] = []
-
-    base: Any = AGENTS[name]
-
-    class Agent(base):  # type: ignore[misc]
-        def advance(self, until: int) -> None:
-            if until >= from_step and made.index(self) == 1:
-                super().advance(from_step)
-                self.parameters.values[:] = np.nan
-            super().advance(until)
-
-    def make(*arguments: Any) -> Any:
-        made.append(Agent(*arguments))
-        return made[-1]
-
-    return make
-
-
-@pytest.mark.parametrize(("name", "from_step", "first"), [
-    ("compiled_dqn", 0, 0), ("compiled_ppo", 0, 0), ("compiled_dqn", 200, 200), ("compiled_ppo", 160, 160),
-])  # fmt: skip
-def test_a_diverged_agent_counts_as_random_from_the_next_point_and_disturbs_no_other(
-    name: str, from_step: int, first: int
-) -> None:
-    points = (0, 160, 200, 390, 400)  # maps at 0, 200 and 400
-    training = trained(name, points=points, make=poisoned(name, from_step))
-    assert equal(training, trained(name, seeds=[0, 2], points=points), [0, 2])
-    assert training.diverged_at.tolist() == [-1, first, -1]
-    is_lost = np.array(points) >= first
-    assert ((training.greedy[1] == ALL_ACTIONS).all(axis=1) == is_lost).all()
-    assert (np.isnan(training.values[1]).all(axis=(1, 2)) == is_lost[::2]).all()
-    assert np.isnan(training.q[1]).all()
-    probabilities = training.stochastic[1]  # of PPO alone
-    assert (probabilities[is_lost[: len(probabilities)]] == 0.2).all()
-    counts, sound = training.disagreements[1], trained(name, seeds=[1], points=points).disagreements[0]
-    assert np.array_equal(counts[~is_lost], sound[~is_lost])
-    assert len(set(counts[is_lost])) == 1
-
-
-# What is kept
-
-
-@pytest.mark.parametrize("name", SETTINGS)
-def test_snapshots_are_the_nets_at_their_steps_and_change_no_result(name: str) -> None:
-    few = trained(name, points=(0, 130, 200, 390, 400))  # maps at 0, 200 and 400
-    many = trained(name, points=tuple(range(0, 401, 10)))
-    check_training(few, S1, N_AGENTS, Schedule(400, (0, 130, 200, 390, 400), (0, 200, 400)))
-    places = [0, 13, 20, 39, 40]
-    assert np.array_equal(few.weights, many.weights)
-    assert np.array_equal(few.disagreements, many.disagreements[:, places])
-    assert np.array_equal(few.greedy, many.greedy[:, places])
-    assert (np.diff(many.disagreements) >= 0).all()
-    assert many.disagreements[:, -1].min() > 0
-    assert (many.cpu_time_s[:, -1] > 0).all()
-    agent = agent_of(name, "one_hot", S1, np.float32)
-    assert few.values[0, 0] == pytest.approx(agent.table(), abs=1e-6)
-    # By step 390, it has learned from 9 rollouts of 40 steps, or from 195 of 2.
-    agent.advance(360 if name == "compiled_ppo" else 390)
-    assert np.array_equal(few.greedy[0, 3], 1 << agent.table().argmax(axis=1))
-    agent.advance(400)
-    assert few.values[0, -1] == pytest.approx(agent.table(), abs=1e-6)
-    assert np.array_equal(few.greedy[:, ::2], 1 << few.values.argmax(axis=-1))
-    last = few.q if name == "compiled_dqn" else few.stochastic[:, -1]
-    assert np.array_equal(few.values[:, -1], last.astype(np.float32))
-    assert len(np.unique(few.values, axis=1)[0]) == 3
-
-
-def test_parameters_and_updates_by_hand() -> None:
-    assert trained("compiled_dqn").parameters.tolist() == [120 * 24 + 24 + 24 * 16 + 16 + 16 * 5 + 5] * 3
-    hidden = 2 * 24 + 24 + 24 * 16 + 16
-    training = trained("compiled_ppo", "coordinates")
-    assert training.parameters.tolist() == [2 * hidden + 16 * 5 + 5 + 16 + 1] * 3
-    assert training.updates.tolist() == [400 // 40 * 10 * 2] * 3
-    assert trained("compiled_dqn", gradient_steps=0).updates.tolist() == [0] * 3
-    cells, phases, pings = 49, 2, 5
-    hidden = (cells + phases + pings) * 24 + 24 + 24 * 16 + 16
-    training = trained("compiled_dqn", model=MOODY)
-    assert training.parameters.tolist() == [hidden + 16 * 5 + 5] * 3

@@ -1,6 +1,5 @@
 """Q-learning in plain Python: by hand, and against the compiled learner."""
 
-import random
 from typing import Any
 
 import numpy as np
@@ -18,13 +17,11 @@ from tests.agents.test_tabular import MOVES
 
 N = 60
 STEPS = (0, 750, 1500)
-DECAYS = {"final_learning_rate": 0.1, "learning_rate_fraction": 0.5, "final_epsilon": 0.1,
-          "epsilon_fraction": 0.7, "initial_value": -0.5}  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("scenario", "overrides", "changes"),
-    [("S1", MOVES, {"visit_exponent": 0.6}), ("S2", {}, DECAYS)],
+    [("S1", MOVES, {}), ("S2", {}, {"initial_value": -0.5})],
 )
 def test_it_learns_as_the_compiled_learner_does(
     scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
@@ -45,7 +42,7 @@ def test_it_learns_as_the_compiled_learner_does(
         lambda training: evaluate(model, mask_policy(training.greedy[:, -1]), 200).grid_return,
     ):
         # Other random numbers, the same distribution: so large a difference comes up once in 10,000.
-        assert stats.ks_2samp(quantity(compiled), quantity(plain)).pvalue > 1e-4
+        assert stats.ks_2samp(quantity(compiled), quantity(plain), method="asymp").pvalue > 1e-4
     assert (plain.values[:, 0] == changes.get("initial_value", 0)).all()
     assert np.array_equal(plain.values[:, -1], plain.q.astype(np.float32))
     assert (np.diff(plain.cpu_time_s) > 0).all()
@@ -60,16 +57,6 @@ def test_first_updates_by_hand() -> None:
     assert training.q[0, 0].tolist() == pytest.approx([-0.05, -0.05, 0, 0, 0])
     assert training.greedy[0, :, 0].tolist() == [1, 2, 4]
     assert training.values.shape[1] == 0
-
-
-def test_equal_seeds_give_equal_agents_and_touch_no_global_generator() -> None:
-    model = compile_scenario(load_scenario("S2"))
-    random.seed(5)
-    expected = random.random()
-    random.seed(5)
-    both = Q_LEARNING.train(model, PlainSettings(budget=300), "index", [SeedSequence(1)] * 2, Schedule(300))
-    assert np.array_equal(both.q[0], both.q[1])
-    assert random.random() == expected
 
 
 def test_budget_in_episodes_is_refused() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
-from agents import Schedule
+from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import contains, greedy_masks, mask_policy
 from agents.process import draw_word
@@ -43,15 +43,11 @@ MOVES = {
     ],
     "observe": ["agent", "phase"],
 }
+RULES = ("q_learning", "sarsa", "expected_sarsa", "double_q_learning", "watkins_q_lambda")
 CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "S2": ("S2", {}, {}),
     "S3": ("S3", {}, {"epsilon": 0.4}),
     "time limit": ("S1", {}, {"time_limit": 15, "initial_value": -0.7}),
-    "decays": ("S2", {}, {"final_learning_rate": 0.1, "learning_rate_fraction": 0.7, "final_epsilon": 0.2,
-                          "epsilon_fraction": 0.5}),
-    "decays by episode": ("S1", {}, {"budget": 150, "budget_unit": "episodes", "final_learning_rate": 0.0,
-                                     "final_epsilon": 0.3, "epsilon_fraction": 0.4}),
-    "visits": ("S2", {}, {"visit_exponent": 0.7, "learning_rate": 1.0}),
     "people move": ("S2", MOVES, {"time_limit": 50}),
     "all at once": ("S2", {"issuer.position": [8, 6], "rewards.wrong_ping_uncomfortable": -0.8},
                     {"epsilon": 0.15, "ties": "lowest", "budget": 120, "budget_unit": "episodes",
@@ -60,15 +56,18 @@ CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_kernel_equals_the_textbooks_loop(case: str) -> None:
+@pytest.mark.parametrize("rule", RULES)
+def test_kernel_equals_the_textbooks_loop(rule: str, case: str) -> None:
     name, overrides, changes = CASES[case]
-    settings = Settings(**({"budget": 3000, "record_every": 3} | changes))
+    algorithm = load_algorithm(rule)
+    settings: Any = algorithm.settings(**({"budget": 3000, "record_every": 3} | changes))
     points = [0, 1, settings.budget // 3, settings.budget]
     seeds = [SeedSequence([11, i]) for i in range(2)]
     model = compile_scenario(load_scenario(name, overrides))
-    training = train(model, settings, seeds, Schedule(settings.budget, tuple(points)), record_table=True)
+    schedule = Schedule(settings.budget, tuple(points))
+    training: Any = algorithm.train(model, settings, "index", seeds, schedule)
     for i, seed in enumerate(seeds):
-        for key, values in textbook("q_learning", model, settings, seed, points).items():
+        for key, values in textbook(rule, model, settings, seed, points).items():
             assert np.array_equal(getattr(training, key)[i], np.asarray(values)), key
     assert (training.q[0] != training.q[1]).any()
     assert training.episodes_ended.min() > 5
@@ -125,11 +124,6 @@ def test_every_candidate_is_drawn_equally_often() -> None:
         ({"epsilon": 1.5}, "epsilon = 1.5"),
         ({"ties": "highest"}, 'ties = "highest"'),
         ({"epsilon": 0, "budget_unit": "episodes"}, "epsilon = 0"),
-        ({"final_epsilon": 0, "budget_unit": "episodes"}, "final_epsilon = 0"),
-        ({"final_epsilon": 0.7}, "final_epsilon = 0.7"),
-        ({"final_learning_rate": 0.9}, "final_learning_rate = 0.9"),
-        ({"epsilon_fraction": 0.5}, "epsilon_fraction = 0.5 needs final_epsilon"),
-        ({"final_learning_rate": 0.1, "visit_exponent": 0.7}, "final_learning_rate and visit_exponent"),
         ({"trace_decay": 0.5}, "unknown key trace_decay"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Update rules: by hand, against their textbook loops, and against the values that they converge to."""
+"""Update rules: by hand, and against the values that they converge to; see also `test_tabular`."""
 
 from types import SimpleNamespace
 from typing import Any, Final
@@ -13,9 +13,7 @@ from agents.dynamic_programming import expected, solve
 from agents.tabular.learner import Settings, TabularTraining, train
 from agents.tabular.updates import UpdateRule, greatest_value
 from envs import Model, compile_scenario, load_scenario
-from tests.agents.words import textbook
-
-RULES: Final = ("q_learning", "sarsa", "expected_sarsa", "double_q_learning", "watkins_q_lambda")
+from tests.agents.test_tabular import RULES
 
 WIDE = {"uncomfortable_radius": 1, "target_radius": 2}
 # A room of 25 cells that the agent enters anywhere, and an issuer whose mood changes at random. Since the
@@ -46,27 +44,6 @@ def learned(name: str, model: Any, settings: dict[str, Any], n_agents: int = 1) 
         model, algorithm.settings(**values), "index", seeds, Schedule(values["budget"])
     )
     return training
-
-
-@pytest.mark.parametrize(
-    ("scenario", "overrides", "changes"),
-    [
-        ("S2", {}, {"ties": "lowest", "epsilon": 0.1, "learning_rate": 0.3, "time_limit": 40}),
-        ("S3", {}, {"final_epsilon": 0.0, "initial_value": 0.5, "time_limit": 60}),
-        ("S1", MOODS, {"visit_exponent": 0.8, "learning_rate": 1.0, "time_limit": 9, "epsilon": 0.2}),
-    ],
-)
-@pytest.mark.parametrize("name", RULES[1:])  # Q-learning: see `test_tabular`
-def test_rules_equal_the_textbooks_loop(
-    name: str, scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
-) -> None:
-    model = compile_scenario(load_scenario(scenario, overrides))
-    changes = {"budget": 3000} | changes
-    training = learned(name, model, changes, n_agents=2)
-    settings = load_algorithm(name).settings(**changes)
-    for i, q in enumerate(training.q):
-        assert np.array_equal(q, textbook(name, model, settings, SeedSequence([3, i]))["q"])
-    assert training.episodes_ended.min() > 3
 
 
 def small(following: list[list[int]], rewards: list[list[float]], noise: float = 0.0) -> Any:
@@ -135,30 +112,6 @@ def test_two_episodes_by_hand(
             assert training.q[0, 0].tolist() == [1.9, 0.5, 0.5, 0.5, 2.0]
 
 
-@pytest.mark.parametrize(
-    ("changes", "missing"),
-    [
-        ({"learning_rate": 0.8}, [0.2, 0.2**2, 0.2**3, 0.2**4]),
-        # Rates 0.8, 0.6 and then 0.4: half of the budget is two steps.
-        ({"learning_rate": 0.8, "final_learning_rate": 0.4, "learning_rate_fraction": 0.5},
-         [0.2, 0.2 * 0.4, 0.2 * 0.4 * 0.6, 0.2 * 0.4 * 0.6 * 0.6]),
-        # Rates 1/2, 1/4, 1/6, 1/8
-        ({"learning_rate": 0.5, "visit_exponent": 1.0},
-         [1 / 2, 1 / 2 * 3 / 4, 1 / 2 * 3 / 4 * 5 / 6, 1 / 2 * 3 / 4 * 5 / 6 * 7 / 8]),
-        # Rates 1/2, 1/2**1.5, and so on; 4**0.5 = 2
-        ({"learning_rate": 0.5, "visit_exponent": 0.5},
-         np.cumprod(1 - 0.5 / np.sqrt([1, 2, 3, 4])).tolist()),
-    ],
-)  # fmt: skip
-def test_learning_rates_by_hand(changes: dict[str, Any], missing: list[float]) -> None:
-    # A single state, in which the first action ends the episode with a reward of 1. What its value lacks is
-    # multiplied by 1 - rate at each step.
-    model: Any = small([[-1] * 5], [[1, 0, 0, 0, 0]])
-    settings = Settings(**(GREEDY | {"budget": 4} | changes))
-    training = train(model, settings, [SeedSequence(0)], Schedule(4, (1, 2, 3, 4), (1, 2, 3, 4)))
-    assert 1 - training.values[0, :, 0, 0] == pytest.approx(missing, abs=1e-6)  # float32
-
-
 def test_without_decaying_traces_q_lambda_is_q_learning() -> None:
     model = compile_scenario(load_scenario("S2"))
     changes = {"budget": 5000, "time_limit": 30}
@@ -183,8 +136,7 @@ def epsilon_greedy_values(model: Model, discount: float, epsilon: float) -> NDAr
 def test_rules_converge_to_the_values_that_they_should(name: str) -> None:
     model = compile_scenario(load_scenario("S1", MOODS))
     discount, epsilon = 0.8, 0.5
-    rates = {"learning_rate": 1.0, "visit_exponent": 0.8}
-    changes = rates | {"discount": discount, "epsilon": epsilon, "budget": 10_000_000}
+    changes = {"learning_rate": 0.003, "discount": discount, "epsilon": epsilon, "budget": 60_000_000}
     q = learned(name, model, changes, n_agents=2).q
     best, mixed = solve(model, discount).q, epsilon_greedy_values(model, discount, epsilon)
     goes_on = ~model.is_over
@@ -193,7 +145,7 @@ def test_rules_converge_to_the_values_that_they_should(name: str) -> None:
     for values in q:
         errors = values[model.observation[goes_on]] - truth[goes_on]
         assert np.abs(errors).max() < 0.1
-        assert np.abs(errors).mean() < 0.01
+        assert np.abs(errors).mean() < 0.02
 
 
 def test_double_q_learning_does_not_overestimate() -> None:

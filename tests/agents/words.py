@@ -49,15 +49,6 @@ def uniform(word: int) -> float:
     return (word >> 11) / 2**53
 
 
-def decayed(settings: Any, key: str, unit: int) -> float:
-    """Returns a setting that decays linearly over a fraction of the budget."""
-    first, last = getattr(settings, key), getattr(settings, f"final_{key}")
-    if last is None:
-        return float(first)
-    share = unit / round(getattr(settings, f"{key}_fraction") * settings.budget)
-    return float(last if share >= 1 else first + (last - first) * share)
-
-
 def textbook(
     name: str, model: Model, settings: Any, seed: SeedSequence, points: Sequence[int] = ()
 ) -> dict[str, Any]:
@@ -69,8 +60,7 @@ def textbook(
     record: dict[str, Any] = {"greedy": [], "max_q": [], "table_max_q": []}
     stream = words(seed)
     tables = np.full((2, model.n_observations, 5), settings.initial_value)  # the second for double Q-learning
-    visits = np.zeros((model.n_observations, 5))
-    traces: dict[tuple[int, int], list[float]] = {}  # weight and learning rate
+    traces: dict[tuple[int, int], float] = {}  # weights
     n_tables = 2 if name == "double_q_learning" else 1
 
     def values(o: int) -> NDArray[np.float64]:
@@ -96,7 +86,7 @@ def textbook(
     while unit < settings.budget:
         if not visited:
             take_snapshot(unit)
-        epsilon = decayed(settings, "epsilon", unit)
+        epsilon = settings.epsilon
         o = int(model.observation[state])
         visited.append(values(o).max())
         largest.append(tables[:n_tables].mean(axis=0).max())
@@ -105,20 +95,20 @@ def textbook(
             action = choose(next(stream), epsilon, best_actions(values(o)))
         is_greedy = action in best_actions(values(o))
 
-        after = model.transitions(state)[action]
-        reward = after.grid_reward + after.issuer_reward
-        if after.issuer_noise:
-            reward += after.issuer_noise * (2 * uniform(next(stream)) - 1)
+        at = state, action
+        reward = model.grid_reward[at] + model.issuer_reward[at]
+        if model.issuer_noise[at]:
+            reward += model.issuer_noise[at] * (2 * uniform(next(stream)) - 1)
         outcome = 0
         if model.n_outcomes > 1:
-            outcome = int((np.cumsum(after.probability)[:-1] <= uniform(next(stream))).sum())
-        next_state = after.next_states[outcome]
+            outcome = int((np.cumsum(model.probability[at])[:-1] <= uniform(next(stream))).sum())
+        next_state = int(model.next_state[(*at, outcome)])
         o_next = int(model.observation[next_state])
         word = next(stream) if name == "double_q_learning" else 0
         updated = word >> 63
 
         target = reward
-        if not after.terminated:
+        if not model.terminated[at]:
             row = values(o_next)
             match name:
                 case "q_learning" | "watkins_q_lambda":
@@ -134,25 +124,21 @@ def textbook(
                     argmax = choose(word, 0.0, best_actions(tables[updated, o_next]))
                     value = tables[1 - updated, o_next, argmax]
             target += settings.discount * value
-        rate = decayed(settings, "learning_rate", unit)
-        if settings.visit_exponent is not None:
-            visits[o, action] += 1
-            rate /= visits[o, action] ** settings.visit_exponent
+        rate = settings.learning_rate
         if name == "watkins_q_lambda":
             if episode_steps == 0 or not is_greedy:
                 traces.clear()
             error = target - tables[0, o, action]
-            for trace in traces.values():
-                trace[0] *= settings.discount * settings.trace_decay
-            traces = {pair: trace for pair, trace in traces.items() if trace[0] >= LEAST_TRACE}
-            traces[o, action] = [1.0, rate]
-            for pair, (weight, pair_rate) in traces.items():
-                tables[0, *pair] += pair_rate * error * weight
+            faded = {pair: settings.discount * settings.trace_decay * traces[pair] for pair in traces}
+            traces = {pair: weight for pair, weight in faded.items() if weight >= LEAST_TRACE}
+            traces[o, action] = 1.0
+            for pair, weight in traces.items():
+                tables[0, *pair] += rate * error * weight
         else:
             tables[updated, o, action] += rate * (target - tables[updated, o, action])
 
         state, episode_steps, steps = next_state, episode_steps + 1, steps + 1
-        ends = after.terminated or episode_steps == settings.time_limit
+        ends = model.terminated[at] or episode_steps == settings.time_limit
         if ends:
             state, episode_steps, episodes = start(), 0, episodes + 1
         if ends or settings.budget_unit == "steps":

@@ -180,16 +180,9 @@ def is_inside(shape: Tables, ahead: float, aside: float) -> bool:
             return bool(max(abs(ahead), abs(aside)) <= shape["radius"] + 1e-9)
         case "circle":
             return bool(hypot(ahead, aside) <= shape["radius"] + 1e-9)
-        case "ellipse":
-            length, width = shape["length"], shape["width"]
-        case "egg":
-            length = shape["front"] if ahead >= 0 else shape.get("back", shape["front"] / 2)
-            width = shape.get("side", shape["front"] * 2 / 3)
-        case "mask":
-            lines = shape["cells"].split()
-            row = next(r for r, line in enumerate(lines) if "I" in line)
-            r, c = row - round(ahead), lines[row].index("I") + round(aside)
-            return 0 <= r < len(lines) and 0 <= c < len(lines[0]) and lines[r][c] != "."
+        case _:
+            length = shape["front"] if ahead >= 0 else shape["front"] / 2
+            width = shape["front"] * 2 / 3
     return hypot(ahead / length, aside / width) <= 1 + 1e-9
 
 

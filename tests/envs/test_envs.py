@@ -71,18 +71,6 @@ def test_spec_is_json_for_every_kind_of_scenario(kind: str, tmp_path: Path) -> N
     assert again.spec.to_json() == env.spec.to_json()
 
 
-def test_any_id_makes_an_env_of_any_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    text = (SCENARIO_DIRECTORY / "S2.toml").read_text(encoding="utf-8")
-    Path("corridor.toml").write_text(text.replace("rows = 10", "rows = 20"), encoding="utf-8")
-    for scenario, n_rows, n_observations in (("corridor.toml", 20, 240), ("Anywhere", 10, 120 * 111)):
-        single: Any = gymnasium.make("envs:Proxemic/S1-v0", scenario=scenario)
-        batch: Any = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=2, scenario=scenario)
-        assert single.observation_space.n == batch.single_observation_space.n == n_observations
-        assert single.unwrapped.model is batch.model
-        assert batch.model.scenario.grid.rows == n_rows
-
-
 def test_image_rendering_shows_the_agent_where_it_is() -> None:
     env = gymnasium.make("envs:Proxemic/S1-v0", render_mode="rgb_array")
     env.reset()

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from envs import ACTIONS, EVENTS, ZONES, compile_scenario, load_scenario
+from envs import ACTIONS, EVENTS, ZONES, ProxemicEnv, compile_scenario, load_scenario
 from envs.model import MOVES, PING
 from envs.observations import compile_seen, observation_table
 
@@ -44,9 +44,9 @@ def test_fresh_states_have_no_wrong_ping() -> None:
 
 @pytest.mark.parametrize("name", ["S3", "Moody"])
 def test_transition_table_has_what_the_model_has(name: str) -> None:
-    model = compile_scenario(load_scenario(name))
-    reward = model.grid_reward + model.issuer_reward
-    for state, actions in model.P.items():
+    env = ProxemicEnv(name)
+    model, reward = env.model, env.model.grid_reward + env.model.issuer_reward
+    for state, actions in env.P.items():
         for action, outcomes in actions.items():
             pairs = zip(model.probability[state, action], model.next_state[state, action], strict=True)
             facts = reward[state, action], model.terminated[state, action]
@@ -67,7 +67,7 @@ def test_offset_is_the_issuers_cell_minus_the_agents(name: str) -> None:
     """In every state; where both stand does not matter to zones, nor to moves away from the room's edges."""
     model = compile_seen(load_scenario(name, {"observe": ["agent", "issuer", "wrong_pings"]}), "offset")
     assert model.scenario.observe == ("offset", "wrong_pings")
-    issuer = np.array([people[0].cell for stages in model.scenario.people for people in stages])
+    issuer = np.array([people[0].position for stages in model.scenario.people for people in stages])
     agent = np.stack([model.cell // 12, model.cell % 12], axis=1)
     offset = issuer[model.context] - agent
     assert (model.observation % (19 * 23) == (offset[:, 0] + 9) * 23 + offset[:, 1] + 11).all()

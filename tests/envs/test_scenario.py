@@ -18,10 +18,6 @@ def shapes(uncomfortable: dict[str, Any], target: dict[str, Any]) -> dict[str, A
     return {"uncomfortable": uncomfortable, "target": target}
 
 
-def mask(cells: str) -> dict[str, Any]:
-    return {"kind": "mask", "cells": cells}
-
-
 def person(position: list[int]) -> dict[str, Any]:
     regions = {"uncomfortable_radius": 0, "target_radius": 1}
     return {"position": position, "feedback": {"kind": "none"}, "regions": regions}
@@ -77,10 +73,6 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"regions": shapes(CIRCLE, CIRCLE)}, "regions: with the issuer at [6, 8]"),
     ({"regions": shapes(CIRCLE, {"kind": "circle"})}, "the key regions.target.circle.radius is missing"),
     ({"regions": shapes(CIRCLE, CIRCLE | {"width": 1})}, "[regions.target.circle]: unknown key width"),
-    ({"regions": shapes(mask("#.\nI"), CIRCLE)}, "cells: accepted: lines of equal length"),
-    ({"regions": shapes(mask("II"), CIRCLE)}, 'exactly one "I"'),
-    ({"regions": shapes(mask("I?"), CIRCLE)}, "characters"),
-    ({"regions": shapes(CIRCLE, mask("###I")) | {"unit": "metres"}}, 'unit = "metres"'),
     ({"regions.unit": "metres"}, 'unit = "metres"'),
     ({"regions": shapes(CIRCLE, CIRCLE | {"radius": 2}) | {"unit": "metres"}}, "grid.metres_per_cell"),
     # Observation
@@ -106,6 +98,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     (WALK | {"issuer.position": [[6, 8], [6, 7]]}, "issuer.walk with issuer.position = [[6, 8], [6, 7]]"),
     (WALK | {"issuer.feedback": {"kind": "delayed"}}, 'feedback.kind = "delayed"'),
     (WALK | {"others": [person([6, 5])]}, "corners = [6, 5]"),
+    ({"grid.columns": 900, "issuer.walk": {"corners": [[6, 800]], "steps": 1000}}, "at most 100000"),
     # Other people
     ({"others": [person([6, 8])]}, "issuer.position = [6, 8]"),
     ({"others": [person([2, 8])] * 2}, "others.0.position = [2, 8]"),

@@ -1,4 +1,4 @@
-"""Algorithms from outside: a tabular update rule, and algorithms of or like Stable-Baselines3's."""
+"""Algorithms from outside: a tabular update rule, and classes like those of Stable-Baselines3."""
 
 import json
 import linecache
@@ -7,22 +7,15 @@ import re
 import runpy
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any
 
 import numba
-import numpy as np
 import pytest
-from pydantic import Field
 from sb3_contrib import QRDQN
 
 from agents import load_algorithm
-from agents.sb3.algorithms import Sb3Algorithm
-from agents.sb3.settings import Sb3Settings
 from agents.tabular.kernel import compile_kernel
-from agents.tabular.learner import TabularAlgorithm
-from agents.tabular.updates import Successor, UpdateRule
 from benchmark.execution.driver import run
 from benchmark.execution.job import execute_job
 from benchmark.execution.provenance import digest_of_source
@@ -30,23 +23,6 @@ from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.support import ROOT
-
-
-def next_value(after: Successor) -> float:
-    """Returns the value of the next action (Sutton & Barto 2018, section 6.4)."""
-    return float(after.q[after.observation, after.action])
-
-
-SARSA: Final = TabularAlgorithm(UpdateRule(next_value, is_on_policy=True))
-
-
-class A2cSettings(Sb3Settings):
-    """An argument of SB3's A2C, and its default."""
-
-    n_steps: Annotated[int, Field(ge=1, le=10**9)] = 5
-
-
-A2C: Final = Sb3Algorithm("stable_baselines3:A2C", A2cSettings)
 
 
 class Scaled(QRDQN):
@@ -93,18 +69,6 @@ map_every = 400
 budget = 400
 time_limit = 30
 
-[algorithms.sarsa]
-algorithm = "{__name__}:SARSA"
-observations = ["index"]
-seeds = 2
-settings = {{ record_every = 400 }}
-
-[algorithms.a2c]
-algorithm = "{__name__}:A2C"
-observations = ["coordinates"]
-seeds = 1
-settings = {{ n_steps = 10, gamma = 0.9 }}
-
 [algorithms.trpo]
 algorithm = "sb3_contrib:TRPO"
 observations = ["one_hot"]
@@ -131,11 +95,6 @@ def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
     for specification, record in results:
         assert arrays_of([record]) == arrays_of(execute_job([specification]))
     learned = {specification.variant: record.arrays for specification, record in results}
-    of_sarsa = [specification for specification in runs if specification.variant == "sarsa"]
-    *_, as_shipped = execute_job([replace(each, algorithm="sarsa") for each in of_sarsa])
-    assert np.array_equal(learned["sarsa"]["q"], as_shipped.arrays["q"])
-    assert learned["a2c"]["stochastic"].sum(axis=-1) == pytest.approx(1)
-    assert learned["a2c"]["updates"] == 400 / 10
     assert learned["trpo"]["parameters"] == 2 * (120 * 16 + 16) + (16 * 5 + 5) + (16 + 1)
     assert learned["scaled"]["updates"] == (400 - 104) / 8 + 1
     # What a record says of its settings includes the defaults of the class, and is read back.
@@ -159,7 +118,7 @@ def shared(after): return SHARE * after.highest
 rule = UpdateRule(shared)
 model = compile_scenario(load_scenario("S1"))
 training = train(model, Settings(budget=2000), [SeedSequence(0)], Schedule(2000), rule)
-stats = compile_kernel(rule, draws_outcomes=False, counts_visits=False).stats
+stats = compile_kernel(rule).stats
 result = sum(stats.cache_hits.values()), training.q.sum()
 """
 

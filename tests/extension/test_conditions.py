@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.experiments import Experiment, all_specifications, specifications
+from benchmark.experiments import Experiment, all_specifications
 from tests.benchmark.reports.conftest import experiment_of
 
 UNSWEPT = """
@@ -50,13 +50,12 @@ def test_conditions_are_the_product_of_readings_and_axes(experiments: tuple[Expe
         for cost in ("paper", "half")
     ]
     values = {}
-    for condition in swept.conditions:
-        for scenario in swept.scenarios:
-            runs = specifications(swept, condition, scenario, "q_learning", "index")
-            assert [run.seed for run in runs] == [0, 1, 2]
-            settings = runs[0].settings.model_dump()
-            cost = runs[0].scenario.rewards.other
-            values[condition, scenario] = settings["learning_rate"], settings["time_limit"], cost
+    for population in swept.populations:
+        first = population.runs()[0]
+        assert [run.seed for run in population.runs()] == [0, 1, 2]
+        settings, cost = first.settings.model_dump(), first.scenario.rewards.other
+        names = population.condition.name, population.scenario.name
+        values[names] = settings["learning_rate"], settings["time_limit"], cost
     assert values["default/learning_rate=paper/cost=paper", "S1"] == (0.6, None, -0.1)
     assert values["default/learning_rate=low/cost=half", "S1"] == (0.2, None, -0.05)
     assert values["time_limit/learning_rate=low/cost=half", "S1"] == (0.2, 20, -0.05)

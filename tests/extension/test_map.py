@@ -1,14 +1,11 @@
 """Another learner and another axis join a map by ten lines of TOML."""
 
-import re
 from pathlib import Path
 
 import pandas as pd
-import pytest
 
 from benchmark.__main__ import main
-from benchmark.experiments import all_specifications, load_experiment
-from envs import InputError
+from benchmark.experiments import load_experiment
 from tests.benchmark.reports.test_map import EXPERIMENT
 
 MINE = """
@@ -35,9 +32,6 @@ JOINS_WHEN = """
 extends = "when"
 description = "SARSA joins the map."
 
-[changes]
-"grids.places.learners" = ["q_learning", "watkins_q_lambda", "large_steps", "ppo", "dqn", "sarsa"]
-
 [changes."algorithms.sarsa"]
 algorithm = "sarsa"
 observations = ["index"]
@@ -46,17 +40,16 @@ settings = { budget = 1000000, record_every = 1000000 }
 """
 
 
-def test_a_learner_joins_the_shipped_map(tmp_path: Path) -> None:
+def test_a_learner_joins_all_grids_of_the_shipped_map(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(JOINS_WHEN, encoding="utf-8")
-    runs = [run for run in all_specifications(load_experiment(path)) if run.variant == "sarsa"]
-    assert len(runs) == 8 * 20  # numbers of places, and seeds
-    path.write_text(re.sub('"grids.*', "", JOINS_WHEN), encoding="utf-8")
-    expected = (
-        "algorithms.sarsa: sarsa, index is in no grid: accepted: its name in the learners of one, such as"
-    )
-    with pytest.raises(InputError, match=f"{expected} grids.places.learners"):
-        load_experiment(path)
+    experiment = load_experiment(path)
+    of = [
+        [each.condition.name for each in experiment.populations if each.learner.name == learner]
+        for learner in ("sarsa, index", "q_learning, index")
+    ]
+    assert of[0] == [*experiment.conditions]
+    assert {name.split("/")[1] for name in of[1]} == {"places"}
 
 
 def test_a_learner_and_an_axis_join_the_map(tmp_path: Path) -> None:

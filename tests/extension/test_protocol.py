@@ -19,7 +19,7 @@ settings = { budget = 10000, time_limit = 200, record_every = 10000 }
 
 [report]
 kind = "comparison"
-omit = ["agents", "learning", "wrong_pings", "curves", "region"]
+omit = ["agents", "learning", "wrong_pings", "curves"]
 margins = { success = 0.2 }
 fewest_runs = 20
 contrasts = [
@@ -53,7 +53,7 @@ settings = { budget = 5000, time_limit = 200, record_every = 5000 }
 
 [report]
 kind = "comparison"
-omit = ["agents", "learning", "wrong_pings", "curves", "region"]
+omit = ["agents", "learning", "wrong_pings", "curves"]
 margins = { success = 0.2 }
 baseline = ["calm, index", "lost, index"]
 contrasts = [["net, index", "calm, index"], ["net, index", "lost, index"]]
@@ -95,20 +95,14 @@ def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Pa
     assert sorted(effects["success_difference"]) == pytest.approx(sorted(by_scenario), abs=1e-5)
 
 
-def test_sentences_name_what_each_contrast_is_of(folder: Path) -> None:
+def test_without_a_table_to_beat_the_answer_counts_verdicts(folder: Path) -> None:
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    heading, *sentences = readme.partition("## What was found")[2].partition("\n## ")[0].strip().splitlines()
-    for word in ("10,000 steps", "S1", "S2", "6 contrasts"):
-        assert word in heading
-    contrasts = pd.read_csv(folder / "contrasts.csv")
-    for contrast in contrasts.to_dict("records"):
-        condition = contrast["condition"]
-        names = [contrast[side].replace(", index", "") for side in "xy"]
-        names += [condition] * isinstance(condition, str)
-        verdict = contrast["success_verdict"], f"{contrast['success_difference']:+.3f}"
-        assert any(all(word in sentence for word in (*names, *verdict)) for sentence in sentences), names
+    answer = readme.partition("## What was found")[2].partition("\n## ")[0]
+    counts = pd.read_csv(folder / "contrasts.csv")["success_verdict"].value_counts()
+    for words in ("10,000 steps", "6 contrasts", *(f"{n} {verdict}" for verdict, n in counts.items())):
+        assert words in answer
     assert "nan" not in readme
-    assert "keep" not in heading + "".join(sentences)  # there is no deep learner
+    assert "keep" not in answer  # there is no deep learner
 
 
 def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> None:
@@ -119,6 +113,7 @@ def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> 
         draw.draw(experiment, draw.report_of(experiment), store, tmp_path / "two")
     contrasts = pd.read_csv(tmp_path / "two/contrasts.csv")
     assert contrasts["success_verdict"].tolist() == ["equivalent", "better"]
+    assert pd.read_csv(tmp_path / "two/outcomes.csv")["outcome"].tolist() == ["does not earn"]
     readme = (tmp_path / "two/README.md").read_text(encoding="utf-8")
-    assert "deep RL does not earn its keep over a table" in readme
-    assert "than at least one of calm and lost" in readme
+    assert "deep RL does not earn its keep" in readme
+    assert "The tables to beat, the *baselines*, are calm and lost." in readme

@@ -80,7 +80,7 @@ def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None
     )
     assert {f"lost.{end}" for end in ("csv", "svg")} <= {file.name for file in folder.iterdir()}
     shares = pd.read_csv(folder / "lost.csv")
-    assert shares["scenario"].tolist() == ["S1", "S3"] * 2
+    assert shares["scenario"].tolist() == ["S1", "S1", "S3", "S3"]
     assert ((shares["share_low"] <= shares["share"]) & (shares["share"] <= shares["share_high"])).all()
     readme = (folder / "README.md").read_text(encoding="utf-8")
     assert "| lost.csv, .svg" in readme  # in the list of files
@@ -96,7 +96,7 @@ def test_report_of_another_kind(tmp_path: Path) -> None:
     assert manifest["report"]["kind"] == KIND
     success = pd.read_csv(folder / "successes.csv")["success"]
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert f"**Success in S1 is {success[0]:g}.**" in readme
+    assert f"\nSuccess in S1 is {success[0]:g}.\n" in readme
     assert "## Successes" in readme
     assert Document(folder).question == "How often does it succeed?"
 

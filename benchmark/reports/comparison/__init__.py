@@ -8,7 +8,6 @@ of its cells, or between means of cells over scenarios.
 from pathlib import Path
 
 from benchmark.reports.comparison import results, scenarios, training
-from benchmark.reports.comparison.classes import classes
 from benchmark.reports.comparison.declared import check, forecast
 from benchmark.reports.item import Report
 
@@ -23,15 +22,11 @@ REPORT = Report(
         results.outcomes,
         results.summary,
         results.aggregate,
-        classes,
         training.curves,
         training.steps,
-        training.speedups,
-        training.ahead,
         results.verdicts,
         results.effects,
         scenarios.scenarios,
-        scenarios.region,
         training.wrong_pings,
         training.cost,
         results.scores,

@@ -43,9 +43,10 @@ def own_rows(frame: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
 
     Learners are in the order declared, but references behind their learners.
     """
-    learners = [*experiment.learners.values()]
-    own = [[each, *(other for other in learners if other.reference_for == each.name)] for each in learners]
-    names = [learner.name for each in own if is_own(each[0]) for learner in each]
+    names: list[str] = []
+    for own in filter(is_own, experiment.learners.values()):
+        references = [name for name, other in experiment.learners.items() if other.reference_for == own.name]
+        names += [own.name, *references]
     rank = frame["learner"].map({name: i for i, name in enumerate(names)})
     return frame.loc[rank.dropna().sort_values(kind="stable").index]
 

@@ -101,8 +101,8 @@ def compared_learners(experiment: Experiment) -> list[str]:
 def decisive_learners(experiment: Experiment) -> list[str]:
     """Lists the deep learners that are compared with baselines wherever both are."""
     baselines = [{"learner": name} for name in reporting_of(experiment).baseline]
-    found = [x["learner"] for x, y in contrasts_of(experiment) if y in baselines]
-    return [name for name in dict.fromkeys(found) if experiment.learners[name].family == "deep"]
+    names = dict.fromkeys(x["learner"] for x, y in contrasts_of(experiment) if y in baselines)
+    return [name for name in names if experiment.learners[name].family == "deep"]
 
 
 def is_own(learner: Learner) -> bool:

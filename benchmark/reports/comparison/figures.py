@@ -7,6 +7,7 @@ figures can be read in grey, too. A reference implementation is drawn hollow, in
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -50,7 +51,7 @@ def labelled(table: pd.DataFrame) -> pd.DataFrame:
     """Returns a table with "SCENARIO under CONDITION" for its scenarios, and a column of learners."""
     table = table.copy()
     names = [table[key].fillna("") for key in ("scenario", "condition") if key in table]
-    table["scenario"] = [" under ".join(filter(None, each)) for each in zip(*names, strict=True)] or ""
+    table["scenario"] = [" under ".join(filter(None, parts)) for parts in zip(*names, strict=True)] or ""
     if "algorithm" in table:
         table["learner"] = table["algorithm"] + ", " + table["observation"]
     return table
@@ -65,14 +66,14 @@ def drawn_in(frame: pd.DataFrame, experiment: Experiment) -> Drawn:
 
 def rows_of(frame: pd.DataFrame, drawn: Drawn) -> pd.DataFrame:
     """Returns the rows of learners and of their references."""
-    return frame[frame["learner"].isin([*drawn, *(each for names in drawn.values() for each in names)])]
+    return frame[frame["learner"].isin([*drawn, *chain(*drawn.values())])]
 
 
 def style_of(learner: str, experiment: Experiment) -> Style:
     """Returns a learner's colour, marker and dash."""
-    own = [each.variant for each in experiment.learners.values() if not each.reference_for]
-    found = experiment.learners[learner]
-    return learner_style(found.variant, found.observation, list(dict.fromkeys(own)))
+    variants = [other.variant for other in experiment.learners.values() if not other.reference_for]
+    drawn = experiment.learners[learner]
+    return learner_style(drawn.variant, drawn.observation, list(dict.fromkeys(variants)))
 
 
 def titles(learners: Iterable[str], experiment: Experiment) -> list[str]:
@@ -179,7 +180,7 @@ def _lines(axis: Axes, frame: pd.DataFrame, y: str, drawn: Drawn, experiment: Ex
         every = max(len(rows) // _N_MARKERS, 1)
         axis.plot(rows["step"], rows[y], lw=1.3, ms=4, markevery=every, **style)
         axis.fill_between(rows["step"], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
-    references = [(each, learner) for learner, names in drawn.items() for each in names]
+    references = [(name, learner) for learner, names in drawn.items() for name in names]
     for i, (reference, learner) in enumerate(references, start=1):
         rows, style = frame[frame["learner"] == reference], style_of(learner, experiment)
         every = math.ceil(len(rows) / _N_POINTS)
@@ -216,17 +217,14 @@ def label_rows(axis: Axes, names: Sequence[str], *, first: bool) -> None:
 
 def reference_note(drawn: Drawn, tables: Frames, experiment: Experiment) -> str:
     """Returns what a figure says of reference implementations; empty if there are none."""
-    names = [name for references in drawn.values() for name in references]
+    names = [*chain(*drawn.values())]
     if not names:
         return ""
     sizes = ""
     if "summary" in tables:
         n = rows_of(labelled(tables["summary"]), dict.fromkeys(names, ()))["n"]
         sizes = f", {n.min()} runs" if n.min() == n.max() else f", {n.min()} to {n.max()} runs"
-    nets = [
-        learner.algorithm
-        for learner in map(experiment.learners.__getitem__, names)
-        if learner.algorithm.family == "deep"
-    ]
-    is_sb3 = bool(nets) and all("stable_baselines3" in each.packages for each in nets)
+    algorithms = [experiment.learners[name].algorithm for name in names]
+    nets = [algorithm for algorithm in algorithms if algorithm.family == "deep"]
+    is_sb3 = bool(nets) and all("stable_baselines3" in net.packages for net in nets)
     return f"; hollow: reference implementations{sizes}{', nets by Stable-Baselines3 itself' * is_sb3}"

@@ -32,7 +32,6 @@ from benchmark.reports.comparison.cells import (
 from benchmark.reports.comparison.declared import compared_learners, decisive_learners, reporting_of
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
-    Outcome,
     Row,
     contrast_rows,
     effect_rows,
@@ -48,7 +47,7 @@ _LABELS: Final = {"success": "success probability", "score": "score, clipped to 
 _MOST_DRAWN: Final = 12  # contrasts
 _FEWEST_COUNTED: Final = 7  # contrasts
 # Groups of scenarios in a figure, from top to bottom
-_GROUPS: Final[Mapping[Outcome, str]] = {
+_GROUPS: Final[Mapping[str, str]] = {
     "earns": "a net is better than the tables",
     "another class": "a net with a policy of another class is better",
     "no table learned": "only nets learned",
@@ -123,9 +122,9 @@ def verdicts(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> It
     rows = pd.DataFrame(contrast_rows(runs, experiment, is_partial))
     if len(rows) < _FEWEST_COUNTED or not rows.duplicated(["x", "y"]).any():
         return
-    found = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
+    verdicts = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
     for (x, y), here in rows.groupby(["x", "y"], sort=False):
-        counts = {verdict: int((here["success_verdict"] == verdict).sum()) for verdict in found}
+        counts = {verdict: int((here["success_verdict"] == verdict).sum()) for verdict in verdicts}
         yield {"x": x, "y": y, "n": len(here), **counts}
 
 
@@ -298,7 +297,9 @@ def _heat(tables: Frames, experiment: Experiment) -> Figure:
         lines = [f"success probability after {usual:,} steps of training, mean over runs"]
         if signs:
             than = {} if len(baselines) == 1 else figures.THAN
-            meaning = ", ".join(f"{sign} {each}{than.get(each, '')}" for each, sign in figures.SIGNS.items())
+            meaning = ", ".join(
+                f"{sign} {verdict}{than.get(verdict, '')}" for verdict, sign in figures.SIGNS.items()
+            )
             lines.append(f"against {listed(figures.titles(baselines, experiment))}:")
             lines.append(f"{meaning}; no sign: undecided or not compared")
         figure.supxlabel("\n".join(lines), fontsize="small")
@@ -309,11 +310,12 @@ def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
     """Returns scenarios by outcome, if there are outcomes of each."""
     if "scenario" not in tables.get("outcomes", ()):
         return {"": scenarios}
-    found = figures.labelled(tables["outcomes"]).set_index("scenario")["outcome"]
-    titles = {outcome: title for outcome, title in _GROUPS.items() if outcome in {*found}}
-    return {
-        title: [name for name in scenarios if found.get(name) == outcome] for outcome, title in titles.items()
+    outcome_of = figures.labelled(tables["outcomes"]).set_index("scenario")["outcome"]
+    groups = {
+        title: [name for name in scenarios if outcome_of.get(name) == outcome]
+        for outcome, title in _GROUPS.items()
     }
+    return {title: names for title, names in groups.items() if names}
 
 
 def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], str]:
@@ -321,8 +323,8 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
     signs: dict[tuple[str, str], str] = {}
     if "scenario" in tables.get("contrasts", ()):
         for scenario, rows in figures.labelled(tables["contrasts"]).groupby("scenario", sort=False):
-            found = standings(rows, baselines).map(figures.SIGNS).fillna("")
-            signs |= {(str(scenario), str(x)): sign for x, sign in found.items()}
+            of_learners = standings(rows, baselines).map(figures.SIGNS).fillna("")
+            signs |= {(str(scenario), str(x)): sign for x, sign in of_learners.items()}
     return signs
 
 
@@ -357,10 +359,10 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         row: Row = {name: keys[name] for name in names_of(experiment) if name in keys}
         row |= {"policy": rows["policy"].iloc[0], "runs": len(rows)}
         row |= effort(experiment.learners[keys["learner"]])
-        for name in (*ENDPOINTS, *(f"every_cell_{each}" for each in ENDPOINTS)):
+        for name in (*ENDPOINTS, *(f"every_cell_{endpoint}" for endpoint in ENDPOINTS)):
             if name in runs:
                 values = [here[name].to_numpy() for here in scenarios]
-                mean = Means([float(each.mean()) for each in values], [*map(len, values)])
+                mean = Means([float(scores.mean()) for scores in values], [*map(len, values)])
                 row[name] = Estimate(mean.mean, *mean.interval)
         final = [here["unbounded_score"].to_numpy() for here in scenarios]
         row["unbounded_score"] = np.mean([values.mean() for values in final])
@@ -376,13 +378,30 @@ def scores(runs: pd.DataFrame, experiment: Experiment, path: Path) -> None:
     write_csv(own_rows(runs, experiment)[[name for name in names if name in runs]], path)
 
 
+scores.meanings = {
+    "policy": "the evaluated policy, greedy or stochastic",
+    "seed": "seed of the run",
+    "steps": "expected steps of an episode after training",
+    "wrong_pings": "expected wrong PINGs of an episode after training",
+    "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
+    "greedy_success": "success of the greedy policy, whichever policy counts",
+    "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, in which "
+    "PING is its likeliest action",
+    "target_cells_marked": "marked cells that are in the target region",
+    "region_overlap": "cells both marked and in the target region, per cell that is either",
+    "training_wrong_pings": "wrong PINGs of the whole training",
+    "diverged_at": "first evaluation step at which the policy was no longer finite; inf if it always was",
+}
+
+
 # The answer in a sentence: what is said of scenarios by their outcome, in this order
-_OUTCOMES: Final[Mapping[Outcome, str]] = {
+_OUTCOMES: Final[Mapping[str, str]] = {
     "earns": "deep RL earns its keep",
-    "another class": "a net is better, but no table with the same class of policy has learned",
+    "another class": "a net is better than all tables to beat, of which those that learned have policies of "
+    "another class",
     "does not earn": "deep RL does not earn its keep",
-    "no table learned": "only nets have learned",
-    "neither learned": "neither a table nor a net compared has learned",
+    "no table learned": "only nets are shown to beat the random policy",
+    "neither learned": "neither tables nor nets are shown to beat the random policy",
     "mixed": "results are mixed",
     "undecided": "it is undecided whether deep RL earns its keep",
     "unequal budgets": "it is left open whether deep RL earns its keep, as budgets differ",
@@ -397,20 +416,23 @@ def headline(folder: Folder) -> str | None:
     contrasts, start = folder.frame("contrasts"), _setting(folder)
     if "outcomes.csv" not in folder:
         counts = contrasts["success_verdict"].value_counts()
-        found = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts]
+        counted = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts]
         n = link(str(len(contrasts)), "contrasts", contrasts)
-        return f"{start}, verdicts on success in {n} contrast{'s' * (len(contrasts) != 1)}: {listed(found)}."
+        return (
+            f"{start}, verdicts on success in {n} contrast{'s' * (len(contrasts) != 1)}: {listed(counted)}."
+        )
     table = folder.frame("outcomes")
     names = figures.labelled(table)["scenario"]
     if not any(names):
         scenarios = [*folder.manifest["scenarios"]]
-        return f"{start}, {_OUTCOMES[table['outcome'].iloc[0]]} on average over {listed(scenarios)}."
+        where = "on average over" if len(scenarios) > 1 else "in"
+        return f"{start}, {_OUTCOMES[table['outcome'].iloc[0]]} {where} {listed(scenarios)}."
     parts = []
     for outcome, text in _OUTCOMES.items():
         if len(rows := table[table["outcome"] == outcome]):
             where = f" ({listed(names[rows.index])})" if len(rows) <= figures.FEW else ""
             parts.append(f"{text} in {link(str(len(rows)), 'outcomes', rows)}{where}")
-    kind = " and ".join(f"{name}s" for name in ("scenario", "condition") if name in table)
+    kind = "scenarios" if "condition" not in table else "conditions" if "scenario" not in table else "cases"
     return f"{start}, of {len(table)} {kind}: {'; '.join(parts)}."
 
 

@@ -1,4 +1,4 @@
-"""Items of a comparison: what each scenario is, and which cells of it learners take for the target."""
+"""An item of a comparison: what each scenario is, and what is possible in it."""
 
 from collections.abc import Iterable, Iterator
 
@@ -9,49 +9,16 @@ from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
 from benchmark.analysis.frames import RecordsOf
-from benchmark.analysis.intervals import proportion
 from benchmark.analysis.records import Records, anchors
 from benchmark.drawing.maps import gallery, in_words
 from benchmark.execution.store import evaluated
 from benchmark.experiments import Experiment, Population
-from benchmark.reports.comparison.cells import CELL, MEANINGS, populations
+from benchmark.reports.comparison.cells import MEANINGS
 from benchmark.reports.comparison.declared import reporting_of
 from benchmark.reports.comparison.verdicts import Row
 from benchmark.reports.item import item
-from envs import ZONES, Model
+from envs import Model
 from envs.observations import compile_seen
-
-
-@item(
-    "region",
-    "cells where an agent values PING, compared with the target region",
-    {**CELL, "cells_marked": "cells marked", "precision": "", "recall": "", "overlap": ""},
-    meanings={
-        "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, "
-        "PING is the likeliest action; mean over runs",
-        "n_marking": "runs that mark at least one cell",
-        "precision": "share of the marked cells that is in the target region, mean over runs that mark any",
-        "recall": "share of the target region that is marked, mean over runs",
-        "overlap": "cells both marked and in the target region, per cell that is either, mean over runs",
-    },
-    best="overlap",
-)
-def region(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Compares the marked cells with the target region."""
-    for names, learner, rows in populations(runs, experiment):
-        right, marked = rows["target_cells_marked"].to_numpy(), rows["cells_marked"].to_numpy()
-        population = experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
-        model = compile_seen(population.scenario, learner.observation)
-        n_target = (model.zone_of_cell == ZONES.index("target")).sum()
-        yield {
-            **names,
-            "n": len(rows),
-            "cells_marked": marked.mean(),
-            "n_marking": int((marked > 0).sum()),
-            "precision": proportion(right[marked > 0] / marked[marked > 0]),
-            "recall": proportion(right / n_target),
-            "overlap": proportion(rows["region_overlap"].to_numpy()),
-        }
 
 
 @item(

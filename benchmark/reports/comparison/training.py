@@ -1,41 +1,34 @@
 """Items of a comparison: how learners learn, after how many steps, at whose expense, and at what cost."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from benchmark.analysis.frames import RecordsOf, by_population, by_step, learned
-from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
+from benchmark.analysis.frames import RecordsOf, by_step, learned
+from benchmark.analysis.intervals import proportion, student
 from benchmark.drawing import film
 from benchmark.experiments import Experiment, Population
+from benchmark.reports import explorer
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import (
     CELL,
     EFFORT,
     MEANINGS,
-    PAIR,
     effort,
-    matched,
-    names_of,
     own_rows,
-    place_of,
     populations,
 )
 from benchmark.reports.comparison.declared import (
     compared_learners,
-    contrasts_of,
     decisive_learners,
     reporting_of,
 )
 from benchmark.reports.comparison.verdicts import Row
-from benchmark.reports.explorer import FILE, Shown, compressed, packed, typical_agent
+from benchmark.reports.explorer import explorer_item, typical_agent
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
@@ -133,9 +126,9 @@ def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
 def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Computes when runs, and the mean over runs, have learned."""
     for names, _, rows in populations(curves, experiment):
-        success, when = by_step(rows, "success"), np.array([*rows["step"].unique(), np.inf])
-        mean, indices = success.mean(axis=0), _learned(rows)
-        first = int(learned(mean[None], when[:-1].tolist(), ENOUGH)[0])
+        success, evaluations = by_step(rows, "success"), rows["step"].unique().tolist()
+        mean, indices = success.mean(axis=0), learned(success, evaluations, ENOUGH)
+        first, when = int(learned(mean[None], evaluations, ENOUGH)[0]), np.array([*evaluations, np.inf])
         yield {
             **names,
             "n": len(success),
@@ -146,123 +139,6 @@ def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             "below_at": float(when[first - 1]) if first > 0 else np.nan,
             "final_success": float(mean[-1]),
         }
-
-
-def _learned(curves: pd.DataFrame) -> NDArray[np.int_]:
-    """Returns the index of the evaluation from which each run has learned, (N,); T if it never has."""
-    return learned(by_step(curves, "success"), curves["step"].unique().tolist(), ENOUGH)
-
-
-def _medians(
-    first: NDArray[np.int_], steps: NDArray[np.int_], rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns medians over runs of the steps between which a run learns, (RESAMPLES + 1,) each.
-
-    They are those of the runs as they are, and then of resamples. A run that never learns has the budget and
-    infinity.
-
-    Args:
-      first: (N,) index of the evaluation from which each run has learned.
-      steps: (T,) of evaluations.
-      rng: For resamples.
-    """
-    when, n = np.array([0.0, *steps, np.inf]), len(first)
-    sample = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
-    with np.errstate(invalid="ignore"):
-        return np.median(when[first][sample], axis=1), np.median(when[first + 1][sample], axis=1)
-
-
-def _ratio(x: pd.DataFrame, y: pd.DataFrame) -> Row:
-    """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
-
-    Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
-    It is empty if neither learns, or if one of them succeeds before the first step.
-    """
-    rng = np.random.default_rng([BOOTSTRAP_SEED, *x["scenario"].iloc[0].encode()])
-    (x_low, x_high), (y_low, y_high) = (
-        _medians(_learned(rows), rows["step"].unique(), rng) for rows in (x, y)
-    )
-    steps = float(x_high[0]), float(y_high[0])
-    if min(steps) in (0, math.inf):
-        return {}
-    with np.errstate(divide="ignore", invalid="ignore"):
-        lows, highs = y_low / x_high, y_high / x_low
-    low = np.percentile(np.where(np.isnan(lows), 0.0, lows)[1:], 2.5, method="lower")
-    high = np.percentile(np.where(np.isnan(highs), np.inf, highs)[1:], 97.5, method="higher")
-    ratio = min(steps[1], y["step"].max()) / min(steps[0], x["step"].max())
-    return {"x_step": steps[0], "y_step": steps[1], "ratio": Estimate(ratio, float(low), float(high))}
-
-
-@item(
-    "speedups",
-    f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
-    {**PAIR, "x_step": "steps of x", "y_step": "steps of y", "ratio": "ratio, y to x"},
-    meanings={
-        "step": f"median step of runs from which success stays at or above {ENOUGH:g}; inf if most "
-        "never learn",
-        "ratio": "steps of y divided by those of x; where half of the runs never learn, their budget counts, "
-        "and the ratio is a bound",
-    },
-    where=lambda frame: frame[frame["ratio"] >= 1],
-    best="ratio",
-)
-def speedups(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Compares every deep learner with every table, and every table with every deep learner."""
-    cells = [
-        (place_of(names), learner, rows)
-        for names, learner, rows in populations(curves, experiment)
-        if not learner.reference_for
-    ]
-    for (where, x, x_rows), (other, y, y_rows) in product(cells, cells):
-        if where == other and x.family != y.family and (ratio := _ratio(x_rows, y_rows)):
-            yield {**where, "x": x.name, "y": y.name, **ratio}
-
-
-@item(
-    "ahead",
-    "exploratory: at which steps one learner of a contrast succeeds more often than the other",
-    meanings={
-        "n": "runs of x or y, the smaller number",
-        "steps_ahead": "number of evaluation steps at which x is ahead",
-        "first_step": "first evaluation step at which x is ahead, that is, the 95 % interval of the "
-        "difference in mean success, not adjusted, lies above 0; inf if it never is",
-        "last_step": "last evaluation step at which x is ahead; inf if it never is",
-        "largest_difference": "largest difference in mean success, x minus y",
-        "largest_at": "evaluation step of the largest difference in mean success",
-        "largest": "mean success at the step of the largest difference",
-    },
-)
-def ahead(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Compares the two learners of each contrast in both directions, at steps at which both are evaluated."""
-    cells: list[dict[str, object]] = []
-    means: list[dict[int, float]] = []
-    for keys, rows in by_population(own_rows(curves, experiment)):
-        cells.append({**keys, "n": rows["seed"].nunique(), "index": len(means)})
-        means.append(dict(zip(rows["step"].unique(), by_step(rows, "success").mean(axis=0), strict=True)))
-    axes = [name for name in names_of(experiment) if name in ("scenario", "condition")]
-    for pair in contrasts_of(experiment):
-        sides = (side.to_dict("records") for side in matched(pd.DataFrame(cells), pair))
-        for x, y in zip(*sides, strict=True):
-            for one, other in ((x, y), (y, x)) if x["learner"] != y["learner"] else ():
-                row: Row = {axis: one[axis] for axis in axes}
-                row |= {"x": one["learner"], "y": other["learner"], "n": min(x["n"], y["n"])}
-                yield row | _ahead(means[one["index"]], means[other["index"]], [one["n"], other["n"]])
-
-
-def _ahead(x: Mapping[int, float], y: Mapping[int, float], sizes: Sequence[int]) -> Row:
-    """Returns at which steps the mean success of x is above that of y, given the means by step."""
-    common = {step: (x[step], y[step]) for step in x if step in y}
-    found = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
-    most = max(common, key=lambda step: x[step] - y[step])
-    return {
-        "steps_ahead": len(found),
-        "first_step": float(found[0]) if found else np.inf,
-        "last_step": float(found[-1]) if found else np.inf,
-        "largest_difference": x[most] - y[most],
-        "largest_at": most,
-        "largest_x": x[most],
-        "largest_y": y[most],
-    }
 
 
 @item(
@@ -323,28 +199,22 @@ def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, pat
     rows: list[list[film.Film]] = []
     for family in ("tabular", "deep"):
         chosen = next((name for name in learners if experiment.learners[name].family == family), None)
-        rows.append([_film(each, records) for each in drawn if each.learner.name == chosen])
+        rows.append([_film(population, records) for population in drawn if population.learner.name == chosen])
     film.write(film.learning([row for row in rows if row]), path)
 
 
 def _film(population: Population, records: RecordsOf) -> film.Film:
     """Returns the film of a population's typical agent."""
-    found = records(population)
-    agent = typical_agent(found)
-    title = f"{population.scenario.name}: {population.learner.title}, seed {found.seeds[agent]} (median)"
-    return film.film_of(title, found, agent)
+    own = records(population)
+    agent = typical_agent(own)
+    title = f"{population.scenario.name}: {population.learner.title}, seed {own.seeds[agent]} (median)"
+    return film.film_of(title, own, agent)
 
 
-@writing(
-    "agents", "what the explorer on the page shows: values, policies and scenarios, as compressed JSON", FILE
-)
+@explorer_item
 def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
     """Writes what all learners know, but for reference implementations."""
-    shown = [
-        Shown(each.learner.variant, each.learner.observation, records(each))
-        for each in _drawn(runs, experiment)
-    ]
-    path.write_bytes(compressed(packed(shown)))
+    explorer.write([records(population) for population in _drawn(runs, experiment)], path)
 
 
 def _drawn(runs: pd.DataFrame, experiment: Experiment) -> list[Population]:

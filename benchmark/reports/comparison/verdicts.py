@@ -19,7 +19,7 @@ their own, and no part in the outcome.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import product
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -50,17 +50,6 @@ from benchmark.reports.comparison.declared import (
 )
 
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
-Outcome = Literal[
-    "earns",
-    "another class",
-    "does not earn",
-    "no table learned",
-    "neither learned",
-    "mixed",
-    "undecided",
-    "unequal budgets",
-    "no verdict",
-]
 Row = dict[str, Any]
 ALPHA: Final = 1 - LEVEL
 
@@ -104,11 +93,11 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
     for endpoint in ENDPOINTS:
         margin: float = getattr(reporting.margins, endpoint)
         sides = [case.sides(endpoint) for case in cases]
-        found = [contrast(x, y, margin) for x, y in sides]
-        decided = decide(found, is_allowed=allowed, adjust=adjust)
-        for case, row, (x, y), one, decision in zip(cases, rows, sides, found, decided, strict=True):
+        tests = [contrast(x, y, margin) for x, y in sides]
+        decisions = decide(tests, is_allowed=allowed, adjust=adjust)
+        for case, row, (x, y), test, decision in zip(cases, rows, sides, tests, decisions, strict=True):
             row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-            for key, value in (asdict(one) | dict(decision)).items():
+            for key, value in (asdict(test) | dict(decision)).items():
                 ending = f"difference_{key}" if key.startswith(("low", "high")) else key
                 row[f"{endpoint}_{ending}"] = value
             row[f"{endpoint}_margin"] = margin
@@ -130,9 +119,9 @@ def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             del row["random_success"]  # the sides may differ in it
             for endpoint in ENDPOINTS:
                 x, y = case.sides(endpoint)
-                found = contrast(x, y, margin=0.5)  # of which the interval does not depend
+                test = contrast(x, y, margin=0.5)  # on which the interval does not depend
                 row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-                row[f"{endpoint}_difference"] = Estimate(found.difference, found.low, found.high)
+                row[f"{endpoint}_difference"] = Estimate(test.difference, test.low, test.high)
             yield row
 
 
@@ -152,18 +141,15 @@ def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -
         yield {**names, "outcome": outcome(here, baselines, decisive, runs) if len(here) else "no verdict"}
 
 
-def outcome(
-    rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame
-) -> Outcome:
+def outcome(rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame) -> str:
     """Decides by contrasts of one scenario, or pooled ones; see the module's docstring.
 
     Args:
-      rows: Contrasts; only those of decisive learners with baselines count.
+      rows: The contrasts of decisive learners with baselines.
       baselines: The learners that deep learners have to beat.
       decisive: The deep learners that are compared with all baselines.
       runs: Rows with `learner`, `condition` and `budget`.
     """
-    rows = rows[rows["x"].isin(decisive) & rows["y"].isin(baselines)]
     verdicts = standings(rows, baselines)
     if NO_VERDICT in set(verdicts) or len(verdicts) < len(decisive):
         return "no verdict"
@@ -172,10 +158,11 @@ def outcome(
     if _budgets_differ(rows, runs):
         return "unequal budgets"
     won = _winners(rows)
-    if _is_alike(won).any():
+    has_learned = won["p_random_y"] <= ALPHA
+    if (has_learned & (won["policy_x"] == won["policy_y"])).any():
         return "earns"
     if len(won):
-        return "another class" if (won["p_random_y"] <= ALPHA).any() else "no table learned"
+        return "another class" if has_learned.any() else "no table learned"
     is_better = (verdicts == BETTER) & (rows.groupby("x")["p_random_x"].max() <= ALPHA)
     is_lost = verdicts.isin([WORSE, EQUIVALENT]) | _is_worse_in_some(rows).groupby(rows["x"]).any()
     if is_better.any() or (MIXED in set(verdicts) and not is_lost.all()):
@@ -191,11 +178,11 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
     """
     tables = {*baselines}
     order = (NO_VERDICT, WORSE, EQUIVALENT, MIXED, UNDECIDED, BETTER)  # the first that there is
-    found = {}
+    verdicts = {}
     for x, against in rows[rows["y"].isin(tables)].groupby("x", sort=False):
         if set(against["y"]) == tables:
-            found[str(x)] = min(against["success_verdict"], key=order.index)
-    return pd.Series(found, dtype=str)
+            verdicts[str(x)] = min(against["success_verdict"], key=order.index)
+    return pd.Series(verdicts, dtype=str)
 
 
 def _is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
@@ -209,11 +196,6 @@ def _winners(rows: pd.DataFrame) -> pd.DataFrame:
     is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= ALPHA)
     is_won = is_better & ~rows["score_verdict"].isin([WORSE, MIXED])
     return rows[is_won.groupby(rows["x"]).transform("all")]
-
-
-def _is_alike(rows: pd.DataFrame) -> "pd.Series[bool]":
-    """Returns in which rows y has the same class of policy as x, and is better than the random policy."""
-    return (rows["policy_x"] == rows["policy_y"]) & (rows["p_random_y"] <= ALPHA)
 
 
 def _budgets_differ(rows: pd.DataFrame, runs: pd.DataFrame) -> bool:

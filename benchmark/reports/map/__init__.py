@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Final
 
+from benchmark.analysis.looks import VERDICTS
 from benchmark.drawing.tables import link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
@@ -13,18 +14,13 @@ from benchmark.reports.map.check import check
 def headline(folder: Folder) -> str:
     """Says how the contrasts of the first grid ended."""
     table = folder.frame("verdicts")
-    table = table[table["grid"] == table["grid"].iloc[0]]
-    parts = []
-    for _, row in table.iterrows():
-        counts = [
-            f"{verdict} at {link(str(row[verdict]), 'verdicts', row)}"
-            for verdict in results.IN_WORDS.values()
-            if row[verdict]
-        ]
+    grid, parts = table["grid"].iloc[0], []
+    for _, row in table[table["grid"] == grid].iterrows():
+        ended = [verdict for verdict in VERDICTS if row[verdict]]
+        counts = [f"{verdict} at {link(str(row[verdict]), 'verdicts', row)}" for verdict in ended]
         x, y = (folder.told(row[side]) for side in "xy")
         parts.append(f"{x} compared with {y}: {', '.join(counts)}")
-    n = link(str(table["n"].iloc[0]), "verdicts", table.iloc[0])
-    return f"Over the {n} points of the grid `{table['grid'].iloc[0]}`, {'; '.join(parts)}."
+    return f"Over the points of the grid `{grid}`, {'; '.join(parts)}."
 
 
 REPORT: Final = Report(

@@ -19,20 +19,20 @@ def check(experiment: Experiment) -> None:
         "report.looks": report.looks,
         "report.contrasts": report.contrasts,
     }
-    found = [f"{key} is missing; this report needs it." for key, value in needed.items() if not value]
+    mistakes = [f"{key} is missing; this report needs it." for key, value in needed.items() if not value]
     if len(experiment.scenarios) > 1:
-        found.append(f"scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
+        mistakes.append(f"scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
     if [*report.looks] != sorted({*report.looks}):
-        found.append(f"report.looks = {[*report.looks]}: accepted: increasing numbers.")
+        mistakes.append(f"report.looks = {[*report.looks]}: accepted: increasing numbers.")
     for contrast in report.contrasts:
-        found += _mistakes(experiment, contrast)
-    if not found and not compared(experiment):
-        found.append(
+        mistakes += _mistakes(experiment, contrast)
+    if not mistakes and not compared(experiment):
+        mistakes.append(
             "report.contrasts: no compared grid has both learners of a contrast; accepted: one or more."
         )
-    found = found or [*_unreachable(experiment)]
-    if found:
-        raise InputError(*(f"{experiment.argument}: {sentence}" for sentence in dict.fromkeys(found)))
+    mistakes = mistakes or [*_unreachable(experiment)]
+    if mistakes:
+        raise InputError(*(f"{experiment.argument}: {sentence}" for sentence in dict.fromkeys(mistakes)))
 
 
 def _mistakes(experiment: Experiment, contrast: tuple[str, str]) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Figures of a map, drawn from its tables."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from textwrap import fill
 from typing import Any, Final
 
@@ -13,12 +13,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
+from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER, TOO_SHORT
 from benchmark.drawing.style import INK, figure_of, learner_style
 from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment, Learner
 from benchmark.reports.item import Frames, drawing
 
-_COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; to be told apart in grey by the signs
+_COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; signs tell them apart in grey
 _LOWEST: Final = 100  # steps that are drawn
 _DARK: Final = 0.62  # share of the scale from which on ink is white
 _MOST: Final = float(np.log(16.0))  # logarithm of the ratio from which on colours do not differ
@@ -32,7 +33,7 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "?": "? undecided",
     "": "blank: not trained",
 }
-_SIGN_OF: Final = {"equally fast": "=", "neither learns": "neither", "budget too short": "short"}
+_SIGN_OF: Final = {EQUAL: "=", NEITHER: "neither", TOO_SHORT: "short"}
 _FIXED: Final = "\N{NO-BREAK SPACE}"
 _LABELS: Final = {
     "places": "places in which the person may stand",
@@ -51,7 +52,7 @@ _LABELS: Final = {
 )
 def picture(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws the first grid with one axis, the first with two, and the control, as far as there are any."""
-    return _draw(tables, experiment, _leading(_panels(tables, experiment)))
+    return _draw(tables, experiment, _leading(_kinds(tables, experiment)))
 
 
 @drawing(
@@ -61,42 +62,39 @@ def picture(tables: Frames, experiment: Experiment) -> Figure | None:
 )
 def others(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws what the map does not show, but for references."""
-    panels = _panels(tables, experiment)
-    leading = _leading(panels)
-    return _draw(tables, experiment, {grid: draw for grid, draw in panels.items() if grid not in leading})
+    kinds = _kinds(tables, experiment)
+    return _draw(tables, experiment, {grid: kinds[grid] for grid in kinds if grid not in _leading(kinds)})
 
 
-def _panels(tables: Frames, experiment: Experiment) -> "dict[str, Panel]":
-    """Returns what draws each grid; some are not drawn."""
-    panels: dict[str, Panel] = {}
+def _kinds(tables: Frames, experiment: Experiment) -> dict[str, str]:
+    """Returns the kind of each grid's figure, a key of `_DRAWN`; some are not drawn."""
+    kinds = {}
     for name, grid in experiment.declared.grids.items():
         lines = _lines(tables, experiment, name) if len(grid.axes) == 1 else {}
         if lines:
             has_unseen = any(rows["unseen"].any() for rows in lines.values())
-            panels[name] = _draw_unseen if has_unseen else _draw_lines
-            if "permuted" in grid.axes:
-                panels[name] = _draw_control
+            kinds[name] = "control" if "permuted" in grid.axes else "unseen" if has_unseen else "lines"
         elif len(grid.axes) == 2 and (tables["contrasts"]["grid"] == name).any():
-            panels[name] = _draw_square
-    return panels
+            kinds[name] = "square"
+    return kinds
 
 
-def _leading(panels: "dict[str, Panel]") -> "dict[str, Panel]":
-    """Returns the first grid of each kind that the map shows, in the order of kinds."""
-    first = {draw: grid for grid, draw in reversed(panels.items())}
-    return {first[draw]: draw for draw in (_draw_lines, _draw_square, _draw_control) if draw in first}
+def _leading(kinds: Mapping[str, str]) -> dict[str, str]:
+    """Returns the grids that the map shows: the first of each kind, with their kinds."""
+    first = {kind: grid for grid, kind in reversed([*kinds.items()])}
+    return {first[kind]: kind for kind in ("lines", "square", "control") if kind in first}
 
 
-def _draw(tables: Frames, experiment: Experiment, panels: "dict[str, Panel]") -> Figure | None:
+def _draw(tables: Frames, experiment: Experiment, kinds: Mapping[str, str]) -> Figure | None:
     """Draws grids side by side."""
-    if not panels:
+    if not kinds:
         return None
-    widths = [_WIDTHS.get(draw, 3.0) for draw in panels.values()]
+    widths = [_DRAWN[kind][1] for kind in kinds.values()]
     with figure_of(1, 1, (sum(widths), 4.9)) as (figure, axes):
         axes[0, 0].remove()
-        parts = figure.subfigures(1, len(panels), width_ratios=widths, squeeze=False)[0]
-        for part, width, (grid, draw) in zip(parts, widths, panels.items(), strict=True):
-            axis = part.subplots()
+        parts = figure.subfigures(1, len(kinds), width_ratios=widths, squeeze=False)[0]
+        for part, (grid, kind) in zip(parts, kinds.items(), strict=True):
+            axis, (draw, width) = part.subplots(), _DRAWN[kind]
             draw(axis, tables, experiment, grid)
             question = fill(experiment.declared.grids[grid].question, round(9.5 * width))
             axis.set_title(question, loc="left", fontweight="bold")
@@ -128,7 +126,7 @@ def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.Da
 
 def _style(experiment: Experiment, learner: Learner) -> dict[str, Any]:
     """Returns colour, marker and dash of a learner that is no reference."""
-    own = [each.variant for each in experiment.learners.values() if not each.reference_for]
+    own = [other.variant for other in experiment.learners.values() if not other.reference_for]
     return learner_style(learner.variant, learner.observation, [*dict.fromkeys(own)])
 
 
@@ -229,11 +227,11 @@ def _draw_square(axis: Axes, tables: Frames, experiment: Experiment, grid: str) 
 
 def _sign(row: pd.Series, point: str, pairs: pd.DataFrame) -> tuple[str, float]:
     """Returns the text and the colour of a contrast: the logarithm of its ratio of steps, or NaN for none."""
-    if row["verdict"] not in ("faster", "slower"):
+    if row["verdict"] not in (FASTER, SLOWER):
         return _SIGN_OF.get(row["verdict"], "?"), np.nan
     logarithm = np.log(row["ratio"]) if row["ratio"] > 0 else -_MOST
     if np.isnan(logarithm):
-        return "!", (1 if row["verdict"] == "faster" else -1) * _MOST / 4
+        return "!", (1 if row["verdict"] == FASTER else -1) * _MOST / 4
     own = pairs[(pairs["grid"] == row["grid"]) & (pairs["point"] == point)]
     own = own[(own["x"] == row["x"]) & (own["y"] == row["y"])]
     # Where most runs of a side never learn, the ratio is a bound.
@@ -258,32 +256,29 @@ def _draw_legend(axis: Axes, image: QuadMesh, experiment: Experiment, used: set[
     bar.ax.set_xlabel(fill("; ".join(signs), 58), fontsize="small")
 
 
-def _draw_control(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
-    """Draws the success at the end of training against the share of codes that are permuted."""
-    _draw_success(axis, tables, experiment, grid, "success")
-    axis.set(
-        xlabel="% of the places whose\ncoordinates are permuted", ylabel="success at the end of training"
-    )
-
-
-def _draw_unseen(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
-    """Draws the success in unseen places."""
-    _draw_success(axis, tables, experiment, grid, "unseen_success")
-    name, *_ = _axis_of(experiment, grid)
-    axis.set(xlabel=fill(_LABELS.get(name, name), 24), ylabel="success in unseen places")
-
-
-def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str, column: str) -> None:
-    for name, rows in _lines(tables, experiment, grid).items():
+def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
+    """Draws success in unseen places; of a control, success at the end of training."""
+    name, _, texts = _axis_of(experiment, grid)
+    column = "success" if name == "permuted" else "unseen_success"
+    for learner, rows in _lines(tables, experiment, grid).items():
         success, low, high = (rows[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
-        learner, ends = experiment.learners[name], [success - low, high - success]
-        style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **_style(experiment, learner)}
-        axis.errorbar(range(len(rows)), success, ends, label=learner.title, **style)
-    *_, texts = _axis_of(experiment, grid)
+        style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **_style(experiment, experiment.learners[learner])}
+        ends, title = [success - low, high - success], experiment.learners[learner].title
+        axis.errorbar(range(len(rows)), success, ends, label=title, **style)
     axis.set_xticks(range(len(texts)), texts)
     axis.set_ylim(-0.04, 1.04)
     axis.figure.legend(loc="outside lower center", frameon=False, fontsize="small")
+    if name == "permuted":
+        label, what = "% of the places whose\ncoordinates are permuted", "at the end of training"
+    else:
+        label, what = fill(_LABELS.get(name, name), 24), "in unseen places"
+    axis.set(xlabel=label, ylabel=f"success {what}")
 
 
-Panel = Callable[[Axes, Frames, Experiment, str], None]
-_WIDTHS: Final[dict[Panel, float]] = {_draw_lines: 6.0, _draw_square: 4.2}
+# What draws a grid of each kind, and the width of the figure in inches
+_DRAWN: Final[dict[str, tuple[Callable[[Axes, Frames, Experiment, str], None], float]]] = {
+    "lines": (_draw_lines, 6.0),
+    "square": (_draw_square, 4.2),
+    "control": (_draw_success, 3.0),
+    "unseen": (_draw_success, 3.0),
+}

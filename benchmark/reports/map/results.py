@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from agents.hardness import Hardness, hardness
 from benchmark.analysis import looks as rules
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.frames import by_step
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, median, proportion
-from benchmark.analysis.looks import NEITHER, TOO_SHORT, Contrast
+from benchmark.analysis.looks import VERDICTS, Contrast
 from benchmark.experiments import Experiment, Population
 from benchmark.reports.item import item, no_rows
 from envs import InputError, Scenario
@@ -24,14 +23,6 @@ from envs.scenario import NoisyFeedback
 Row = Mapping[str, object]
 
 POINT: Final = {"grid": "", "point": ""}
-IN_WORDS: Final = {
-    BETTER: "faster",
-    WORSE: "slower",
-    EQUIVALENT: "equally fast",
-    NEITHER: "neither learns",
-    TOO_SHORT: "budget too short",
-    UNDECIDED: "undecided",
-}
 _MEANINGS: Final = {
     "columns": "columns of the room",
     "contrasts": "contrasts that ended with so many pairs of runs",
@@ -63,10 +54,10 @@ _MEANINGS: Final = {
     "unseen": "further cells of the issuer, never met in training",
     "unseen_success": "success with the issuer in these cells, of several runs the mean; empty without any",
     "verdict": "verdict on x",
-    **dict.fromkeys(IN_WORDS.values(), "contrasts with this verdict"),
+    **dict.fromkeys(VERDICTS, "contrasts with this verdict"),
 }
 _item: Final = partial(item, meanings=_MEANINGS)
-_COUNTED: Final = dict.fromkeys(IN_WORDS.values(), "")
+_COUNTED: Final = dict.fromkeys(VERDICTS, "")
 
 
 @_item(
@@ -142,7 +133,7 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             **_sides(contrast),
             "n": contrast.decision.n,
             "budget": min(side.first.settings.budget for side in (contrast.x, contrast.y)),
-            "verdict": IN_WORDS[contrast.decision.verdict],
+            "verdict": contrast.decision.verdict,
             "faster": contrast.decision.faster,
             "ratio": ratio(*contrast.took, "steps"),
             "ratio_disagreements": ratio(*contrast.took, "disagreements"),
@@ -161,7 +152,13 @@ def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         key = contrast.x.condition.axes["grid"], contrast.x.learner.name, contrast.y.learner.name
         counts.setdefault(key, Counter()).update([contrast.decision.verdict])
     for (grid, x, y), counted in counts.items():
-        yield {"grid": grid, "x": x, "y": y, "n": counted.total()} | _in_words(counted)
+        yield {
+            "grid": grid,
+            "x": x,
+            "y": y,
+            "n": counted.total(),
+            **{name: counted[name] for name in VERDICTS},
+        }
 
 
 @_item(
@@ -178,11 +175,7 @@ def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     }
     for n in experiment.report.looks:
         counted = Counter(decision.verdict for decision in distinct.values() if decision.n == n)
-        yield {"n": n, "contrasts": counted.total()} | _in_words(counted)
-
-
-def _in_words(counted: Counter[str]) -> dict[str, object]:
-    return {text: counted[verdict] for verdict, text in IN_WORDS.items()}
+        yield {"n": n, "contrasts": counted.total(), **{name: counted[name] for name in VERDICTS}}
 
 
 @_item(
@@ -202,9 +195,7 @@ def _in_words(counted: Counter[str]) -> dict[str, object]:
 def reference(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""
     every = _took(experiment, curves)
-    steps = {
-        (each.condition.name, each.learner.name): took["steps"].to_numpy() for each, took in every.items()
-    }
+    steps = {(key.condition.name, key.learner.name): took["steps"].to_numpy() for key, took in every.items()}
     for population in every:
         condition, learner = population.condition.name, population.learner
         if (condition, learner.reference_for) in steps:
@@ -284,8 +275,8 @@ def _took(experiment: Experiment, curves: pd.DataFrame) -> dict[Population, pd.D
 
 
 def _contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
-    if found := rules.contrasts(experiment, curves):
-        return found
+    if contrasts := rules.contrasts(experiment, curves):
+        return contrasts
     raise InputError(f"{experiment.name}: no contrast has enough runs yet: run the experiment first.")
 
 
@@ -299,7 +290,7 @@ def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
     n, rng = len(x), np.random.default_rng(BOOTSTRAP_SEED)
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
     medians = [np.median(took[currency].to_numpy()[drawn], axis=1) for took in (x, y)]
-    if all(np.isinf(each[0]) for each in medians) or any(each[0] == 0 for each in medians):
+    if all(np.isinf(median[0]) for median in medians) or any(median[0] == 0 for median in medians):
         return Estimate(np.nan, np.nan, np.nan)
     spent = [np.median(took[f"spent_{currency}"]) for took in (x, y)]
     of_x, of_y = (np.where(np.isinf(m), other, m) for m, other in zip(medians, spent, strict=True))

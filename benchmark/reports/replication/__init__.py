@@ -1,12 +1,11 @@
 """The replication of the paper: its figure, its claims, and how far learning got."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from benchmark.analysis.frames import RecordsOf
 from benchmark.experiments import Experiment
-from benchmark.reports.explorer import Shown, explorer_item
+from benchmark.reports import explorer
 from benchmark.reports.item import Report
 from benchmark.reports.replication import learned, verdicts
 from benchmark.reports.replication.agents import check, few_agents
@@ -14,10 +13,10 @@ from benchmark.reports.replication.agents import check, few_agents
 __all__ = ["REPORT"]
 
 
-def _explored(experiment: Experiment, records: RecordsOf) -> Iterator[Shown]:
-    (learner,) = experiment.learners.values()
-    for agents in few_agents(experiment, records).values():
-        yield Shown(learner.variant, learner.observation, agents)
+@explorer.explorer_item
+def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
+    """Writes what some of the agents know."""
+    explorer.write([*few_agents(experiment, records).values()], path)
 
 
 REPORT: Final = Report(
@@ -33,10 +32,9 @@ REPORT: Final = Report(
         learned.learning,
         learned.optimal,
         learned.q_values,
-        explorer_item(_explored),
+        agents,
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=verdicts.headline,
     lead="figure",
-    columns=("success",),
 )

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from benchmark.analysis.intervals import Estimate, combined, interval, resample
-from benchmark.analysis.search import AROUND, best_apart, chosen_by, everywhere, outcomes, settings_of
+from benchmark.analysis.search import AROUND, Areas, best_apart, chosen_by, everywhere, outcomes, settings_of
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import figure_of, learner_style
 from benchmark.drawing.tables import decimals_of
@@ -25,7 +26,30 @@ from envs import compile_scenario
 
 Row = dict[str, object]
 
-KEY: Final = {"learner": ""}  # the column that names a learner, for readers
+_MEANINGS: Final = {
+    "area": "mean area under the curve of success, over scenarios and runs",
+    "chosen": "mean area of the chosen settings, on fresh runs",
+    "cpu_ms": "CPU milliseconds of training per run of the search",
+    "cpu_time_s": "CPU seconds of training, sum over all runs of the search",
+    "default": "mean area of the default settings, on fresh runs",
+    "difference": "area minus that of the chosen settings",
+    "expected": "expected area of the best of b trials",
+    "found": "mean area of the best trial on its first runs",
+    "fresh_area": "the same on fresh runs; empty if the trial was not run again",
+    "gain": "`chosen` minus `default`",
+    "per_scenario": "mean area if the best trial could be chosen in each scenario",
+    "range": "declared range",
+    "runs": "runs of the search",
+    "sensitivity": "`per_scenario` minus `chosen`",
+    "setting": "setting, by dotted key",
+    "settings": "settings that the trial changes, as JSON",
+    "steps": "environment steps of all runs of these trials",
+    "trial": "number of the trial; 0 has the default settings",
+    "trials": "number of trials, b, without trial 0",
+    "value": "value of that setting",
+    "why": "the reason for the range",
+}
+_item: Final = partial(item, meanings=_MEANINGS)
 _AREA: Final = "mean area under the curve of success"
 _TITLES: Final = {"tabular": "tables", "deep": "nets"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
@@ -33,11 +57,11 @@ _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
 _CLOSE: Final = 0.05  # areas that differ by less are close to each other
 
 
-@item(
+@_item(
     "chosen",
     "the chosen settings of each learner, and its areas under the curve of success on fresh runs",
     {
-        **KEY,
+        "learner": "",
         "trial": "",
         "settings": "",
         "default": "default settings",
@@ -48,16 +72,6 @@ _CLOSE: Final = 0.05  # areas that differ by less are close to each other
         "found": "mean on the first runs",
     },
     best="chosen",
-    meanings={
-        "trial": "number of the trial; 0 has the default settings",
-        "settings": "settings that the trial changes, as JSON",
-        "default": "mean area of the default settings, on fresh runs",
-        "chosen": "mean area of the chosen settings, on fresh runs",
-        "gain": "`chosen` minus `default`",
-        "per_scenario": "mean area if the best trial could be chosen in each scenario",
-        "sensitivity": "`per_scenario` minus `chosen`",
-        "found": "mean area of the best trial on its first runs",
-    },
 )
 def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
@@ -74,19 +88,11 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             "gain": gain(best, default),
             "per_scenario": mean(apart),
             "sensitivity": gain(apart, best),
-            "found": float(outcome.searched.mean(axis=(1, 2)).max()),
+            "found": float(max(areas.mean() for areas in outcome.searched)),
         }
 
 
-@item(
-    "best_of",
-    "the expected area of the best of b trials",
-    meanings={
-        "trials": "number of trials, b",
-        "steps": "environment steps of these trials",
-        "expected": "expected area of the best of b trials",
-    },
-)
+@_item("best_of", "the expected area of the best of b trials")
 def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates `expected_best` of the trials without trial 0, with intervals over trials.
 
@@ -95,7 +101,7 @@ def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     budget = experiment.populations[0].first.settings.budget
     for outcome in outcomes(experiment, runs):
         areas = outcome.searched[1:]
-        samples = expected_best(areas, resample(len(areas), outcome.learner.name), len(areas))
+        samples = expected_best(areas, resample(len(areas), outcome.learner.name))
         low, high = interval(samples)
         for i, value in enumerate(samples[0]):
             ends = (min(low[i], value), max(high[i], value)) if i < len(areas) // 3 else (math.nan, math.nan)
@@ -127,10 +133,12 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
             steps = axis.secondary_xaxis("top")
             steps.set_xticks(_TICKS, [f"{tick * million:.3g}" for tick in _TICKS])
             steps.set_xlabel("million environment steps of the search")
-            for each in (axis.xaxis, steps.xaxis):
-                each.set_minor_locator(NullLocator())
+            for scale in (axis.xaxis, steps.xaxis):
+                scale.set_minor_locator(NullLocator())
             axis.set_title(_TITLES[family], fontweight="bold")
-            handles = [Line2D([], [], label=each.title, **_style(experiment, each)) for each in learners]
+            handles = [
+                Line2D([], [], label=learner.title, **_style(experiment, learner)) for learner in learners
+            ]
             place_below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)}
             axis.legend(handles=handles, **place_below, ncols=2, frameon=False, handlelength=3)
         axes[0, 0].set_ylabel(_AREA)
@@ -140,28 +148,23 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
 @best_of.shown
 def _(table: pd.DataFrame) -> pd.DataFrame:
     """Shows a row per learner: some numbers of trials, and how many come close to all of them."""
-    n = int(table["trials"].max())
-    shown = []
-    groups = [rows for _, rows in table.groupby("learner", sort=False)]
-    digits = decimals_of(table["expected"], is_bounded=True)
-    for rows in sorted(groups, key=lambda rows: -rows["expected"].iloc[-1]):
-        row: dict[str, object] = {"learner": rows["learner"].iloc[0]}
-        for b in dict.fromkeys([*(b for b in _SOME if b < n), n]):
-            (_, one), *_ = rows[rows["trials"] == b].iterrows()
-            row[f"best of {b}"] = entry(one, "expected", "best_of", digits)
+    n, digits, shown = int(table["trials"].max()), decimals_of(table["expected"], is_bounded=True), []
+    learners = [rows for _, rows in table.groupby("learner", sort=False)]
+    for rows in sorted(learners, key=lambda rows: -rows["expected"].iloc[-1]):
+        row = {"learner": rows["learner"].iloc[0]}
+        for b in (*(b for b in _SOME if b < n), n):
+            row[f"best of {b}"] = entry(rows.iloc[b - 1], "expected", "best_of", digits)
         is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
-        row[f"trials needed to come within {_CLOSE} of the best of {n}"] = (
-            f"{rows.loc[is_close, 'trials'].iloc[0]}"
-        )
-        shown.append(row)
+        needed = f"trials needed to come within {_CLOSE} of the best of {n}"
+        shown.append(row | {needed: f"{rows.loc[is_close, 'trials'].iloc[0]}"})
     return pd.DataFrame(shown)
 
 
-@item(
+@_item(
     "cost",
     "cost of the search, excluding the runs that vary the chosen settings",
     {
-        **KEY,
+        "learner": "",
         "trials": "",
         "runs": "",
         "steps": "environment steps",
@@ -170,19 +173,12 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
     },
     is_measured=True,
     best="-cpu_time_s",
-    meanings={
-        "trials": "trials, without trial 0",
-        "runs": "runs of the search",
-        "steps": "environment steps of all runs of the search",
-        "cpu_time_s": "CPU seconds of training, sum over all runs of the search",
-        "cpu_ms": "CPU milliseconds of training per run of the search",
-    },
 )
 def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the effort of each search; `cpu_ms` is the mean time that a run of the search trains."""
-    for name, found in chosen_by(experiment, runs).items():
-        effort = found.model_dump(include={"trials", "runs", "steps", "cpu_time_s"})
-        cpu_ms = 1000 * found.cpu_time_s / found.runs
+    for name, result in chosen_by(experiment, runs).items():
+        effort = result.model_dump(include={"trials", "runs", "steps", "cpu_time_s"})
+        cpu_ms = 1000 * result.cpu_time_s / result.runs
         yield _names(experiment.learners[name]) | effort | {"cpu_ms": cpu_ms}
 
 
@@ -190,13 +186,7 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     "trials",
     "every trial of every learner: settings, and mean areas by scenario",
     where=no_rows,
-    meanings={
-        "trial": "number of the trial; 0 has the default settings",
-        "settings": "settings that the trial changes, as JSON",
-        "area": "mean area under the curve of success, over scenarios and the first runs",
-        "fresh_area": "the same on fresh runs; empty if the trial was not run again",
-        "*": "mean area in the scenario of this name, on the first runs",
-    },
+    meanings=_MEANINGS | {"*": "mean area in the scenario of this name, on the first runs"},
 )
 def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the means over the first runs of each trial, and over fresh runs where there are any."""
@@ -239,18 +229,18 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
     return figure
 
 
-@item(
+@_item(
     "around",
     "one setting at a time around the chosen ones",
-    {**KEY, "setting": "", "value": "", "n": "runs", "area": "", "difference": "difference from the chosen"},
-    where=no_rows,
-    meanings={
-        "setting": "setting, by dotted key",
-        "value": "value of that setting",
-        "n": "runs, over all scenarios",
-        "area": "mean area under the curve of success, over scenarios and runs of their own",
-        "difference": "area minus that of the chosen settings",
+    {
+        "learner": "",
+        "setting": "",
+        "value": "",
+        "n": "runs",
+        "area": "",
+        "difference": "difference from the chosen",
     },
+    where=no_rows,
 )
 def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the chosen settings, and the same with one setting at another value, on runs of their own."""
@@ -258,13 +248,13 @@ def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     for learner in experiment.learners.values():
         groups = of_stage[of_stage["learner"] == learner.name].groupby(["setting", "value"], sort=False)
         areas = {key: np.split(rows["area"].to_numpy(), len(experiment.scenarios)) for key, rows in groups}
-        for (setting, value), found in areas.items():
+        for (setting, value), parts in areas.items():
             yield _names(learner) | {
                 "setting": setting or "none",
                 "value": value or "as chosen",
-                "n": sum(map(len, found)),
-                "area": mean(found),
-                "difference": gain(found, areas["", ""]),
+                "n": sum(map(len, parts)),
+                "area": mean(parts),
+                "difference": gain(parts, areas["", ""]),
             }
 
 
@@ -278,7 +268,7 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
     with figure_of(len(variants), n_columns, (11.0, height + 0.6)) as (figure, axes):
         axes[0, 0].get_gridspec().set_height_ratios([n + 1.5 for n in n_settings])
         for i, (row, variant) in enumerate(zip(axes, variants, strict=True)):
-            learners = [each for each in experiment.learners.values() if each.variant == variant]
+            learners = [learner for learner in experiment.learners.values() if learner.variant == variant]
             for axis in row[len(learners) :]:
                 axis.set_axis_off()
             for axis, learner in zip(row, learners, strict=False):
@@ -317,16 +307,12 @@ def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, colour: str) 
     "spaces",
     "the declared range of every setting, and why",
     {"algorithm": "", "setting": "", "default": "", "range": "", "why": ""},
-    meanings={
-        "setting": "setting, by dotted key",
-        "default": "default value",
-        "range": "declared range",
-        "why": "the reason for the range",
-    },
+    meanings=_MEANINGS | {"default": "default value"},
 )
 def spaces(experiment: Experiment) -> Iterator[Row]:
     """Tabulates what was declared before the search."""
-    defaults = {each.learner.variant: each.first.settings for each in reversed(experiment.populations)}
+    populations = reversed(experiment.populations)
+    defaults = {population.learner.variant: population.first.settings for population in populations}
     for name, declared in experiment.declared.algorithms.items():
         for key, axis in declared.search.items():
             yield {
@@ -356,11 +342,7 @@ def _style(experiment: Experiment, learner: Learner) -> dict[str, Any]:
 
 
 def _in_words(key: str) -> str:
-    """Returns a setting's name as readers see it.
-
-    >>> _in_words("policy_kwargs.net_arch")
-    'net arch'
-    """
+    """Returns a setting's name as readers see it: of policy_kwargs.net_arch, net arch."""
     return key.split(".")[-1].replace("_", " ")
 
 
@@ -389,29 +371,29 @@ def _text(experiment: Experiment, learner: Learner, trial: int) -> str:
     return ", ".join(texts) or "default"
 
 
-def mean(areas: Sequence[NDArray[np.float64]]) -> Estimate:
+def mean(areas: Sequence[Areas]) -> Estimate:
     """Returns the mean over scenarios of means over runs, given the numbers in [0, 1] of each scenario."""
-    share, means = 1 / len(areas), [float(each.mean()) for each in areas]
+    share, means = 1 / len(areas), [float(part.mean()) for part in areas]
     return Estimate(
-        float(np.mean(means)), *combined([share] * len(areas), means, [len(each) for each in areas])
+        float(np.mean(means)), *combined([share] * len(areas), means, [len(part) for part in areas])
     )
 
 
-def gain(x: Sequence[NDArray[np.float64]], y: Sequence[NDArray[np.float64]]) -> Estimate:
+def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
     """Returns the difference of two such means, x minus y, as of independent runs.
 
-    Scenarios in which both sides are the same runs add nothing, to the width of the interval neither.
+    Scenarios in which both sides are the same runs change neither the difference nor its interval.
     """
     apart = [pair for pair in zip(x, y, strict=True) if pair[0] is not pair[1]]
-    sides, weights = [each for pair in apart for each in pair], [1 / len(x), -1 / len(x)] * len(apart)
-    means = [float(each.mean()) for each in sides]
+    sides, weights = [side for pair in apart for side in pair], [1 / len(x), -1 / len(x)] * len(apart)
+    means = [float(side.mean()) for side in sides]
     if not apart:
         return Estimate(0.0, 0.0, 0.0)
-    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [len(each) for each in sides]))
+    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [len(side) for side in sides]))
 
 
-def expected_best(areas: NDArray[np.float64], weights: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """Returns the expected mean area of the best of b trials, for b from 1 to `most`: (..., most).
+def expected_best(areas: Areas, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the expected mean area of the best of b trials, for b from 1 to all: (..., trials).
 
     Trials are drawn with replacement. The best of them is that with the largest mean over half of the runs of
     each scenario, and what counts is its mean over the other half, which removes the optimism of the maximum;
@@ -420,20 +402,19 @@ def expected_best(areas: NDArray[np.float64], weights: NDArray[np.float64], most
     Args:
       areas: (trials, I, N) of all trials, N at least 2.
       weights: (..., trials) how often each trial counts.
-      most: The largest b.
 
     >>> areas = np.array([0.2, 0.8])[:, None, None].repeat(2, axis=2)
-    >>> expected_best(areas, np.ones(2), 2).round(3).tolist()  # 0.8 with probability 1/2, 3/4
+    >>> expected_best(areas, np.ones(2)).round(3).tolist()  # 0.8 with probability 1/2, 3/4
     [0.5, 0.65]
     """
     half = areas.shape[2] // 2
     parts = [areas[:, :, part].mean(axis=(1, 2)) for part in (slice(half), slice(half, None))]
-    b = np.arange(1, most + 1)
-    found = []
+    b = np.arange(1, len(areas) + 1)
+    halves = []
     for by, counted in (parts, parts[::-1]):
         order = np.argsort(by, kind="stable")  # the worst first
         up_to = weights[..., order].cumsum(axis=-1) / weights.sum(axis=-1, keepdims=True)
         below = np.concatenate([np.zeros_like(up_to[..., :1]), up_to[..., :-1]], axis=-1)
-        is_best = up_to[..., None] ** b - below[..., None] ** b  # (..., trials, most)
-        found.append((is_best * counted[order][:, None]).sum(axis=-2))
-    return np.asarray(np.mean(found, axis=0))
+        is_best = up_to[..., None] ** b - below[..., None] ** b  # (..., trials, b)
+        halves.append((is_best * counted[order][:, None]).sum(axis=-2))
+    return np.asarray(np.mean(halves, axis=0))

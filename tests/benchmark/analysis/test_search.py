@@ -1,88 +1,86 @@
 """The stages of a search: who is run again, and who is chosen."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from benchmark.analysis.search import Searched, area, searched
-from benchmark.analysis.stages import known_runs, stages
+from benchmark.analysis.frames import tables
+from benchmark.analysis.search import best_apart, chosen, finalists, outcomes, searched_areas
+from benchmark.analysis.stages import runs_of, stages
 from benchmark.execution import driver
 from benchmark.execution.executors.threads import Threads
 from benchmark.execution.store import Store
-from benchmark.experiments import RunSpecification, load_experiment
+from benchmark.experiments import load_experiment
+from tests.benchmark.reports.conftest import experiment_of
 
 SMALL = load_experiment("tuning_smoke")
+LONGER = """
+extends = "tuning_smoke"
+description = "The same runs, and more."
+changes = { stream = "tuning_smoke", "search.trials" = 5 }
+"""
+# Areas by trial and scenario: trial 1 is lucky, trial 3 the best in the second scenario.
+FIRST = [[0.1, 0.1], [0.9, 0.3], [0.5, 0.5], [0.2, 0.8]]
+FRESH = [[0.1, 0.1], [0.3, 0.3], [0.4, 0.6], [0.2, 0.7]]
 
 
-class Lottery(Searched):
-    """A learner whose areas are made up, by trial, scenario and whether the runs are fresh."""
-
-    FIRST = (
-        [0.1, 0.1],
-        [0.9, 0.3],
-        [0.5, 0.5],
-        [0.2, 0.8],
-    )  # trial 1 is lucky, trial 3 best in the second scene
-    FRESH = ([0.1, 0.1], [0.3, 0.3], [0.4, 0.6], [0.2, 0.7])
-
-    def areas(self, runs: Sequence[RunSpecification]) -> np.ndarray:
-        """Returns the made-up areas."""
-        i = SMALL.scenarios.index(runs[0].scenario.name)
-        trial = int(runs[0].condition.partition("trial=")[2])
-        is_fresh = runs[0].seed >= 10
-        return np.full(len(runs), (self.FRESH if is_fresh else self.FIRST)[trial][i])
-
-
-def test_the_winner_of_a_lottery_does_not_win(tmp_path: Path) -> None:
-    with Store(tmp_path / "runs.db") as store:
-        lottery = Lottery(SMALL, "q_learning", "index", store)
-        assert lottery.finalists == [1, 2]  # 0.6, 0.5; as trial 3, but declared before it
-        assert lottery.best == [1, 3]
-        assert lottery.chosen == 2
-        first, second = SMALL.scenarios
-        everywhere = {(t, name) for t in (0, 1, 2) for name in (first, second)}
-        assert {*lottery.fresh_runs} == everywhere | {(3, second)}
-        assert {run.seed for runs in lottery.fresh_runs.values() for run in runs} == {10, 11, 12}
-
-
-def test_around_the_chosen_one_setting_changes_at_a_time(tmp_path: Path) -> None:
-    with Store(tmp_path / "runs.db") as store:
-        lottery = Lottery(SMALL, "q_learning", "index", store)
-        own = lottery.around["", ""][0].settings.model_dump()
-        assert len(lottery.around) == 1 + 3 + 1  # three marks of a range, the other one of two choices
-        for (key, _), runs in lottery.around.items():
-            values = runs[0].settings.model_dump()
-            assert {name for name in own if own[name] != values[name]} == ({key} if key else set())
-            assert {run.seed for run in runs} == {13, 14}
-            assert [run.scenario.name for run in runs] == [name for name in SMALL.scenarios for _ in range(2)]
+def test_the_winner_of_a_lottery_does_not_win() -> None:
+    areas = np.array(FIRST)[:, :, None].repeat(2, axis=2)
+    assert finalists(areas, 2) == [1, 2]  # 0.6, 0.5; as trial 3, but declared before it
+    assert best_apart(areas) == [1, 3]
+    rows = [
+        {
+            "learner": population.learner.name,
+            "trial": population.condition.axes["trial"],
+            "scenario": population.scenario.name,
+            "stage": stage,
+            "area": areas[int(population.condition.axes["trial"])][i],
+        }
+        for stage, areas in (("search", FIRST), ("fresh", FRESH))
+        for population in SMALL.populations
+        for i, name in enumerate(SMALL.scenarios)
+        if population.scenario.name == name
+    ]
+    assert [outcome.chosen for outcome in outcomes(SMALL, pd.DataFrame(rows))] == [2, 2, 2]
 
 
 def test_stages_follow_from_what_is_stored(tmp_path: Path) -> None:
     """A search can be interrupted anywhere, and lengthened without repeating what is done."""
     with Store(tmp_path / "runs.db") as store:
-        seen: list[str] = []
-        for n_stages, runs in enumerate(stages(SMALL, store), start=1):
-            assert len([*stages(SMALL, store)]) == n_stages
-            assert driver.run(runs[: len(runs) // 2], store, 1, executor=Threads) == []
-            assert len([*stages(SMALL, store)]) == n_stages
-            assert driver.run(runs, store, 1, executor=Threads) == []
-            seen += [run.digest for run in runs]
-        assert n_stages == 3
-        assert len(seen) == len({*seen})
-        assert [run.digest for run in known_runs(SMALL, store)] == seen
-        assert SMALL.search is not None
-        longer = SMALL.model_copy(update={"search": SMALL.search.model_copy(update={"trials": 5})})
-        todo = driver.pending(next(stages(longer, store)), store)
+        for n_stages, groups in enumerate(stages(SMALL, store), start=1):
+            runs = runs_of(groups)
+            for part in (runs[: len(runs) // 2], runs):
+                assert len([*stages(SMALL, store)]) == n_stages
+                assert driver.run(part, store, 1, executor=Threads) == []
+        first, fresh, around = stages(SMALL, store)
+        every = runs_of([*first, *fresh, *around])
+        assert len(every) == sum(len(group.runs) for group in (*first, *fresh, *around))
+        todo = driver.pending(runs_of(next(stages(experiment_of(tmp_path / "l.toml", LONGER), store))), store)
         assert {run.condition for run in todo} == {"default/trial=4", "default/trial=5"}
-        # By hand: the mean success of evaluations, of which the first and the last count half.
-        each = searched(SMALL, store)[0]
-        (run, *_) = each.runs(1, "FarCorner")
-        success = store.get([run.digest])[0].arrays["success"]
-        assert each.searched[1, 0, 0] == pytest.approx((success[:-1] + success[1:]).mean() / 2)
-        assert each.result().steps == 400 * (4 * 2 * 2 + 3 * len(each.fresh_runs))
+        frame, _ = tables([*first, *fresh, *around], store)
+        success = store.get([first[0].runs[0].digest])[0].arrays["success"]
+        effort = {name: found.steps for name, found in chosen(SMALL, store).items()}
+    # By hand: the mean success of evaluations, of which the first and the last count half.
+    assert frame["area"].iloc[0] == pytest.approx((success[:-1] + success[1:]).mean() / 2)
+    for outcome in outcomes(SMALL, frame):
+        areas, name = searched_areas(frame, SMALL, outcome.learner), outcome.learner.name
+        everywhere = {(trial, scene) for trial in (*finalists(areas, 2), 0) for scene in SMALL.scenarios}
+        assert {*outcome.fresh} == everywhere | {*zip(best_apart(areas), SMALL.scenarios, strict=True)}
+        assert {len(fresh) for fresh in outcome.fresh.values()} == {3}
+        assert effort[name] == 400 * (4 * 2 * 2 + 3 * len(outcome.fresh))
+    assert {run.seed for run in runs_of(fresh)} == {10, 11, 12}
 
-
-def test_area_of_a_staircase() -> None:
-    assert area(np.array([[0, 0, 1], [1, 1, 1]]), [0, 30, 40]).tolist() == [0.125, 1.0]
+    # Around the chosen settings, one of them changes at a time.
+    own = {
+        (group.population.learner.name, group.population.scenario.name): group
+        for group in around
+        if not group.more["setting"]
+    }
+    for group in around:
+        names = group.population.learner.name, group.population.scenario.name
+        before, after = (each.runs[0].settings.model_dump() for each in (own[names], group))
+        assert {run.seed for run in group.runs} == {13, 14}
+        changed = {key for key in before if before[key] != after[key]}
+        assert changed == {group.more["setting"].split(".")[0]} - {""}

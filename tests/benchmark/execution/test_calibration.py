@@ -1,11 +1,9 @@
 """Estimates of what runs cost, against costs that are planted."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from benchmark.execution.calibration import DOUBT, estimate
 from benchmark.execution.provenance import machine
@@ -15,10 +13,8 @@ from tests.support import specifications
 
 
 def record(run: RunSpecification, seconds: float, peak_mb: float, where: str = "") -> Record:
-    """Returns a record of a run that took so long."""
     measured = {"wall_time_s": seconds, "peak_memory_mb": peak_mb, "machine": where or machine()}
-    arrays: dict[str, NDArray[Any]] = {"greedy": np.zeros(4, np.uint8), "values": np.zeros(4, np.float32)}
-    return Record(run.digest, run.content, "done", measured, arrays)
+    return Record(run.digest, run.content, "done", measured, {"greedy": np.zeros(4, np.uint8)})
 
 
 COMPARED = load_experiment("compare_deep")
@@ -37,6 +33,6 @@ def test_stored_runs_of_such_a_machine_are_believed(tmp_path: Path) -> None:
     assert estimated.seconds == pytest.approx((75 / DOUBT, 75 * DOUBT))
     assert estimated.size == 50 * NETS[0].record_size + len(TABLES) * TABLES[0].record_size
     assert few.seconds == pytest.approx((3 / DOUBT, 3 * DOUBT))
-    for each in (estimated, few):  # two jobs, each in a process of its own
-        assert (each.peak_memory, each.known) == (2 * 500 * 2**20, 1)
+    for cost in (estimated, few):  # two jobs, each in a process of its own
+        assert (cost.peak_memory, cost.known) == (2 * 500 * 2**20, 1)
     assert (estimated.unknown, few.unknown) == (["q_learning"], [])

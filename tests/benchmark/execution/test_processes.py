@@ -37,7 +37,6 @@ algorithms.plain = { algorithm = "q_learning_plain", observations = ["index"], s
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The path of that experiment."""
     path = tmp_path_factory.mktemp("experiment") / "stopped.toml"
     path.write_text(EXPERIMENT, encoding="utf-8")
     return path
@@ -45,7 +44,6 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def runs(experiment: Path) -> list[RunSpecification]:
-    """Its runs."""
     return all_specifications(load_experiment(experiment))
 
 
@@ -60,15 +58,6 @@ def arrays_of(records: Sequence[Record]) -> dict[str, dict[str, bytes]]:
         record.digest: {name: values.tobytes() for name, values in record.arrays.items()}
         for record in records
     }
-
-
-def test_worker_stays_for_the_next_job(runs: list[RunSpecification]) -> None:
-    executor, pids = Processes(1), set()
-    for job in runs[:2]:
-        executor.submit([job]).result()
-        pids.add(tuple(process.pid for process in multiprocessing.active_children()))
-    executor.cancel()
-    assert len(pids) == 1
 
 
 def test_killed_worker_costs_its_run_alone_and_is_tried_again(
@@ -101,7 +90,6 @@ def children(pid: int) -> list[int]:
 
 
 def start(experiment: Path, results: Path) -> subprocess.Popen[str]:
-    """Starts an experiment, and waits until some of its runs are stored."""
     arguments = ["run", str(experiment), "--results", str(results), "--jobs", "2", "--executor", "process"]
     process = subprocess.Popen(
         [sys.executable, "-m", "benchmark", *arguments],
@@ -116,7 +104,6 @@ def start(experiment: Path, results: Path) -> subprocess.Popen[str]:
 
 
 def n_stored(results: Path) -> int:
-    """Returns how many runs are stored."""
     try:
         with Store(results / "runs.db", read_only=True) as store:
             return len(store.statuses())
@@ -159,48 +146,6 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
     assert f"{len(expected) - stored} runs done, {stored} were done already" in capsys.readouterr().out
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert arrays_of(store.get(sorted(store.statuses()))) == expected
-
-
-LONG: Final = """
-description = "An agent of Stable-Baselines3 that learns for a long time."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 100000000
-map_every = 100000000
-settings = { budget = 100000000 }
-algorithms.long = { algorithm = "long_runs:Holding", observations = ["one_hot"], seeds = 1 }
-"""
-LONG_RUNS: Final = """
-import ctypes
-import os
-from pathlib import Path
-from stable_baselines3 import DQN
-
-class Holding(DQN):
-    def train(self, *arguments, **named):
-        super().train(*arguments, **named)
-        Path(__file__).with_name(f"{os.getpid()}.trains").touch()
-        ctypes.PyDLL(None).sleep(90)
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-def test_workers_end_with_a_killed_driver(tmp_path: Path) -> None:
-    """Also while one holds Python's global lock, so that none of its threads can end it."""
-    (tmp_path / "long.toml").write_text(LONG, encoding="utf-8")
-    (tmp_path / "long_runs.py").write_text(LONG_RUNS, encoding="utf-8")
-    command = [sys.executable, "-m", "benchmark", "run", str(tmp_path / "long.toml"), "--jobs", "1"]
-    with subprocess.Popen(
-        [*command, "--results", str(tmp_path)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as driver:
-        until(lambda: [*tmp_path.glob("*.trains")] or driver.poll() is not None)
-        started = children(driver.pid)
-        driver.kill()
-    killed_s = time.monotonic()
-    (worker,) = (int(path.stem) for path in tmp_path.glob("*.trains"))
-    assert worker in started
-    until(lambda: not any(Path(f"/proc/{pid}/stat").exists() for pid in started))
-    assert time.monotonic() - killed_s < 60
 
 
 def test_second_driver_waits_for_the_first_and_repeats_nothing(

@@ -5,15 +5,10 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from benchmark.experiments import (
-    Experiment,
-    all_specifications,
-    load_experiment,
-    specification,
-    specifications,
-)
+from benchmark.experiments import Experiment, choices, load_experiment
 from benchmark.experiments.search import Choice, Space, Span, trials
 from envs import InputError, load_scenario, scenario_names
 from envs.scenario import SCENARIO_DIRECTORY
@@ -76,7 +71,7 @@ def search(tmp_path: Path) -> Experiment:
     """A search, and beside its file what it has chosen."""
     search = experiment_of(tmp_path / "search.toml", SEARCH)
     learners = {"q_learning, index": chosen(0.25), "q_learning, offset": chosen(0.75)}
-    text = json.dumps({"search": specification.digest_of_search(search), "learners": learners})
+    text = json.dumps({"search": choices.digest_of_search(search.declared), "learners": learners})
     (tmp_path / "search.chosen.json").write_text(text)
     return search
 
@@ -92,9 +87,7 @@ def tuned(tmp_path: Path, *changes: tuple[str, str]) -> Experiment:
 
 def forget() -> None:
     """Lets searches be read again, which a process does once."""
-    specification._read_search.cache_clear()
-    specification._digest_of_search.cache_clear()
-    specification._scenarios_of_search.cache_clear()
+    choices._search.cache_clear()
 
 
 def test_trials_stay_the_same_when_a_search_is_lengthened() -> None:
@@ -106,98 +99,74 @@ def test_trials_stay_the_same_when_a_search_is_lengthened() -> None:
 
 def test_trials_fill_the_space_evenly() -> None:
     """Of 64 points of a Sobol sequence in each dimension, one is in every 64th of the range."""
-    drawn = trials("dqn", SPACE, 64)[1:]
-    shares = {
-        "learning_rate": [np.log10(each["learning_rate"]) / 2 + 1 for each in drawn],
-        "epsilon": [each["epsilon"] / 0.5 for each in drawn],
-    }
-    for values in shares.values():
-        assert sorted(np.array(values) * 64 // 1) == pytest.approx(
-            np.arange(64), abs=1
-        )  # rounded to 3 digits
-    assert [each["policy_kwargs.net_arch"] for each in drawn].count([8]) == 32
-    assert all(isinstance(each["every"], int) and 10 <= each["every"] <= 1000 for each in drawn)
+    drawn = pd.DataFrame(trials("dqn", SPACE, 64)[1:])
+    for shares in (np.log10(drawn["learning_rate"]) / 2 + 1, drawn["epsilon"] / 0.5):
+        assert sorted(shares * 64 // 1) == pytest.approx(np.arange(64), abs=1)  # rounded to 3 digits
+    assert [*drawn["policy_kwargs.net_arch"]].count([8]) == 32
+    assert drawn["every"].dtype == int
+    assert drawn["every"].between(10, 1000).all()
 
 
 def test_every_learner_of_a_variant_has_the_same_trials(search: Experiment) -> None:
-    drawn = trials("q_learning", search.algorithms["q_learning"].search, 4)
-    for t, changes in enumerate(drawn):
-        runs = {
-            name: specifications(search, f"default/trial={t}", "FarCorner", "q_learning", name)
-            for name in ("index", "offset")
-        }
-        (index, *_), (offset, *_) = runs.values()
-        assert index.settings == offset.settings
-        expected = {"discount": 0.8, "budget": 200} | changes
-        assert index.settings.model_dump(include={*expected}) == expected
-    assert len({run.digest for run in all_specifications(search)}) == 5 * 2 * 2
+    drawn = trials("q_learning", search.declared.algorithms["q_learning"].search, 4)
+    assert len(search.populations) == 5 * 2
+    for population in search.populations:
+        expected = {"discount": 0.8, "budget": 200} | drawn[int(population.condition.axes["trial"])]
+        assert population.first.settings.model_dump(include={*expected}) == expected
 
 
 @pytest.mark.usefixtures("search")
 def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path) -> None:
-    experiment = tuned(tmp_path)
-    for variant in ("mine", "plain"):
-        for observation, learning_rate in (("index", 0.25), ("offset", 0.75)):
-            (run, *_) = specifications(experiment, "default", "S1", variant, observation)
-            found = run.settings.model_dump(include={"learning_rate", "discount", "epsilon"})
-            assert found == {"learning_rate": learning_rate, "discount": 0.8, "epsilon": 0.3}
+    for population in tuned(tmp_path).populations:
+        learning_rate = {"index": 0.25, "offset": 0.75}[population.learner.observation]
+        expected = {"learning_rate": learning_rate, "discount": 0.8, "epsilon": 0.3}
+        assert population.first.settings.model_dump(include={*expected}) == expected
 
 
 @pytest.mark.usefixtures("search")
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("old", "new", "reason"),
     [
-        (
-            ('["S1"]', '["S1", "FarCorner"]'),
-            "FarCorner is FarCorner, a scenario of the search, or its reflection; accepted: other",
-        ),
-        (
-            ("first_seed = 100", "first_seed = 14"),
-            "the search has used the seeds 0 to 1 and 10 to 14; accepted: seeds other than 14 to 15",
-        ),
-        (("description", 'stream = "search"\ndescription'), "its stream is that of the search; accepted: an"),
-        ((":q_learning", ":dqn"), "unknown variant of .* dqn; accepted: q_learning"),
-        (('"index", "offset"', '"index", "offset", "one_hot"'), "unknown observation for q_learning one_hot"),
-        (
-            ("PATH:q_learning", "reproduce:q_learning"),
-            "reproduce has no table .search.; accepted: an experiment with",
-        ),
-        (("PATH:q_learning", "q_learning"), 'accepted: "EXPERIMENT:VARIANT"'),
+        ('["S1"]', '["S1", "FarCorner"]', "FarCorner is FarCorner, a scenario of the search"),
+        ("first_seed = 100", "first_seed = 14", "seeds 0 to 1 and 10 to 14; accepted: .* than 14 to 15"),
+        ("description", 'stream = "search"\ndescription', "its stream is that of the search"),
+        (":q_learning", ":dqn", "unknown variant of .* dqn; accepted: q_learning"),
+        ('"index", "offset"', '"index", "one_hot"', "unknown observation for q_learning one_hot"),
+        ("PATH:q_learning", "reproduce:q_learning", "reproduce has no table .search."),
+        ("PATH:q_learning", "q_learning", 'accepted: "EXPERIMENT:VARIANT"'),
     ],
-)
-def test_what_the_search_has_seen_is_refused(tmp_path: Path, change: tuple[str, str], reason: str) -> None:
-    old, new = change
+)  # fmt: skip
+def test_what_the_search_has_seen_is_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
     with pytest.raises(InputError, match=reason):
         tuned(tmp_path, (old.replace("PATH", str(tmp_path / "search.toml")), new))
 
 
 @pytest.mark.usefixtures("search")
-@pytest.mark.parametrize("change", [[], ["issuer.position = [3, 7]", "start = [9, 0]"], ["start = [0, 0]"]])
-def test_a_scene_under_another_name_is_refused(tmp_path: Path, change: list[str]) -> None:
-    """Also its reflection, and one that a condition makes the same; but not one with another start."""
+@pytest.mark.parametrize(
+    ("start", "issuer"),
+    [("[9, 11]", "[3, 4]"), ("[9, 0]", "[3, 7]"), ("[0, 0]", "[3, 4]")],
+    ids=["the same", "its reflection", "another start"],
+)
+def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str, issuer: str) -> None:
+    """Also one that a condition makes the same."""
     text = (SCENARIO_DIRECTORY / "FarCorner.toml").read_text(encoding="utf-8")
     text = re.sub("description.*", 'description = "Mine."', text)
-    if len(change) == 2:  # reflected at the middle column
-        text = text.replace("[9, 11]", "[9, 0]").replace("[3, 4]", "[3, 7]")
-    if len(change) == 1:
-        text = text.replace("[9, 11]", "[0, 0]")
-    (tmp_path / "Mine.toml").write_text(text)
-    scene = ('"S1"', f'"{tmp_path / "Mine.toml"}"')
-    if len(change) == 1:
-        assert tuned(tmp_path, scene).name == "tuned"
+    (tmp_path / "Mine.toml").write_text(text.replace("[9, 11]", start).replace("[3, 4]", issuer))
+    changes = [('"S1"', f'"{tmp_path / "Mine.toml"}"')]
+    if start == "[0, 0]":
+        assert tuned(tmp_path, *changes).name == "tuned"
         condition = '[sweep.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
-        with pytest.raises(InputError, match=r"Mine\.toml is FarCorner, a scenario of the search"):
-            tuned(tmp_path, scene, ("[algorithms.plain]", condition))
-    else:
-        with pytest.raises(InputError, match=r"Mine\.toml is FarCorner, a scenario of the search"):
-            tuned(tmp_path, scene)
+        changes.append(("[algorithms.plain]", condition))
+    with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
+        tuned(tmp_path, *changes)
 
 
 def test_no_scene_of_the_search_is_reported() -> None:
-    seen = {load_scenario(name).essence: name for name in load_experiment("tuning").scenarios}
+    scenarios = load_experiment("tuning").scenarios
+    seen = {choices.essence_of(scenario) for scenario in scenarios.values()}
     assert len(seen) == 4
-    others = [name for name in scenario_names() if name not in seen.values()]
-    assert [name for name in others if load_scenario(name).essence in seen] == []
+    others = [name for name in scenario_names() if name not in scenarios]
+    assert [name for name in others if choices.essence_of(load_scenario(name)) in seen] == []
 
 
 @pytest.mark.usefixtures("search")
@@ -217,56 +186,36 @@ def test_a_changed_search_is_run_again(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("search")
 @pytest.mark.parametrize(
-    "text", ["", "[]", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}']
+    "text", [None, "[]", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}']
 )
-def test_damaged_choices_are_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "search.chosen.json").write_text(text)
-    with pytest.raises(
-        InputError, match=r"search\.chosen\.json is damaged; run the search search with --report"
-    ):
-        tuned(tmp_path)
-
-
-@pytest.mark.usefixtures("search")
-def test_choices_must_be_there(tmp_path: Path) -> None:
-    (tmp_path / "search.chosen.json").unlink()
-    with pytest.raises(InputError, match=r"cannot be read .*: run the search search with --report first"):
+def test_missing_and_damaged_choices_are_refused(tmp_path: Path, text: str | None) -> None:
+    path, again = tmp_path / "search.chosen.json", "run the search search with --report"
+    if text is None:
+        path.unlink()
+    else:
+        path.write_text(text)
+    with pytest.raises(InputError, match=f"cannot be read .*: {again} first" if text is None else again):
         tuned(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("old", "new", "reason"),
     [
-        (("low = 0.03", "low = 3.0"), "low = 3.0: accepted: less than high = 1.0"),
-        (("low = 0.03", "low = 0.0"), "low = 0.0: accepted: above 0, or scale"),
-        (('why = "-"', 'why = ""'), 'why = "": accepted: at least 1'),
-        (("learning_rate = {", "speed = {"), "unknown key speed"),
-        (("high = 1.0", "high = 2.0"), "less than or equal to 1"),
-        (
-            ('low = 0.03, high = 1.0, scale = "log"', "low = 0.0, high = 1.0"),
-            "learning_rate = 0.0: .* greater than 0",
-        ),
-        (("low = 0.03", "whole = true, low = 0.03"), "low = 0.03, high = 1.0: accepted: whole numbers, both"),
-        (("seeds = 2\n", "seeds = 1\n"), "algorithms.q_learning.seeds = 1: accepted: at least 2 in a search"),
-        (
-            ("learning_rate = {", "budget = { low = 1.0, high = 2.0, why = '-' }, learning_rate = {"),
-            "search.budget: accepted",
-        ),
-        (
-            ("first_seed = 10", "first_seed = 1"),
-            "first_seed = 0: accepted: seeds outside 1 to 5, which its later stages use",
-        ),
-        (
-            ("search = { trials", "sweep = { a = { b = {} } }\nsearch = { trials"),
-            "no sweep, readings or solved",
-        ),
-        (
-            ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", ""),
-            "a table .search. beside it",
-        ),
+        ("low = 0.03", "low = 3.0", "low = 3.0: accepted: less than high = 1.0"),
+        ("low = 0.03", "low = 0.0", "low = 0.0: accepted: above 0, or scale"),
+        ('why = "-"', 'why = ""', 'why = "": accepted: at least 1'),
+        ("learning_rate = {", "speed = {", "unknown key speed"),
+        ("high = 1.0", "high = 2.0", "less than or equal to 1"),
+        ('low = 0.03, high = 1.0, scale = "log"', "low = 0, high = 1", "= 0.0: .* greater than 0"),
+        ("low = 0.03", "whole = true, low = 0.03", "accepted: whole numbers, both"),
+        ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),
+        ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
+        ("first_seed = 10", "first_seed = 1", "accepted: seeds outside 1 to 5, which its"),
+        ("search = { trials", "sweep.a.b = {}\nsearch = { trials", "no sweep, readings or solved"),
+        ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", "", "a table .search."),
     ],
-)
-def test_searches_that_are_refused(tmp_path: Path, change: tuple[str, str], reason: str) -> None:
-    assert change[0] in SEARCH
+)  # fmt: skip
+def test_searches_that_are_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
+    assert old in SEARCH
     with pytest.raises(InputError, match=reason):
-        experiment_of(tmp_path / "search.toml", SEARCH.replace(*change))
+        experiment_of(tmp_path / "search.toml", SEARCH.replace(old, new))

@@ -10,16 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from benchmark.analysis.population import Population
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 from benchmark.__main__ import main
+from benchmark.analysis.records import Records
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.page import build
+from benchmark.reports.data import load
 from benchmark.reports.folder import MANIFEST
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.benchmark.page.made import TEXT, Learners, load
+from tests.benchmark.page.made import TEXT
 from tests.support import ROOT
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -52,6 +53,7 @@ seeds = 2
 settings = {{ budget = 2048 }}
 """
 TABLE, NET, POLICY = ("a-table_b", "index"), ("dqn", "coordinates"), ("ppo", "one_hot")
+Learners = dict[tuple[str, str, str], Records]
 LABELS = {TABLE: "a-table_b", NET: "dqn on coordinates", POLICY: "ppo on one-hot cells"}
 
 
@@ -130,11 +132,18 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def learners(made: Path) -> dict[tuple[str, str, str], Population]:
+def learners(made: Path) -> Learners:
     """The stored runs of the experiment, by scenario, algorithm and observation."""
     with Store(made.parent / "runs.db", read_only=True) as store:
-        data: Learners = load(load_experiment(made.parent / "mine.toml"), store, None, False)
-    return {(names["scenario"], names["algorithm"], names["observation"]): each for names, each in data.rows}
+        data = load(load_experiment(made.parent / "mine.toml"), store)
+        return {
+            (
+                population.scenario.name,
+                population.learner.variant,
+                population.learner.observation,
+            ): data.records(population)
+            for population in data.experiment.populations
+        }
 
 
 @pytest.fixture(scope="session")

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from benchmark.analysis.frames import RecordsOf
 from benchmark.drawing.style import figure_of
-from benchmark.drawing.tables import link, show
+from benchmark.drawing.tables import inert, link, show
 from benchmark.experiments import Experiment
-from benchmark.reports.explorer import Shown, explorer_item
+from benchmark.reports import explorer
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Estimate, Frames, Report, drawing, item
 
@@ -65,21 +65,21 @@ def highest(tables: Frames) -> Figure:
 def _headline(folder: Folder) -> str:
     table = folder.frame("summary")
     worst = table.iloc[int(table["score"].argmin())]
-    finding = f"The worst score is {link(show(worst['score']), 'summary', worst)}. {TEXT}"
+    finding = f"The worst score is {link(show(worst['score']), 'summary', worst)}. {inert(TEXT)}"
     return f"{finding}\n\nThe mean score of all is {link(show(table['score'].mean()), 'summary', table)}."
 
 
-def _shown(experiment: Experiment, records: RecordsOf) -> Iterator[Shown]:
-    for population in experiment.populations:
-        learner = population.learner
-        yield Shown(learner.variant, learner.observation, records(population))
+@explorer.explorer_item
+def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
+    """What all learners know."""
+    explorer.write([records(population) for population in experiment.populations], path)
 
 
 REPORT = Report(
     name="tested",
     question="Is the page right?",
     check=lambda _: None,
-    items=(summary, mean_curves, highest, explorer_item(_shown)),
+    items=(summary, mean_curves, highest, agents),
     document=Path(__file__).parent / "made.md.jinja",
     headline=_headline,
     lead="curves",

@@ -3,37 +3,37 @@
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from benchmark.analysis.population import Population, optimal_values
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains, greedy_masks
+from benchmark.analysis.records import Records, optimal_values
 from benchmark.analysis.walk import CIRCLE, HORIZON, walk
 from benchmark.page import build
-from benchmark.reports.explorer import FILE, Shown, compressed, packed
+from benchmark.reports import explorer
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from envs.scene import COLOUR_MAP, colour_limits
-from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Open, Opened, rows_of
+from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Learners, Open, Opened, rows_of
 from tests.benchmark.populations import population as blank
 
-Learners = dict[tuple[str, str, str], Population]
-Everything = tuple[Path, dict[str, Population]]  # a folder, and the runs there by scenario
-Explore = Callable[..., tuple[Opened, Population]]
+Everything = tuple[Path, dict[str, Records]]  # a folder, and the runs there by scenario
+Explore = Callable[..., tuple[Opened, Records]]
 
 
 def number(text: str) -> float:
     return np.nan if text == "none" else float(text.replace("−", "-").replace(",", ""))
 
 
-def shown_maps(population: Population) -> list[int]:
+def shown_maps(population: Records) -> list[int]:
     """Returns the places of the maps that the explorer shows among all maps: every second and the last.
 
     Of two, it is the last.
@@ -86,9 +86,9 @@ def test_explorer_shows_what_was_stored(
     assert found is not None
     assert ("This net has diverged" in about) == np.isnan(values).any()
     means = (
-        population.unbounded_scores[0, step],
+        population.unbounded_scores()[0, step],
         arrays["success"][step],
-        population.unbounded_scores[:, step].mean(),
+        population.unbounded_scores()[:, step].mean(),
     )
     assert [number(text) for text in found.groups()] == pytest.approx(means, abs=0.0006)
 
@@ -189,8 +189,8 @@ def test_tables_sort(opened: Opened, column: int) -> None:
 def test_number_is_marked_in_the_rows_that_it_comes_from(opened: Opened, results: Path) -> None:
     opened.unfold()
     header, *rows = rows_of(results / "compare_deep" / "summary.csv")
-    for link, n_rows in ((".sortable a.n", 1), ("li:nth-child(2) a.n", len(rows))):
-        number_link = opened.page.locator(f"#compare_deep {link}").first
+    for link, n_rows in (("#compare_deep .sortable a.n", 1), ("#finding p:not(.lead) a.n", len(rows))):
+        number_link = opened.page.locator(link).first
         shown = number_link.inner_text()
         number_link.click()
         summary = opened.page.locator("dialog p").first.inner_text()
@@ -228,10 +228,10 @@ ENDINGS = {
 }
 
 
-def assert_walks(opened: Opened, population: Population, masks: NDArray[np.uint8]) -> None:
+def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) -> None:
     """Checks that the left agent walks from the start as Python's walk does."""
     model = population.model
-    taken = walk(model, masks, population.horizon)
+    taken = walk(model, masks, population.run.horizon)
     had_choice = contains(masks)[model.observation[list(taken.states[:-1])]].sum(axis=1) > 1
     opened.page.locator("#walk-again").click()
     opened.walk(len(taken.actions) + 5)
@@ -239,7 +239,7 @@ def assert_walks(opened: Opened, population: Population, masks: NDArray[np.uint8
     n_steps = len(taken.actions)
     where = [f"row {row}, column {column}" for row, column in model.position[list(taken.cells)].tolist()]
     assert summary.startswith(f"{n_steps} step{'s' if n_steps > 1 else ''} from {where[0]}.")
-    assert summary.endswith(ENDINGS[taken.ending].format(population.horizon))
+    assert summary.endswith(ENDINGS[taken.ending].format(population.run.horizon))
     lines = opened.panel("left", ".walk tbody").inner_text().splitlines()[::-1]
     cells = [line.split("\t") for line in lines]
     assert [line[1] for line in cells] == where[:-1]
@@ -256,7 +256,7 @@ def test_script_walks_as_python_does(opened: Opened, learners: Learners) -> None
     for key, population in learners.items():
         greedy = population.agents[0]["greedy"][population.map_indices]
         for chosen in shown_maps(population):
-            taken = walk(population.model, greedy[chosen], population.horizon)
+            taken = walk(population.model, greedy[chosen], population.run.horizon)
             had_choice = contains(greedy[chosen])[list(taken.cells[:-1])].sum(axis=1) > 1
             kinds.setdefault((taken.ending, bool(had_choice.any())), []).append((key, chosen))
     assert {(CIRCLE, False), ("target_ping", False)} <= set(kinds)
@@ -282,7 +282,7 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         assert re.match(only, about)
         found = re.search(r"\(seed 1\): unbounded score (\S+), success probability ([\d.]+)[. ]", about)
         assert found is not None
-        expected = population.unbounded_scores[1, -1], population.arrays["success"][1, -1]
+        expected = population.unbounded_scores()[1, -1], population.arrays["success"][1, -1]
         assert [number(text.rstrip(".")) for text in found.groups()] == pytest.approx(expected, abs=0.0006)
         masks = population.agents[1]["greedy"][-1]
         opened.cell("left", 1, 3).hover()
@@ -311,6 +311,11 @@ SEEN = dict.fromkeys(
 SEEN["Walking"] = "offset"
 
 
+def of_variant(name: str, records: Records, **more: object) -> Records:
+    """Returns records as if their run was one of another variant."""
+    return replace(records, run=replace(records.run, variant=name, **more))
+
+
 @pytest.fixture(scope="module")
 def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everything:
     """A page on scenarios of all kinds, with policies that are optimal but for some observations."""
@@ -324,9 +329,8 @@ def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everythi
         is_drawn = (masks == 0) | (generator.random(len(masks)) < 0.15)
         masks[is_drawn] = generator.integers(1, 32, is_drawn.sum())
         points = np.broadcast_to(masks, (1, 4, len(masks)))
-        populations[name] = blank(name, 1, observation=observation, greedy=points)
-    shown = [Shown("a-table_b", SEEN[name], each) for name, each in populations.items()]
-    (folder / "mine" / FILE).write_bytes(compressed(packed(shown)))
+        populations[name] = of_variant("a-table_b", blank(name, 1, observation=observation, greedy=points))
+    explorer.write([*populations.values()], folder / "mine" / explorer.FILE)
     build.write(folder, "mine")
     return folder / "mine", populations
 
@@ -335,17 +339,18 @@ def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everythi
 def explore(everything: Everything, open_page: Open) -> Explore:
     """Opens policies of one or two of these scenarios; returns the page, and the runs of the left one."""
 
-    def open_at(left: str, right: str = "") -> tuple[Opened, Population]:
+    def open_at(left: str, right: str = "") -> tuple[Opened, Records]:
         agents = [f"{name}.a-table_b.{SEEN[name]}" for name in (left, right or left)]
         return open_page(everything[0], f"#explorer={'~'.join(agents)}~600~policy"), everything[1][left]
 
     return open_at
 
 
-def assert_optimum(opened: Opened, population: Population, states: NDArray[np.integer], cell: int) -> None:
+def assert_optimum(opened: Opened, population: Records, states: NDArray[np.integer], cell: int) -> None:
     """Checks colours of the left policy map, and the numbers of a cell, against exact dynamic programming."""
-    model, horizon = population.model, population.horizon
-    q = solve(model, population.discount, None if population.discount < 1 else horizon).q[states]
+    model, horizon = population.model, population.run.horizon
+    discount = population.run.settings.discount_factor
+    q = solve(model, discount, None if discount < 1 else horizon).q[states]
     masks = population.agents[0]["greedy"][-1, model.observation[states]]
     is_optimal = np.asarray(~(contains(masks) & ~contains(greedy_masks(q, 1e-9))).any(axis=1))
     can_act = np.asarray(~model.is_over[states] & (masks != ALL_ACTIONS))
@@ -444,12 +449,10 @@ def test_first_pair_ends_differently(everything: Everything, open_page: Open, tm
     masks[:, model.observation[::-1]] = greedy_masks(solve(model, 1.0, 200).q, 1e-9)[::-1]
     fails_at = 70  # place in which the first agent PINGs at once, again and again
     masks[0, model.observation[model.states_of(fails_at)]] = 1 << ACTIONS.index("PING")
-    shown = [
-        Shown(name, form, blank("Anywhere", 1, greedy=np.broadcast_to(mask, (1, 4, len(mask)))))
-        for (name, form), mask in zip((TABLE, NET), masks, strict=True)
-    ]
+    both = [blank("Anywhere", 1, greedy=np.broadcast_to(mask, (1, 4, len(mask)))) for mask in masks]
+    shown = [of_variant("a-table_b", both[0]), of_variant("dqn", both[1], observation="coordinates")]
     shutil.copytree(everything[0], tmp_path / "mine")
-    (tmp_path / "mine" / FILE).write_bytes(compressed(packed(shown)))
+    explorer.write(shown, tmp_path / "mine" / explorer.FILE)
     build.write(tmp_path, "mine")
     opened = open_page(tmp_path / "mine")
     chosen = [opened.panel(side, "select[name=learner]").input_value() for side in ("left", "right")]
@@ -495,7 +498,7 @@ def test_cells_without_preference_are_hatched_and_scores_below_zero_drawn_at_zer
     opened.choose_both("S2", *TABLE)
     population = learners["S2", *TABLE]
     shown = population.map_indices[shown_maps(population)]
-    greedy, scores = population.agents[0]["greedy"][shown], population.unbounded_scores[0, shown]
+    greedy, scores = population.agents[0]["greedy"][shown], population.unbounded_scores()[0, shown]
     is_over = population.model.is_over[population.model.fresh_state]
     for place in (0, 3, 10):
         opened.to_map(place)

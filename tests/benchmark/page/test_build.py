@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.drawing.tables import plain, show
+from benchmark.drawing.tables import show
 from benchmark.experiments import PUBLISHED
 from benchmark.page import build
 from benchmark.reports import sameness
 from benchmark.reports.document import Document
 from benchmark.reports.folder import MANIFEST
+from benchmark.reports.item import as_written
 from envs import InputError, load_scenario
 from tests.benchmark.page.conftest import rows_of
 from tests.benchmark.page.made import TEXT
@@ -81,8 +82,8 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
     assert len(ids) == len(set(ids))
     document = Document(results / "reproduce")
     assert document.headline is not None
-    for text in (*document.headline.text.split("\n\n"), *(each.text for each in document.findings)):
-        assert as_shown(plain(text).replace("`", "")) in in_one_line(page.words)
+    for text in document.headline.split("\n\n"):
+        assert as_shown(as_written(text).replace("`", "")) in in_one_line(page.words)
     assert len(re.findall(r"<details[^>]*><summary>Mean score over training \(\d+ rows\)", page.source)) == 2
     assert "score: 0 is the random policy, -1 is worse & 2 < 3." in page.words
     for element in ("<em>learner</em>", "<h4>After training</h4>", "<h5>In detail</h5>", "<summary>Terms<"):

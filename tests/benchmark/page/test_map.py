@@ -1,6 +1,5 @@
 """The map on the page: its currencies and sliders, and the sentence that they end in."""
 
-import json
 import re
 import shutil
 from pathlib import Path
@@ -11,7 +10,7 @@ from axe_playwright_python.sync_playwright import Axe
 
 from benchmark.__main__ import main
 from benchmark.page import build
-from benchmark.reports.learners import Names
+from benchmark.reports.folder import Folder
 from tests.benchmark.page.conftest import Open, Opened
 from tests.benchmark.reports.test_map import EXPERIMENT
 
@@ -26,9 +25,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "small"
 
 
-def move(opened: Opened, name: str, place: int) -> str:
+def move(opened: Opened, name: str, index: int) -> str:
     """Moves a slider; returns what it says."""
-    opened.page.locator(f"#map-{name}").fill(str(place))
+    opened.page.locator(f"#map-{name}").fill(str(index))
     return opened.page.locator(f"#map-{name} + output").inner_text()
 
 
@@ -44,17 +43,17 @@ def test_sliders_end_in_a_sentence_and_a_table_whose_numbers_are_in_the_files(
     opened = open_page(folder)
     sentence = opened.page.locator("#map-sentence")
     cells, runs = (pd.read_csv(folder / f"{name}.csv") for name in ("cells", "runs"))
-    names = Names.from_manifest(json.loads((folder / "manifest.json").read_text(encoding="utf-8")))
     assert (move(opened, "budget", 0), move(opened, "places", 0)) == ("1,000 steps", "1")
-    for place, n in ((0, 1), (2, 4), (4, 16)):
-        assert move(opened, "places", place) == str(n)
+    for i, n in ((0, 1), (2, 4), (4, 16)):
+        assert move(opened, "places", i) == str(n)
         assert f"With {n} place" in sentence.inner_text()
         expected = set()
         for _, row in cells[(cells["grid"] == "places") & (cells["places"] == n)].iterrows():
-            arm = f"{row['algorithm']}, {row['observation']}"
-            here = (runs["grid"] == "places") & (runs["point"] == row["point"]) & (runs["learner"] == arm)
+            learner = f"{row['algorithm']}, {row['observation']}"
+            here = (runs["grid"] == "places") & (runs["point"] == row["point"]) & (runs["learner"] == learner)
             n_learned = int((runs[here]["steps"] <= 1000).sum())
-            expected.add((names.of_side(arm), f"{n_learned} of {row['n']}", f"{row['steps']:,.0f}"))
+            title = Folder(folder).title(learner)
+            expected.add((title, f"{n_learned} of {row['n']}", f"{row['steps']:,.0f}"))
         assert table_of(opened) == expected
     expected_end = "after 12 pairs of runs: the shared table of offsets needs fewer steps than the table."
     assert expected_end in sentence.inner_text()
@@ -87,7 +86,7 @@ def test_without_scripts_the_picture_and_the_headline_stay(open_page: Open, fold
     opened = open_page(folder, java_script_enabled=False)
     assert not opened.page.locator("#map").is_visible()
     assert opened.page.locator("#finding img").is_visible()
-    assert "needs fewer steps than the table" in opened.page.locator("#finding").inner_text()
+    assert "compared with the table: faster at" in opened.page.locator("#finding").inner_text()
 
 
 def test_it_leads_the_page_of_all_results(folder: Path, tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ class Cell(NamedTuple):
     observation: str = "index"
     reference_for: str = ""
     wrong_pings: ArrayLike = 0  # (N, T) of training, since its start
-    runs: Mapping[str, ArrayLike] = {}  # further columns of the table `runs`
+    runs: Mapping[str, Sequence[float]] = MappingProxyType({})  # further columns of the table `runs`
 
 
 def over_training(final: ArrayLike) -> NDArray[np.float64]:
@@ -145,13 +145,14 @@ def data_of(
         over |= {name: values.ravel() for name, values in (ends | {"training_wrong_pings": wrong}).items()}
         curves.append(pd.DataFrame(keys_of(populations[-1]) | over))
     experiment = Experiment(cast(Any, declared), Path("made.toml"), learners, scenarios, populations)
-    return Data(
-        experiment,
-        pd.concat(runs, ignore_index=True),
-        pd.concat(curves, ignore_index=True),
-        lambda population: records[population.scenario.name],
-        is_partial=is_partial,
-    )
+    made = {
+        "experiment": experiment,
+        "runs": pd.concat(runs, ignore_index=True),
+        "curves": pd.concat(curves, ignore_index=True),
+        "records": lambda population: records[population.scenario.name],
+        "is_partial": is_partial,
+    }
+    return cast(Data, SimpleNamespace(**made))
 
 
 def _learner(cell: Cell, chosen: Chosen | None) -> Learner:
@@ -194,7 +195,7 @@ def item(name: str) -> Item:
 
 def table(name: str, data: Data) -> pd.DataFrame:
     """Returns a table of the comparison."""
-    found = item(name).table(data)
+    found = item(name).tabulate(data)
     assert found is not None
     return found
 

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,21 +15,21 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications
 from benchmark.experiments.search import Chosen
 from benchmark.reports import document, draw, load_report
-from benchmark.reports.comparison import results
-from benchmark.reports.comparison.declared import Learner
-from benchmark.reports.comparison.runs import load
+from benchmark.reports.comparison import figures
+from benchmark.reports.data import load
 from benchmark.reports.document import Document
 from benchmark.reports.folder import SCORES
 from benchmark.reports.item import Item
 from envs import InputError
 from tests.benchmark.execution.test_processes import PATIENCE_S, until
 from tests.benchmark.reports.conftest import EXPERIMENT, Drawn, experiment_of, trained
-from tests.benchmark.reports.sentences import check_links, check_verdicts
+from tests.benchmark.reports.sentences import check_links
 from tests.support import ROOT, mistyped_columns, specifications
 
 PUBLISHED = [
@@ -39,12 +40,19 @@ PUBLISHED = [
 ]
 
 
-def without(experiment: Experiment, *names: str, **reporting: Any) -> Experiment:
-    """Returns the experiment without some algorithms, and with other keys in its report."""
-    variants = {name: variant for name, variant in experiment.algorithms.items() if name not in names}
-    assert experiment.report is not None
-    report = experiment.report.model_copy(update=reporting)
-    return experiment.model_copy(update={"algorithms": variants, "report": report})
+def without(path: Path, *names: str, text: str = EXPERIMENT, **reporting: object) -> Experiment:
+    """Loads the experiment without some algorithms, and with other keys in its report."""
+    text = f'stream = "small"\n{text}'
+    for name in names:
+        text = re.sub(rf"^{name} = .*\n|^\[algorithms.{name}\]\n(.+\n)*", "", text, flags=re.MULTILINE)
+    for key, value in reporting.items():
+        text = re.sub(rf"^{key} = .*$", f"{key} = {json.dumps(value)}", text, flags=re.MULTILINE)
+    return experiment_of(path / "changed.toml", text)
+
+
+def omitting_all_but(*names: str) -> list[str]:
+    """Lists the other items of a comparison."""
+    return [item.name for item in load_report("comparison").items if item.name not in names]
 
 
 def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) -> None:
@@ -64,9 +72,9 @@ def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) ->
 
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
-    figures = ["contrasts", "summary", "curves", "effects", "wrong_pings"]
-    tables = [*figures[:-1], "aggregate", "steps", "ahead", "region", "cost"]  # none has learned
-    expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in figures}
+    drawn_names = ["contrasts", "summary", "curves", "effects", "wrong_pings"]
+    tables = [*drawn_names[:-1], "aggregate", "outcomes", "steps", "cost"]
+    expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in drawn_names}
     assert names == expected | {"README.md", "manifest.json", ".stamp", "learning.webp", SCORES}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
     assert mistyped_columns(drawn.folder / SCORES) == []
@@ -94,9 +102,8 @@ def test_two_learners_with_the_same_name_are_refused(tmp_path: Path, old: str, t
     text = EXPERIMENT.replace(old, f'{old}title = "{title}", ')
     if title != "sarsa":  # which is the name of a variant without a title
         text = text.replace("sarsa = { ", f'sarsa = {{ title = "{title}", ')
-    experiment = experiment_of(tmp_path / "twice.toml", text)
     with pytest.raises(InputError, match=f'"{title}" is the name of {pair}; accepted: titles that differ'):
-        draw.report_of(experiment)
+        experiment_of(tmp_path / "twice.toml", text)
 
 
 def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
@@ -104,18 +111,18 @@ def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
                              ("effects", False)):  # fmt: skip
         frame = pd.read_csv(drawn.folder / f"{name}.csv")
         assert ("check" in set(frame["algorithm"])) == has_checks, name
-    with Store(drawn.results / "runs.db", read_only=True) as store:
-        runs = load(drawn.experiment, store, None, False)
-    assert [learner.algorithm for learner in runs.learners] == ["table", "check", "sarsa", "ppo", "net"]
-    assert runs.algorithms == ["table", "sarsa", "ppo", "net"]  # a check takes no colour
-    assert "hollow: reference implementations, 2 runs" in runs.reference_note
+    summary = pd.read_csv(drawn.folder / "summary.csv")
+    assert [*summary["algorithm"].unique()] == ["table", "check", "sarsa", "ppo", "net"]
+    learners = figures.drawn_in(figures.labelled(summary), drawn.experiment)
+    assert learners["table, index"] == ["check, index"]
+    note = figures.reference_note(learners, {"summary": summary}, drawn.experiment)
+    assert "hollow: reference implementations, 2 runs" in note
 
 
 @pytest.mark.parametrize("folder", ["drawn", *PUBLISHED], ids=str)
 def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -> None:
     found = Document(drawn.folder if isinstance(folder, str) else folder)
     check_links(found, fewest=1)
-    check_verdicts(found)
     if "aggregate.csv" not in found.folder:  # nothing is pooled
         return
     aggregate, scores = (pd.read_csv(found.folder.path / name) for name in ("aggregate.csv", SCORES))
@@ -126,20 +133,21 @@ def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -
         assert [row["success"], row["score"]] == pytest.approx(expected.tolist(), abs=1e-5)
     if "scenario" not in (contrasts := found.folder.frame("contrasts")):
         for row in contrasts.to_dict("records"):
-            x, y = (means.loc[tuple(Learner.of(row[side]))] for side in "xy")
+            x, y = (means.loc[tuple(row[side].split(", "))] for side in "xy")
             assert row["success_difference"] == pytest.approx(x["success"] - y["success"], abs=2e-5)
 
 
 def test_the_smaller_form_of_a_figure_stays(tmp_path: Path) -> None:
-    def drawn(_: object, data: Any) -> Any:
+    def drawn(runs: int) -> Figure:
         figure, axis = plt.subplots()
-        axis.plot(np.random.default_rng(1).random((data.n, 20)), "o")
+        axis.plot(np.random.default_rng(1).random((runs, 20)), "o")
         return figure
 
     paths = [tmp_path / "a.svg", tmp_path / "a.png"]
     for n, left in ((2, "a.svg"), (2000, "a.png")):
-        made = Item(None, "a", "", caption="A.", draw=drawn)
-        draw.draw_figure(made, {}, SimpleNamespace(n=n, is_incomplete=False), *paths)
+        made: Any = dict.fromkeys(("curves", "experiment", "records"))
+        data: Any = SimpleNamespace(**made, runs=n, is_partial=False)
+        draw.draw_figure(Item("a", "", caption="A.", draw=drawn), {}, data, *paths)
         assert [path.name for path in tmp_path.iterdir()] == [left]
         (tmp_path / left).unlink()
 
@@ -148,11 +156,10 @@ def test_the_smaller_form_of_a_figure_stays(tmp_path: Path) -> None:
 
 
 def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> None:
+    report = draw.report_of(drawn.experiment)
     with Store(drawn.results / "runs.db", read_only=True) as store:
-        assert not draw.draw(
-            drawn.experiment, draw.report_of(drawn.experiment), store, drawn.folder
-        ).is_new  # it is up to date
-        assert draw.draw(drawn.experiment, draw.report_of(drawn.experiment), store, tmp_path / "small").is_new
+        assert not draw.draw(drawn.experiment, report, store, drawn.folder).is_new  # it is up to date
+        assert draw.draw(drawn.experiment, report, store, tmp_path / "small").is_new
     for path in drawn.folder.iterdir():
         assert path.read_bytes() == (tmp_path / "small" / path.name).read_bytes(), path.name
     (tmp_path / "small" / "README.md").unlink()
@@ -160,47 +167,42 @@ def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> Non
     assert (tmp_path / "small" / "README.md").read_bytes() == (drawn.folder / "README.md").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["curves", "summary", "contrasts", "aggregate"])
-def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, name: str) -> None:
-    experiment = without(drawn.experiment, omit=(name,))
+@pytest.mark.parametrize("name", ["curves", "summary", "contrasts", "aggregate", "outcomes"])
+def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, tmp_path: Path, name: str) -> None:
+    experiment = without(tmp_path, omit=[name])
     with Store(drawn.results / "runs.db", read_only=True) as store:
-        data = load(experiment, store, None, False)
-    _, items = draw.report_of(experiment)
-    frames = draw.tables_of(items, data)
-    figures = [item.draw(frames, data) for item in items if item.draw]
-    assert len([*filter(None, figures)]) >= 3
+        data = load(experiment, store)
+        items = draw.report_of(experiment).items
+        frames = draw.tables_of(items, data)
+        pictures = [item.picture(data, frames) for item in items]
+    assert len([*filter(None, pictures)]) >= 3
     plt.close("all")
 
 
-def test_what_searches_took_comes_with_the_runs(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
     chosen = Chosen(trial=3, settings={}, score=0.7, trials=8, runs=80, steps=32_000, cpu_time_s=1.0)
-    monkeypatch.setattr(
-        "benchmark.reports.comparison.runs.tuning_of",
-        lambda _, variant, __: chosen if variant == "sarsa" else None,
-    )
+    learners = dict(drawn.experiment.learners)
+    learners["sarsa, index"] = replace(learners["sarsa, index"], chosen=chosen)
     with Store(drawn.results / "runs.db", read_only=True) as store:
-        runs = load(drawn.experiment, store, None, False)
-    assert runs.searches == {Learner("sarsa", "index"): chosen}
-    rows = results.aggregate.table(runs)
-    assert rows is not None
+        data = load(replace(drawn.experiment, learners=learners), store)
+        rows = draw.tables_of(draw.report_of(drawn.experiment).items, data)["aggregate"]
     assert dict(zip(rows["algorithm"], rows["search_steps"], strict=True)) == {
         name: 32_000 if name == "sarsa" else 0 for name in rows["algorithm"]
     }
 
 
 def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) -> None:
-    omit = tuple(
-        item.name for item in load_report("comparison").items if item.name not in ("contrasts", "ahead")
-    )
     looks = []
+    pairs = [["net, one_hot", "table, index"], ["sarsa, index", "table, index"]]
+    omit = omitting_all_but("contrasts", "steps")
     with Store(drawn.results / "runs.db", read_only=True) as store:
         for n, first in ((3, 0), (4, 1), (4, 1), (11, 1)):  # others than the first are other seeds
-            small = without(drawn.experiment, "ppo", "check", omit=omit)
-            variants = {
-                name: variant.model_copy(update={"seeds": n, "first_seed": first})
-                for name, variant in small.algorithms.items()
-            }
-            draw.draw(small.model_copy(update={"algorithms": variants}), store, tmp_path / "small")
+            text = EXPERIMENT.replace("seeds = 12", f"seeds = {n}, first_seed = {first}")
+            text = text.replace(
+                f"seeds = {n}, first_seed = {first}\n", f"seeds = {n}\nfirst_seed = {first}\n"
+            )
+            small = without(tmp_path, "ppo", "check", text=text, omit=omit, contrasts=pairs)
+            draw.draw(small, draw.report_of(small), store, tmp_path / "small")
             looks.append(json.loads((tmp_path / "small" / "manifest.json").read_text())["looks"])
             said = "analysed before" in (tmp_path / "small" / "README.md").read_text()
             assert said == bool(looks[-1])
@@ -212,31 +214,29 @@ def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) 
 
 
 def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> None:
-    omit = tuple(
-        item.name for item in load_report("comparison").items if item.name not in ("summary", "scores")
-    )
-    small = without(drawn.experiment, "sarsa", omit=omit, contrasts=(("net, one_hot", "table, index"),))
+    pairs = [["net, one_hot", "table, index"]]
+    small = without(tmp_path, "sarsa", omit=omitting_all_but("summary", "scores"), contrasts=pairs)
     runs = all_specifications(small)
     failed = specifications(small, "default", "S1", "net", "one_hot", [1])[0]
     absent = specifications(small, "default", "S3", "ppo", "one_hot", [0, 1])
     lost = {run.digest for run in (failed, *absent)}
+    report = draw.report_of(small)
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs if run.digest not in lost]))
         other.add([Record(failed.digest, failed.content, "failed", {}, {}, "RuntimeError: oh")])
-        with pytest.raises(
-            InputError, match=f"3 of {len(runs)} runs are missing, 1 of them failed"
-        ) as caught:
-            draw.draw(small, other, tmp_path / "whole")
+        with pytest.raises(InputError) as caught:
+            draw.draw(small, report, other, tmp_path / "whole")
+        assert f"3 of {len(runs)} runs are missing, 1 of them failed" in str(caught.value)
         assert "net, one_hot in S1 has 11 of 12; ppo, one_hot in S3 has 0 of 2" in str(caught.value)
         assert not (tmp_path / "whole").exists()
-        draw.draw(small, other, tmp_path / "partial", partial=True)
+        draw.draw(small, report, other, tmp_path / "partial", partial=True)
     assert "**Partial: 3 of " in (tmp_path / "partial" / "README.md").read_text()
     shown = pd.read_csv(tmp_path / "partial" / "summary.csv")
     assert set(shown["algorithm"]) == {"table", "check", "net"}  # ppo has no run in S3
 
 
 def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_path: Path) -> None:
-    lost = {("table", "S1", seed) for seed in range(6)} | {("table", "S3", seed) for seed in range(6, 12)}
+    lost = {("table", "S1", seed) for seed in range(11)}
     runs = [
         run
         for run in all_specifications(drawn.experiment)
@@ -244,25 +244,21 @@ def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_pat
     ]
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs]))
-        found = load(drawn.experiment, other, None, True)
-        assert {learner.algorithm for learner in found.learners} == {"sarsa", "ppo", "net"}  # no common seed
-        assert {"`table, index`", "`check, index`"} <= set(re.findall("`[^`]*`", found.missing))
-        assert found.references == {}
-        with pytest.raises(InputError, match="at least two learners"):
-            load(without(drawn.experiment, "sarsa", "ppo"), other, None, True)
+        found = load(drawn.experiment, other, partial=True)
+        assert {*found.runs["algorithm"]} == {"sarsa", "ppo", "net"}
+        assert "check, index, table, index" in found.note
+        frames = draw.tables_of(draw.report_of(drawn.experiment).items, found)
+        assert frames["outcomes"]["outcome"].tolist() == ["no verdict"]
 
 
 def test_divergence_is_shown(tmp_path: Path) -> None:
     text = EXPERIMENT.replace("batch_size = 8,", "batch_size = 8, learning_rate = 1e38,")
-    experiment = without(experiment_of(tmp_path / "diverging.toml", text), "ppo", "check")
+    experiment = without(tmp_path, "ppo", "check", text=text)
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
-        runs = load(experiment, store, None, False)
-        tables = draw.tables_of(load_report("comparison").items[:2], runs)
-    assert results.scores.write is not None
-    results.scores.write(runs, tmp_path)
-    summary, scores = tables["summary"], pd.read_csv(tmp_path / SCORES)
+        data = load(experiment, store)
+        summary = draw.tables_of(draw.report_of(experiment).items, data)["summary"]
     nets = summary[summary["algorithm"] == "net"]
     assert nets["diverged"].tolist() == [12, 12]
     assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
-    assert np.isfinite(scores["diverged_at"]).equals(scores["algorithm"] == "net")
+    assert np.isfinite(data.runs["diverged_at"]).equals(data.runs["algorithm"] == "net")

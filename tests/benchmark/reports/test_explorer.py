@@ -2,7 +2,6 @@
 
 import gzip
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.analysis.population import Population
-from benchmark.reports.explorer import FILE, MOST_MASKS, Shown, explorer_item, typical_agent
+from benchmark.analysis.records import Records
+from benchmark.reports.explorer import FILE, MOST_MASKS, typical_agent, write
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.populations import population as blank
@@ -38,7 +37,7 @@ def test_typical_agent_has_the_median_mean_score(
     assert typical_agent(replace(blank(n=len(seeds), grid_return=grid_return), seeds=seeds)) == typical
 
 
-def population(n: int = 120) -> Population:
+def population(n: int = 120) -> Records:
     """Returns agents with maps at steps 0, 100, 200, 300; those between are policies alone."""
     values = np.zeros((n, 4, 120, 5), dtype=np.float32)
     values[0, 2, 13] = (0.12345, -0.5, 0.25, np.nan, 2.0)  # row 1, column 1
@@ -49,31 +48,27 @@ def population(n: int = 120) -> Population:
     greedy[:, 1::2] = PING  # between the maps
     success = np.tile(np.arange(n)[:, None] / n, 7)
     made = blank(n=n, budget=300, every=50, map_every=100, values=values, greedy=greedy, success=success)
-    settings = made.specification["settings"] | {"discount": 0.5}
-    return replace(made, specification={**made.specification, "settings": settings}, seeds=range(4, n + 4))
+    return replace(made, seeds=range(4, n + 4))
 
 
 def masks(text: str) -> NDArray[np.uint8]:
     return (np.frombuffer(text.encode(), np.uint8) - ord("0")).reshape(-1, 120)
 
 
-def written(shown: Sequence[Shown], folder: Path) -> dict[str, Any]:
-    """Returns the explorer's data as its item writes them."""
-    item = explorer_item(lambda data: data)
-    assert item.write is not None
-    item.write(shown, folder)
+def written(folder: Path, *shown: Records) -> dict[str, Any]:
+    """Returns the explorer's data as they are written."""
+    write(shown, folder / FILE)
     return dict(json.loads(gzip.decompress((folder / FILE).read_bytes())))
 
 
 def test_first_agent_over_training_and_the_final_policies_of_others(tmp_path: Path) -> None:
-    shown = [Shown("table", "index", population()), Shown("again", "index", population())]
-    data = written(shown, tmp_path)
+    data = written(tmp_path, population(), population())
     content = (tmp_path / FILE).read_bytes()
-    written(shown, tmp_path)
+    written(tmp_path, population(), population())
     assert (tmp_path / FILE).read_bytes() == content
     assert (len(data["scenes"]), len(data["sights"])) == (1, 1)  # which both share
     agent = data["agents"][1]
-    assert (agent["algorithm"], agent["kind"], agent["scene"], agent["sight"]) == ("again", "q", 0, 0)
+    assert [agent[key] for key in ("algorithm", "kind", "scene", "sight")] == ["q_learning", "q", 0, 0]
     assert agent["steps"] == [0, 200, 300]  # every second map, and the last
     values = np.array(agent["values"]).reshape(3, 120, 5).cumsum(axis=0)
     assert values[1, 13].tolist() == [123, -500, 250, data["no_number"], 2000]
@@ -89,7 +84,7 @@ def test_first_agent_over_training_and_the_final_policies_of_others(tmp_path: Pa
 
 @pytest.mark.parametrize("name", ["Turning", "Moody", "Walking", "Walls", "TwoPeople", "Delayed", "Anywhere"])
 def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) -> None:
-    data = written([Shown("table", "offset", blank(name, 1, observation="offset"))], tmp_path)
+    data = written(tmp_path, blank(name, 1, observation="offset"))
     model, scene = compile_seen(load_scenario(name), "offset"), data["scenes"][0]
     n_states, shape = len(model.observation), model.next_state.shape
     kind = np.array(scene["kind"])
@@ -118,16 +113,14 @@ def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) ->
 
 def test_scenarios_that_differ_in_what_is_seen_share_a_scene(tmp_path: Path) -> None:
     forms = [("Moody", "index"), ("MoodyHidden", "index"), ("Walking", "index"), ("Walking", "offset")]
-    shown = [Shown("table", form, blank(name, 1, observation=form)) for name, form in forms]
-    data = written(shown, tmp_path)
+    data = written(tmp_path, *(blank(name, 1, observation=form) for name, form in forms))
     assert [(agent["scene"], agent["sight"]) for agent in data["agents"]] == [(0, 0), (0, 1), (1, 2), (1, 3)]
     observed = [sight["observed"] for sight in data["sights"]]
     assert observed == [["agent", "phase"], ["agent"], ["agent", "issuer"], ["offset"]]
 
 
 def test_large_tables_of_values_are_left_out(tmp_path: Path) -> None:
-    forms = "index", "offset"
-    data = written([Shown("table", form, blank("Anywhere", 3, observation=form)) for form in forms], tmp_path)
+    data = written(tmp_path, *(blank("Anywhere", 3, observation=form) for form in ("index", "offset")))
     assert [agent["values"] is None for agent in data["agents"]] == [True, False]
     assert [len(agent["steps"]) for agent in data["agents"]] == [1, 3]
     assert [agent["seeds"] for agent in data["agents"]] == [[0], [0]]

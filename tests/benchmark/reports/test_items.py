@@ -10,16 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from rliable import metrics
 from scipy import stats
 
 from agents.dynamic_programming import from_starts, solve
 from benchmark.analysis.contrasts import VERDICTS
-from benchmark.analysis.intervals import combined
 from benchmark.analysis.records import Records, anchors
 from benchmark.drawing.tables import plain
-from benchmark.experiments.search import Chosen
 from benchmark.reports.data import Data
 from envs import compile_scenario, load_scenario
 from tests.benchmark.reports.made import Cell, Made, compared, data_of, folder_of, item, table
@@ -29,10 +26,11 @@ NEVER = math.inf
 
 
 def test_steps_count_from_the_last_evaluation_below_enough() -> None:
-    early, late, never = [0, 0.95, 0.5, 0.9, 1], [0, 0, 0, 0, 1], [1, 1, 1, 1, 0.5]
+    curves = [[0, 0.95, 0.5, 0.9, 1], [0, 0, 0, 0, 1], [1, 1, 1, 1, 0.5]]
+    early, late, never = np.array(curves)
     cells = [
-        Cell("a", [early] * 3 + [never]),
-        Cell("b", [late, late, late, early]),
+        Cell("a", np.array([early] * 3 + [never])),
+        Cell("b", np.array([late] * 3 + [early])),
         Cell("c", np.ones((2, 5))),
     ]
     a, b, c = table("steps", data_of(cells)).to_dict("records")
@@ -53,18 +51,6 @@ def test_wrong_pings_are_counted_per_1000_steps_since_the_last_evaluation() -> N
     assert frame["wrong_pings_high"][1] == pytest.approx(200 + reach)
     assert frame["wrong_pings_low"][1] == max(200 - reach, 0)
     assert table("summary", data)["training_wrong_pings"].tolist() == [50 / 400 * 1000, 0]
-
-
-def test_region_by_hand() -> None:
-    """The target region of S1 has 16 cells; a run without any marked cell has no precision."""
-    marked = {"target_cells_marked": [8, 16], "cells_marked": [8, 24], "region_overlap": [8 / 16, 16 / 24]}
-    data = data_of([Cell("a", np.zeros(2), runs=marked), Cell("b", np.zeros(2))])
-    row, none = table("region", data).to_dict("records")
-    assert (row["cells_marked"], row["n_marking"]) == ((8 + 24) / 2, 2)
-    assert (row["precision"], row["recall"]) == ((1 + 16 / 24) / 2, (0.5 + 1) / 2)
-    assert row["overlap"] == pytest.approx((8 / 16 + 16 / 24) / 2)
-    assert np.isnan(none["precision"])
-    assert none["overlap"] == 0
 
 
 def test_aggregates_by_a_second_method() -> None:
@@ -115,53 +101,6 @@ def test_effects_are_differences_of_scenarios_by_hand() -> None:
     assert x["wrong_pings_difference_high"] == pytest.approx(5 + np.hypot(half, half))
 
 
-def test_the_best_learner_of_each_class_is_that_of_the_search() -> None:
-    made = {  # family, policy, observation, share of runs that succeed, score in the search
-        "q": ("tabular", "greedy", "index", 0.25, 0.6),
-        "lucky": ("tabular", "greedy", "index", 1.0, 0.5),
-        "untuned": ("tabular", "greedy", "index", 1.0, None),
-        "soft": ("tabular", "stochastic", "index", 0.5, 0.3),
-        "near": ("tabular", "greedy", "offset", 0.75, 0.7),
-        "dqn": ("deep", "greedy", "one_hot", 0.5, 0.2),
-        "ppo": ("deep", "stochastic", "offset_coordinates", 1.0, 0.9),
-    }
-    cells = [
-        Cell(name, np.arange(20) < share * 20, scenario, family, policy, observation=form)
-        for scenario in ("S1", "Anywhere")
-        for name, (family, policy, form, share, _) in made.items()
-    ]
-    chosen = {
-        name: Chosen(trial=1, settings={}, score=score, trials=48, runs=9, steps=900, cpu_time_s=1.5)
-        for name, (*_, score) in made.items()
-        if score is not None
-    }
-    frame = table("classes", data_of(cells, chosen=chosen))
-    expected = [
-        ("table", "greedy", "cells", "q, index"),
-        ("table", "greedy", "offset", "near, offset"),
-        ("table", "stochastic", "cells", "soft, index"),
-        ("net", "greedy", "cells", "dqn, one_hot"),
-        ("net", "stochastic", "offset", "ppo, offset_coordinates"),
-    ]
-    found = [tuple(row) for row in frame[["scenario", "kind", "policy", "sees", "learner"]].to_numpy()]
-    assert found == [
-        (scenario, *row) for scenario in ("S1", "Anywhere") for row in expected
-        if scenario == "Anywhere" or row[2] == "cells"  # in S1 nobody sees the issuer
-    ]  # fmt: skip
-    near = frame[frame["learner"] == "near, offset"].iloc[0]
-    ends = stats.binomtest(15, 20).proportion_ci()
-    assert (near["n"], near["success"]) == (20, 0.75)
-    assert (near["success_low"], near["success_high"]) == pytest.approx((ends.low, ends.high))
-    shown = item("classes").display(frame).map(plain).set_index(["scenario", "sees"])
-    assert shown["greedy table"].to_dict() == {
-        ("learner", "cells"): "q, index", ("learner", "offset"): "near, offset",
-        ("S1", "cells"): "0.25", ("Anywhere", "cells"): "0.25", ("Anywhere", "offset"): "0.75",
-    }  # fmt: skip
-    for gone in ({"soft", "ppo"}, {"near", "ppo"}):  # no stochastic policy, or nobody sees the offset
-        left = {name: each for name, each in chosen.items() if name not in gone}
-        assert item("classes").table(data_of(cells, chosen=left)) is None
-
-
 def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> None:
     shares = {"dqn": {"S2": 0.5, "S1": 0.125}, "q": {"S2": 0.25, "S1": 1.0}, "mine": {"S2": 0.0, "S1": 0.5}}
     cells = [
@@ -198,7 +137,7 @@ def test_many_contrasts_are_counted_in_a_table() -> None:
     learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0))}
     scenarios = ["S1", "S2", "S3", "Hall"]
     few = compared(learners, [("x", "y")], ["y"], scenarios, pool="none")
-    assert item("verdicts").table(few) is None
+    assert item("verdicts").tabulate(few) is None
     learners["z"] = Made("deep", 1.0)
     many = compared(learners, [("x", "y"), ("z", "y")], ["y"], scenarios, pool="none")
     assert table("verdicts", many).to_dict("records") == [
@@ -215,25 +154,14 @@ def test_a_difference_that_is_shown_within_the_margin_is_said() -> None:
     assert shown["verdict on success"].tolist() == ["within 0.1, but measurably worse"]
 
 
-def test_ahead_is_where_the_interval_lies_above_zero() -> None:
-    x, y = np.tile([0, 0.2, 1, 1, 1], (20, 1)), np.tile([0, 0, 0.5, 0.95, 1], (20, 1))
-    made = [Cell(name, values, scenario, family) for scenario in ("S1", "S2")
-            for name, values, family in (("x", x, "deep"), ("y", y, "tabular"))]  # fmt: skip
-    first, second = table("ahead", data_of(made, [("x", "y")])).head(2).to_dict("records")
-    # At step 100 it is 0.2 against 0 with 20 runs each, and the interval of the difference holds 0.
-    assert combined([1, -1], [0.2, 0.0], [20, 20])[0] < 0 < combined([1, -1], [1.0, 0.5], [20, 20])[0]
-    assert (first["first_step"], first["last_step"], first["steps_ahead"]) == (200, 200, 1)
-    assert (first["largest_difference"], first["largest_at"]) == (0.5, 200)
-    assert (second["x"], second["first_step"], second["steps_ahead"]) == ("y, index", NEVER, 0)
-
-
 def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
     scenarios = ["S1", "MoodyHidden"]
     cells = [Cell("table", np.zeros(2), scenario) for scenario in scenarios]
     cells += [Cell("search", np.zeros(2), scenario, "planner", "stochastic") for scenario in scenarios]
     records = {}
     for name in scenarios:
-        run = SimpleNamespace(scenario=load_scenario(name), observation="index", horizon=200)
+        scenario = load_scenario(name)
+        run = SimpleNamespace(scenario=scenario, observation="index", horizon=200, variant="search")
         random, optimal = anchors(compile_scenario(run.scenario), 200, "start")["grid_return"]
         found = [
             {"stochastic_grid_return": np.array([random + score * (optimal - random)]),
@@ -250,59 +178,6 @@ def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
         # Of the search with the best return, which is not the one that succeeds most often.
         assert (row["memoryless_score"], row["memoryless_success"]) == pytest.approx((0.5, 0.5))
         assert row["observations"] == model.n_observations
-
-
-# Ratios of steps
-
-
-def until_learned(steps: NDArray[np.int_], n_points: int) -> NDArray[np.float64]:
-    """Returns (N, T) success of runs that learn after so many steps, evaluated at 0, 100, 200, ..."""
-    return (np.arange(n_points) * 100 >= steps[:, None]).astype(float)
-
-
-def ratios(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[dict[str, float]]:
-    data = data_of([Cell("net", x, family="deep"), Cell("table", y)])
-    frame = item("speedups").table(data)
-    return [] if frame is None else frame.to_dict("records")  # type: ignore[return-value]
-
-
-def test_interval_of_a_ratio_of_steps_contains_the_truth() -> None:
-    """Medians are 95 and 210 steps; evaluations, every 100 steps, see neither exactly."""
-    rng, held, n_times = np.random.default_rng(0), 0, 60
-    for _ in range(n_times):
-        x, y = (np.exp(rng.normal(np.log(median), 0.5, 25)).astype(int) for median in (95, 210))
-        found = ratios(until_learned(x, 5), until_learned(y, 5))[0]
-        held += found["ratio_low"] <= 210 / 95 <= found["ratio_high"]
-    assert held >= 0.93 * n_times
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "steps", "ratio"),
-    [
-        (200, 400, (200, 400), 2.0),
-        (400, 200, (400, 200), 0.5),
-        (200, None, (200, NEVER), 2.0),  # the budget over 200: at least
-        (None, 200, (NEVER, 200), 0.5),  # at most
-    ],
-)
-def test_runs_that_never_learn_give_a_bound(
-    x: int | None, y: int | None, steps: tuple[float, float], ratio: float
-) -> None:
-    row, _ = ratios(*(until_learned(np.full(20, step or 10_000), 5) for step in (x, y)))
-    assert (row["x_step"], row["y_step"], row["ratio"]) == (*steps, ratio)
-    assert row["ratio_low"] <= ratio <= row["ratio_high"]
-    assert math.isinf(row["ratio_high"]) == (y is None)
-    assert (row["ratio_low"] == 0) == (x is None)
-
-
-def test_there_is_no_ratio_without_learning_or_of_learning_before_the_first_step() -> None:
-    nothing, everything = np.zeros((10, 5)), np.ones((10, 5))
-    for x, y in (
-        (nothing, nothing),
-        (everything, until_learned(np.full(10, 300), 5)),
-        (everything, everything),
-    ):
-        assert ratios(x, y) == []
 
 
 # Verdicts and the answer against the truth

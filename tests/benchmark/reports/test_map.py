@@ -1,27 +1,27 @@
 """The report of a map: real runs of tables, and made ones with known ends."""
 
-import json
-import re
-from collections.abc import Callable
+import shutil
+import sqlite3
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.analysis.looks import Cell, Ends, cells, runs_of
-from benchmark.analysis.stages import stages
-from benchmark.drawing.tables import plain, write_csv
+from benchmark.analysis.frames import keys_of
+from benchmark.analysis.looks import took
+from benchmark.analysis.stages import runs_of, stages
+from benchmark.drawing.tables import plain
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
+from benchmark.reports.data import Data
 from benchmark.reports.document import Document
 from benchmark.reports.draw import draw_figure, tables_of
-from benchmark.reports.folder import Folder
 from benchmark.reports.map import REPORT
-from benchmark.reports.map.data import Maps
-from benchmark.reports.map.headline import headline
 from tests.benchmark.reports.conftest import experiment_of
 from tests.benchmark.reports.sentences import check_links
 from tests.support import mistyped_columns
@@ -129,8 +129,8 @@ def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
     contrasts = pd.read_csv(made / "contrasts.csv")
     assert {*contrasts["n"]} == {12, 16}
     assert (contrasts.loc[contrasts["n"] == 12, "verdict"] != "undecided").all()
-    one = contrasts[contrasts["point"] == "places 16"].iloc[0]
-    assert (one["n"], one["verdict"]) == (12, "faster")
+    decided = contrasts[contrasts["point"] == "places 16"].iloc[0]
+    assert (decided["n"], decided["verdict"]) == (12, "faster")
     looks = pd.read_csv(made / "looks.csv").set_index("n")
     distinct = contrasts.drop_duplicates(["rows", "columns", "places", "unseen", "permuted"])
     assert len(distinct) == len(contrasts) - 2  # two points of two grids are the same
@@ -138,124 +138,111 @@ def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
     experiment = load_experiment(made.parent / "small.toml")
     with Store(made.parent / "runs.db", read_only=True) as store:
         first, second = stages(experiment, store)
-        ended = store.ended()
-    assert {run.digest for run in (*first, *second)} == ended
+        assert {run.digest for run in runs_of([*first, *second])} == store.ended()
+    assert {run.seed for run in runs_of(second)} == {12, 13, 14, 15}
     undecided = {(row["grid"], row["point"]) for _, row in contrasts[contrasts["n"] == 16].iterrows()}
-    assert {run.seed for run in second} == {12, 13, 14, 15}
-    more = {tuple(run.condition.split("/")[1:]) for run in second}
-    assert {(grid, ", ".join(point).replace("=", " ")) for grid, *point in more} <= undecided
+    more = {tuple(group.population.condition.name.split("/")[1:]) for group in second}
+    assert {(grid, ", ".join(point).replace("=", " ")) for grid, *point in more} == undecided
 
 
 def test_runs_of_a_seed_have_the_same_places_and_permuting_is_nothing_to_a_table(made: Path) -> None:
     experiment = load_experiment(made.parent / "small.toml")
+    curves: dict[tuple[str, str], list[bytes]] = {}
+    places: dict[str, list[tuple[tuple[int, int], ...]]] = {}
     with Store(made.parent / "runs.db", read_only=True) as store:
-        curves: dict[tuple[str, str], list[Any]] = {}
-        for cell in cells(experiment):
-            runs = runs_of(experiment, cell, range(2))
-            places = [run.drawn_scenario.places for run in runs]
-            assert places[0] != places[1] or "unseen" in cell.condition
-            others = runs_of(experiment, cell._replace(variant="shared", observation="offset"), range(2))
-            assert places == [run.drawn_scenario.places for run in others]
-            curves[cell.condition, cell.learner] = [
-                record.arrays["success"].tobytes() for record in store.get([run.digest for run in runs])
+        for population in experiment.populations:
+            condition, runs = population.condition.name, population.runs(range(2))
+            drawn = [run.drawn_scenario.places for run in runs]
+            assert drawn == places.setdefault(condition, drawn)
+            assert drawn[0] != drawn[1] or "unseen" in condition
+            records = store.get([run.digest for run in runs])
+            curves[condition, population.learner.name] = [
+                each.arrays["success"].tobytes() for each in records
             ]
-    plain, permuted = (curves[f"default/code/permuted={share}", TABLE] for share in (0, 100))
-    assert plain == permuted
+    straight, permuted = (curves[f"default/code/permuted={share}", TABLE] for share in (0, 100))
+    assert straight == permuted
 
 
 def test_document_and_figures(made: Path) -> None:
     document = Document(made)
-    check_links(document, fewest=3)
+    check_links(document, fewest=2)
     assert document.headline is not None
-    text = plain(document.headline.text)
-    assert text.startswith("The shared table of offsets needs fewer steps than the table at places 16; it is")
-    assert "The smallest median, which is not tested, is that of the shared table of offsets at " in text
-    assert "map.svg" in {path.name for path in made.iterdir()}
-    reference = pd.read_csv(made / "reference.csv")
-    assert {*reference["y"]} == {"check, index"}
-    assert "5 %" in (made / "README.md").read_text(encoding="utf-8")
+    start = "Over the points of the grid `places`, the shared table of offsets compared with the table: "
+    assert plain(document.headline).startswith(f"{start}faster at ")
+    assert (made / "map.svg").is_file()
+    assert {*pd.read_csv(made / "reference.csv")["y"]} == {"check, index"}
+    assert "at most 5 %" in (made / "README.md").read_text(encoding="utf-8")
 
 
-def test_drawing_again_gives_the_same_but_for_times(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = {path.name: path.read_bytes() for path in made.iterdir()}
-    (made / "cells.csv").write_text("")
-    assert main(["report", str(made.parent / "small.toml"), "--results", str(made.parent)]) == 0
-    assert {path.name: path.read_bytes() for path in made.iterdir()} == before
-    capsys.readouterr()
+def test_a_map_can_be_drawn_while_runs_are_missing(made: Path, tmp_path: Path) -> None:
+    for name in ("small.toml", "runs.db"):
+        shutil.copy(made.parent / name, tmp_path)
+    sixth = load_experiment(tmp_path / "small.toml").populations[0].runs()[5]
+    with sqlite3.connect(tmp_path / "runs.db") as store:
+        store.execute("DELETE FROM runs WHERE digest = ?", [sixth.digest])
+    command = ["report", str(tmp_path / "small.toml"), "--results", str(tmp_path)]
+    assert main(command) == 2
+    assert main([*command, "--partial"]) == 0
+    cells, contrasts = (
+        pd.read_csv(tmp_path / "small_partial" / f"{name}.csv") for name in ("cells", "contrasts")
+    )
+    assert cells["n"].iloc[0] == 5  # those before the missing one
+    assert "places 1" not in {*contrasts.loc[contrasts["grid"] == "places", "point"]}
 
 
-def made_by_hand(folder: Path, steps: Callable[[Cell], float], text: str = EXPERIMENT) -> Maps:
-    """Returns a map in which every run of a cell has solved after so many steps."""
-
-    def ends(cell: Cell) -> Ends:
-        n_steps, budget = steps(cell), 1e6 if cell.variant == "table" else 1e5
-        points = np.unique([0.0, min(n_steps, 1e5), 1e5, min(max(n_steps, 1e5), budget), budget])
-        curve = np.where(points < n_steps, 0.0, 1.0)
-        spent = np.array([points, points / 10, points / 1000])[:, None].repeat(16, axis=1)
-        return Ends(np.array([curve] * 16), spent, np.full(16, np.nan), 0.9)
-
-    experiment = experiment_of(folder / "hand.toml", text)
-    return Maps(experiment, {cell: ends(cell) for cell in cells(experiment) if cell.variant != "check"})
+# Maps made by hand: 100,000 steps for the shared table, 1,000,000 for the other one
 
 
-def test_ratios_and_short_budgets_by_hand(tmp_path: Path) -> None:
-    x, y = (Cell("default/places/places=16", "Anywhere", *name.split(", ")) for name in (OFFSETS, TABLE))
-    data = made_by_hand(tmp_path, lambda cell: 1000.0 if cell.variant == "shared" else 1600.0)
-    assert data.ratio(x, y, "disagreements") == pytest.approx((1.6, 1.6, 1.6))
-    assert (data.decided[x, y].verdict, data.is_bound(x, y)) == ("better", False)
-    # Runs that never learn: the smaller budget counts.
-    data = made_by_hand(tmp_path, lambda cell: 1000.0 if cell.variant == "shared" else np.inf)
-    assert data.ratio(x, y, "steps") == (100.0, 100.0, 100.0)
-    assert data.is_bound(x, y)
-    # The table learns, but not within the budget of the other, which never does.
-    data = made_by_hand(tmp_path, lambda cell: np.inf if cell.variant == "shared" else 5e5)
-    assert data.decided[x, y].verdict == "too short"
-    assert np.isnan(data.ratio(x, y, "steps").value)
-    assert made_by_hand(tmp_path, lambda _: np.inf).decided[x, y].verdict == "neither"
+def by_hand(folder: Path, steps: Mapping[str, float]) -> Data:
+    """Returns what a map is computed from in which every run of a variant has learned after so many steps."""
+    text = EXPERIMENT
+    for variant, budget in (("shared", 100_000), ("table", 1_000_000)):
+        settings = f"settings = {{ budget = {budget}, record_every = {budget} }}"
+        text = text.replace(f"[algorithms.{variant}]", f"[algorithms.{variant}]\n{settings}")
+    experiment, runs, curves = experiment_of(folder / "hand.toml", text), [], []
+    for population in experiment.populations:
+        if not population.learner.reference_for:
+            n_steps, budget = steps[population.learner.variant], population.first.settings.budget
+            step = np.unique([0, min(n_steps, 1e5), 1e5, min(max(n_steps, 1e5), budget), budget])
+            success = np.where(step < n_steps, 0.0, 1.0)
+            spent = {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
+            curve = pd.DataFrame(keys_of(population) | {"step": step, "success": success, **spent})
+            curves += [curve.assign(seed=seed) for seed in range(12)]
+            runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), "unseen_success": np.nan}))
+    made = {"runs": pd.concat(runs), "curves": pd.concat(curves), "experiment": experiment}
+    return cast("Data", SimpleNamespace(**made, records=None, is_partial=False))
 
 
-def found_in(data: Maps, folder: Path) -> str:
-    """Writes tables and figures of a map made by hand; returns what is found in them."""
+@pytest.mark.parametrize(
+    ("shared", "table", "verdict", "ratio"),
+    [
+        (1000, 1600, "faster", 1.6),
+        (1000, np.inf, "faster", 100),  # runs that never learn: the smaller budget counts
+        (np.inf, 5e5, "budget too short", np.nan),  # the table learns, but not within the budget of the other
+        (np.inf, np.inf, "neither learns", np.nan),
+        (0, 0, "undecided", np.nan),  # all learn at once
+    ],
+)
+def test_verdicts_and_ratios_by_hand(
+    shared: float, table: float, verdict: str, ratio: float, tmp_path: Path
+) -> None:
+    data = by_hand(tmp_path, {"shared": shared, "table": table})
     tables = tables_of(REPORT.items, data)
-    for name, frame in tables.items():
-        write_csv(frame, folder / f"{name}.csv")
-    for item in REPORT.items:
-        draw_figure(item, tables, data, folder / f"{item.name}.svg")
-    algorithms = {
-        name: {"title": each.title, "family": "tabular"} for name, each in data.experiment.algorithms.items()
-    }
-    manifest = {"facts": data.facts, "report": {"kind": "map"}, "scenarios": {}, "algorithms": algorithms}
-    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
-    found = headline(Folder(folder))
-    assert found is not None
-    return plain(found.text)
+    assert {*tables["contrasts"]["verdict"]} == {verdict}
+    for column in ("ratio", "ratio_disagreements"):
+        found = tables["contrasts"].iloc[0][[column, f"{column}_low", f"{column}_high"]].astype(float)
+        assert found.tolist() == pytest.approx([ratio] * 3, nan_ok=True)
+    for item in REPORT.items:  # figures can be drawn without a difference, too
+        draw_figure(item, tables, data, tmp_path / f"{item.name}.svg")
+    assert {path.stem for path in tmp_path.glob("*.svg")} == {"map", "grids"}
 
 
-@pytest.mark.parametrize("steps", [0.0, np.inf], ids=["all learn at once", "nobody learns"])
-def test_an_axis_of_two_values_without_a_difference_has_a_report(steps: float, tmp_path: Path) -> None:
-    text = re.sub(r"\naxes.places.16.*", "", EXPERIMENT)
-    found = found_in(made_by_hand(tmp_path, lambda _: steps, text), tmp_path)
-    start = "Neither the shared table of offsets nor the table learns at" if steps else "It is undecided"
-    assert found.startswith(start)
-    assert "median" not in found
-
-
-def test_what_is_undecided_has_no_winner_however_large_the_ratio_of_medians(tmp_path: Path) -> None:
-    text = EXPERIMENT.replace("looks = [12, 16]", "looks = [2]").replace("seeds = 12", "seeds = 2")
-    data = made_by_hand(tmp_path, lambda cell: 1000.0 if cell.variant == "shared" else np.inf, text)
-    data = Maps(data.experiment, {cell: ends.first(2) for cell, ends in data.ends.items()})
-    found = found_in(data, tmp_path)
-    assert found.startswith("It is undecided which of the shared table of offsets and the table needs fewer")
-    assert "needs fewer" not in found.partition(".")[2]
-
-
-def test_both_sides_of_a_contrast_have_the_same_budget() -> None:
-    spent = np.array([[0.0, 100.0, 200.0, 400.0, 800.0]] * 3)[:, None]
-    ends = Ends(np.array([[0.0, 0.0, 1.0, 0.0, 1.0]]), spent, np.array([np.nan]), 0.9)
-    assert ends.took()[0].tolist() == [800.0]
-    assert ends.took(200)[0].tolist() == [200.0]  # to the end of that budget
-    assert ends.took(400)[0].tolist() == [np.inf]
-    assert ends.spent_within(500)[0].tolist() == [400.0]
+def test_a_run_has_learned_within_a_budget_if_success_stays_to_its_end() -> None:
+    curves = pd.DataFrame({"step": [0, 100, 200, 400, 800], "success": [0.0, 0.0, 1.0, 0.0, 1.0]})
+    curves = curves.assign(seed=0, training_wrong_pings=curves["step"] / 10, cpu_time_s=0.0)
+    ends = {budget: took(curves, 0.9, budget).iloc[0] for budget in (np.inf, 200, 400, 500)}
+    assert [ends[budget]["steps"] for budget in ends] == [800, 200, np.inf, np.inf]
+    assert [ends[budget]["spent_disagreements"] for budget in ends] == [80, 20, 40, 40]
 
 
 @pytest.mark.parametrize(
@@ -294,4 +281,3 @@ def test_other_seeds_are_refused(made: Path, capsys: pytest.CaptureFixture[str])
     path = str(made.parent / "small.toml")
     assert main(["run", path, "--seeds", "0-3", "--results", str(made.parent)]) == 2
     assert "remove --seeds" in capsys.readouterr().err
-    assert json.loads((made / "manifest.json").read_text())["facts"]["looks"] == [12, 16]
