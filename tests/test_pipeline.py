@@ -180,7 +180,9 @@ def test_other_seeds_do_not_overwrite_the_declared_ones(results: Path, tmp_path:
     assert made == contents(results / "reproduce_smoke")  # of the declared seeds
     other = tmp_path / "reproduce_smoke_seeds_0-1"
     assert pd.read_csv(other / "optimal.csv")["agents"].tolist() == [2, 2, 2]
-    assert "**Every learner has the seeds 0 to 1 instead of" in (other / "README.md").read_text(encoding="utf-8")
+    assert "**Every learner has the seeds 0 to 1 instead of" in (other / "README.md").read_text(
+        encoding="utf-8"
+    )
     assert "the seeds 0 to 1 instead of" in (other / "index.html").read_text(encoding="utf-8")
     manifest = json.loads((other / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["command"] == "python -m benchmark run reproduce_smoke --seeds 0-1 --report"
