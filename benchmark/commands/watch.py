@@ -19,7 +19,12 @@ from benchmark.drawing.style import check_file
 from benchmark.drawing.text import to_text
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
-from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, load_experiment
+from benchmark.experiments import (
+    DEFAULT_CONDITION,
+    Experiment,
+    RunSpecification,
+    load_experiment,
+)
 from envs import InputError
 from envs.inputs import unknown_name, whole_number
 
@@ -53,12 +58,15 @@ def specification(
     return population.first.with_seed(seed)
 
 
-def load_film(watched: RunSpecification, store: Store, learner: str) -> Film:
-    """Returns the film of a run, with the learner's title; a missing run is trained and stored.
+def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Film:
+    """Returns the film of a run; a missing run is trained and stored.
+
+    Readers see the name of the learner, by default its variant and observation.
 
     Raises:
       InputError: Training failed.
     """
+    learner = learner or f"{watched.variant}, {watched.observation}"
     title = f"{watched.scenario.name}: {learner}, seed {watched.seed}"
     store.discard_damaged([watched.digest])
     if pending([watched], store):
@@ -88,21 +96,31 @@ def has_window() -> bool:
 
 
 def in_window(film: Film) -> None:
-    """Plays the film in a window until the reader closes it; space pauses."""
-    screen, shown, is_paused = Screen([[film]]), moments(film), False
+    """Plays the film in a window until the reader closes it."""
+    screen, shown, frame, is_paused = Screen([[film]]), list(moments(film)), 0, False
     canvas = screen.figure.canvas
 
+    def go_to(index: int) -> None:
+        nonlocal frame
+        frame = index
+        screen.show([shown[frame]])
+        canvas.draw_idle()
+
     def play() -> None:
-        moment = None if is_paused else next(shown, None)  # the last frame stays
-        if moment is not None:
-            screen.show([moment])
-            canvas.draw_idle()
+        if not is_paused and frame < len(shown) - 1:  # the last frame stays
+            go_to(frame + 1)
 
     def on_key(event: Event) -> None:
         nonlocal is_paused
-        is_paused ^= getattr(event, "key", None) == " "
+        key = getattr(event, "key", None)
+        if key == " ":
+            is_paused = not is_paused
+        if key in ("left", "right"):
+            index = shown[frame].index + (1 if key == "right" else -1)
+            go_to(next((i for i, moment in enumerate(shown) if moment.index == index), frame))
 
-    print("space: pause, q: quit")
+    go_to(0)
+    print("space: pause, left and right: training, q: quit")
     canvas.mpl_connect("key_press_event", on_key)
     timer = canvas.new_timer(round(1000 / FRAMES_PER_SECOND), [(play, (), {})])
     timer.start()
@@ -129,13 +147,15 @@ def main(options: argparse.Namespace) -> int:
     if options.save is not None:
         check_file(options.save, *ANIMATIONS)
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
-    learner = experiment.learners[f"{watched.variant}, {watched.observation}"]
     with Store(options.results / "runs.db") as store:
-        film = load_film(watched, store, learner.title)
+        film = load_film(
+            watched, store, experiment.learners[f"{watched.variant}, {watched.observation}"].title
+        )
     if options.save is not None:
         write(learning([[film]]), options.save)
         print(f"{film.title}: {options.save}")
-    elif not options.terminal and has_window():
+        return 0
+    if not options.terminal and has_window():
         in_window(film)
     else:
         in_terminal(film, Console())

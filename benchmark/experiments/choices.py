@@ -117,7 +117,10 @@ def essence_of(scenario: Scenario) -> str:
         rooms.append(json.dumps([scenario.grid.is_wall[shown].tolist(), sorted(positions)]))
     apart = {"name", "description", "grid", "issuer", "regions", "others", "phases"}
     rest = scenario.model_dump(mode="json", exclude=apart)
-    feedback = [person.feedback.model_dump() for person in (scenario.issuer, *scenario.others)]
+    feedback = [
+        scenario.issuer.feedback.model_dump(),
+        *(other.feedback.model_dump() for other in scenario.others),
+    ]
     clock = [part.tolist() for part in (scenario.ticks, *scenario.following)]
     return json.dumps([min(rooms), rest, feedback, clock], sort_keys=True)
 

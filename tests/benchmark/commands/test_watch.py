@@ -1,5 +1,6 @@
 """The command that shows how an agent learns: the run it shows, and how it is played."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
@@ -26,7 +27,7 @@ COMPARED = load_experiment("compare_deep")
 def test_the_run_is_that_of_the_experiment_and_is_stored(film: Film, watched: Path) -> None:
     with Store(watched / "runs.db", read_only=True) as store:
         (record,) = store.get(list(store.ended()))
-        again = watch.load_film(watch.specification(COMPARED, "S1", "q_learning", "index", 0), store, "")
+        again = watch.load_film(watch.specification(COMPARED, "S1", "q_learning", "index", 0), store)
     assert record.digest == all_specifications(COMPARED, [0])[0].digest
     assert (again.values == film.values).all()
     assert np.abs(film.values[-1] - record.arrays["q"]).max() <= 0.0005 + 1e-7  # three decimals
@@ -72,7 +73,7 @@ def test_terminal_plays_every_moment(film: Film, monkeypatch: pytest.MonkeyPatch
     assert len(slept) == len(list(watch.moments(short)))
 
 
-def test_window_plays_and_pauses(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_window_plays_pauses_and_goes_through_training(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[tuple[int, int]] = []
     timers: list[TimerBase] = []
 
@@ -84,8 +85,9 @@ def test_window_plays_and_pauses(film: Film, monkeypatch: pytest.MonkeyPatch) ->
         return timers[-1]
 
     def use() -> None:
-        ((play, _, _),), canvas = timers[0].callbacks, plt.gcf().canvas
-        for key in ("", "", " ", "", " ", ""):
+        (timer,), canvas = timers, plt.gcf().canvas
+        ((play, _, _),) = timer.callbacks
+        for key in ("", "", " ", "", "right", "", "right", "right", "left", " ", ""):
             if key:
                 canvas.callbacks.process("key_press_event", KeyEvent("key_press_event", canvas, key))
             else:
@@ -96,10 +98,15 @@ def test_window_plays_and_pauses(film: Film, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(plt, "show", use)
     watch.in_window(film)
     plt.close("all")
-    assert shown[1:] == [(0, 1), (0, 2), (0, 3)]
+    assert shown[1:] == [(0, 1), (0, 2), (0, 3), (1, 1), (2, 1), (3, 1), (2, 1), (2, 2)]
 
 
 def test_a_window_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    if sys.platform == "linux":
+        assert not watch.has_window()
+        assert plt.get_backend().lower() == "agg"
     tried: list[str] = []
 
     def switch(backend: str) -> None:
@@ -110,8 +117,6 @@ def test_a_window_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plt, "switch_backend", switch)
     assert watch.has_window()
     assert tried[-1] == "tkagg"
-    monkeypatch.setattr(watch, "_WINDOWS", ("qtagg",))
-    assert not watch.has_window()
 
 
 def test_no_terminal_gets_the_end_of_every_walk(watched: Path, capsys: pytest.CaptureFixture[str]) -> None:
