@@ -42,7 +42,8 @@ def keys(*roots: type[Table]) -> str:
                 default = field.get("default")
                 shown = "-" if default in (None, "", [], {}) else f"`{json.dumps(default)}`"
                 shown = "required" if key in table.get("required", ()) else shown
-                about = field.get("description", "")  # a table is described in its own section
+                inner = tables.get(str(field.get("$ref")).rpartition("/")[2], field)
+                about = field.get("description") or inner["description"].partition("\n")[0]
                 rows.append([f"`{key}`", accepted(field), shown, " ".join(about.split())])
         grid = tabulate(rows, ["key", "accepted", "default", "meaning"], "github")
         sections += [f'<a id="table-{name}"></a>', f"### {name}", table["description"], grid]
