@@ -1,8 +1,8 @@
 """Arithmetic whose bits are the same on every processor, in compiled code.
 
 IEEE 754 fixes how sums, products, quotients and square roots are rounded, but processors and libraries differ
-in the order of sums, in whether a product and a sum are rounded once or twice, and in the last digit of `exp`,
-`log` and `tanh`. Here all of that is fixed: a number of a product of matrices is one chain of fused
+in the order of sums, in whether a product and a sum are rounded once or twice, and in the last digit of
+`exp`, `log` and `tanh`. Here all of that is fixed: a number of a product of matrices is one chain of fused
 multiplications and additions, in the order of the inner index. Arrays are of float32, or in tests of float64.
 """
 
