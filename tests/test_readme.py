@@ -151,13 +151,12 @@ def test_readme_is_made_of_the_published_tables() -> None:
 
 
 def test_readme_says_how_much_was_tuned() -> None:
-    search = load_experiment("tuning").search
+    search = load_experiment("tuning").declared.search
     assert search is not None
     words = " ".join(README.split())
     assert f"the best of the defaults and {search.trials} trials" in words
-    tuned = {name: each.tuned_by for name, each in load_experiment("compare_deep").algorithms.items()}
-    untuned = {name for name, search in tuned.items() if not search}
-    assert untuned == {
+    variants = load_experiment("compare_deep").declared.algorithms
+    assert {name for name, variant in variants.items() if not variant.tuned_by} == {
         "q_learning",
         *(f"{name}_default{end}" for name in ("dqn", "ppo") for end in ("", "_sb3")),
     }

@@ -5,7 +5,6 @@ and exactly the declared number of environment steps.
 """
 
 import hashlib
-import os
 import time
 import warnings
 from bisect import bisect_left, bisect_right
@@ -13,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import llvmlite.binding
 import numpy as np
 import torch
 from numpy.random import SeedSequence
@@ -30,12 +28,6 @@ from agents.sb3.vec_env import SB3VecEnv
 from envs import InputError, Model, ProxemicVectorEnv
 from envs.model import ACTIONS
 from envs.observations import observation_table
-
-# With AVX-512, sums of MKL have another order for another number of rows, and torch takes another code. Both
-# look at these when they are first used.
-if llvmlite.binding.get_host_cpu_features().get("avx2"):
-    os.environ.setdefault("MKL_CBWR", "AVX2")
-    os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx2")
 
 
 def make_agent(cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv) -> BaseAlgorithm:

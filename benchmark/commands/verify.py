@@ -32,21 +32,21 @@ def main(options: argparse.Namespace) -> int:
     names = experiment_names() if options.experiment is None else [options.experiment]
     experiments = [load_experiment(name) for name in names]
     n_problems = 0
-    try:
-        with (
-            Store(options.results / "runs.db", read_only=True) as store,
-            files.alone(options.results),
-            tempfile.TemporaryDirectory() as scratch,  # elsewhere, as the folder may be read-only
-        ):
-            for problem in _problems(experiments, store, options, Path(scratch)):
-                print(problem, file=sys.stderr)
-                n_problems += 1
-    except DamagedError as error:
-        print(error, file=sys.stderr)
-        n_problems += 1
+    with tempfile.TemporaryDirectory() as scratch:  # elsewhere, as the folder may be read-only
+        for problem in _found(experiments, options, Path(scratch)):
+            print(problem, file=sys.stderr)
+            n_problems += 1
     if n_problems:
         print(f"problems found: {n_problems}.")
     return 1 if n_problems else 0
+
+
+def _found(experiments: list[Experiment], options: argparse.Namespace, scratch: Path) -> Iterator[object]:
+    try:
+        with Store(options.results / "runs.db", read_only=True) as store, files.alone(options.results):
+            yield from _problems(experiments, store, options, scratch)
+    except DamagedError as error:
+        yield error
 
 
 def _problems(
@@ -63,11 +63,11 @@ def _problems(
     if options.experiment is not None and not (checked or structure):
         raise InputError(f"{path}: no run of {options.experiment} is stored; accepted: a store with some.")
     if damaged := store.damaged(checked):
-        first, n_others = damaged[0][:12], len({*damaged} - declared.keys())
+        first = damaged[0][:12]
         yield (
             f"checksums: {len(damaged)} of {len(checked)} records are damaged (the first: {first}); run "
-            f"their experiments again, which repeats them ({n_others} are of other experiments; "
-            f"sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{first}%'\" removes one)."
+            "their experiments again, which repeats them "
+            f"(sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{first}%'\" removes one)."
         )
     else:
         print(f"checksums: correct in all {len(checked)} records.")
@@ -97,17 +97,15 @@ def _differences(
     chosen = np.random.default_rng(seed).permutation(len(stored))[: options.runs]
     sample = [stored[i] for i in sorted(chosen)]
     print(f"repeating {len(sample)} runs ...", file=sys.stderr)
-    n_same = 0
+    n_different = 0
     with Store(path) as repeated:
         driver.run(sample, repeated, options.jobs)
         for run in sample:
-            (before,), (after,) = store.get([run.digest]), repeated.get([run.digest])
-            if difference := _difference(before, after):
+            if difference := _difference(*store.get([run.digest]), *repeated.get([run.digest])):
                 yield f"{run.folder} ({run.digest[:12]}): {difference}."
-            else:
-                n_same += 1
+                n_different += 1
     drawn = f"drawn from {len(stored)} with --seed {seed}"
-    print(f"runs: {n_same} of {len(sample)} repeated runs are identical ({drawn}).")
+    print(f"runs: {len(sample) - n_different} of {len(sample)} repeated runs are identical ({drawn}).")
 
 
 def _difference(before: Record, after: Record) -> str:
@@ -119,11 +117,10 @@ def _difference(before: Record, after: Record) -> str:
         array = record.arrays.get(name)
         return None if array is None else (array.dtype, array.shape, array.tobytes())
 
-    names = sorted(before.arrays.keys() | after.arrays.keys())
+    names = sorted({*before.arrays, *after.arrays})
     differing = [name for name in names if bits(before, name) != bits(after, name)]
     old, new = (
-        record.provenance["versions"] | {"machine": record.provenance["machine"]}
-        for record in (before, after)
+        {**each.provenance["versions"], "machine": each.provenance["machine"]} for each in (before, after)
     )
     others = [f"{key} {old[key]}, here {new.get(key)}" for key in old if old[key] != new.get(key)]
     made = f" (recorded with {'; '.join(others)})" if others else ""
@@ -131,17 +128,15 @@ def _difference(before: Record, after: Record) -> str:
 
 
 def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) -> Iterator[str]:
-    """Draws an experiment again; yields what differs from its folder."""
+    """Draws an experiment again; yields what differs from its folder, measured times included."""
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
     made.mkdir()
     with suppress(OSError):  # it notes what earlier reports showed, which the store does not know
         shutil.copy(folder / MANIFEST, made)
     draw.draw(experiment, draw.report_of(experiment), store, made)
-    # Measured times, too, are those that the store has.
     certificate = sameness.compare(made, experiment.name, (), folder)
-    assert certificate is not None  # there is a manifest
-    if certificate.is_identical:
+    if certificate is None or certificate.is_identical:
         print(certificate)
     else:
         again = f"'report {experiment.argument}' makes them from the stored runs"

@@ -42,7 +42,9 @@ def keys(*roots: type[Table]) -> str:
                 default = field.get("default")
                 shown = "-" if default in (None, "", [], {}) else f"`{json.dumps(default)}`"
                 shown = "required" if key in table.get("required", ()) else shown
-                rows.append([f"`{key}`", accepted(field), shown, " ".join(field["description"].split())])
+                inner = tables.get(str(field.get("$ref")).rpartition("/")[2], field)
+                about = field.get("description") or inner["description"].partition("\n")[0]
+                rows.append([f"`{key}`", accepted(field), shown, " ".join(about.split())])
         grid = tabulate(rows, ["key", "accepted", "default", "meaning"], "github")
         sections += [f'<a id="table-{name}"></a>', f"### {name}", table["description"], grid]
     return "\n\n".join(sections)

@@ -91,11 +91,14 @@ def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a file, whole or not at all. The caller must be alone in its folder, see `alone`.
+    """Writes a file, whole or not at all, unless it has this text. The caller must be `alone` in its folder.
 
     Raises:
       InputError: It cannot be written.
     """
+    with suppress(OSError):
+        if path.read_bytes() == text.encode():
+            return
     made = path.with_name(f".{path.name}{_MAKING}")
     try:
         with _input_errors(path):

@@ -38,19 +38,17 @@ def optimal(scenario: str) -> Act:
 # Exact numbers
 
 
-@pytest.mark.parametrize("scenario", ["S1", "S3"])
-def test_optimal_policy_scores_one(scenario: str) -> None:
-    assessment = assess(optimal(scenario), scenario=scenario, observation="index")
+def test_optimal_policy_scores_one() -> None:
+    assessment = assess(optimal("S3"), scenario="S3", observation="index")
     # Row 4, column 6 is the nearest cell of the target region: ten moves and a PING.
     assert assessment.score == 1
     assert assessment.success == pytest.approx(1)
     assert float(assessment.evaluation.steps) == pytest.approx(11)
 
 
-@pytest.mark.parametrize("scenario", ["S2", "Moody"])
-def test_random_policy_scores_zero(scenario: str) -> None:
-    assessment = assess(lambda _: np.full(5, 0.2, dtype=np.float32), scenario=scenario, observation="one_hot")
-    model = compile_scenario(load_scenario(scenario))
+def test_random_policy_scores_zero() -> None:
+    assessment = assess(lambda _: np.full(5, 0.2, dtype=np.float32), scenario="Moody", observation="one_hot")
+    model = compile_scenario(load_scenario("Moody"))
     assert assessment.unbounded_score == pytest.approx(0, abs=1e-9)
     assert assessment.success == pytest.approx(float(evaluate(model, uniform_policy(model), 200).success))
     assert assessment.region_overlap == 0  # PING is as likely as a move, so it is nowhere the likeliest
@@ -120,7 +118,7 @@ def test_a_refusal_names_the_observation_by_its_parts(
 @pytest.mark.parametrize("observation", ["index", "one_hot", "coordinates"])
 def test_observations_are_those_of_the_environment(observation: str) -> None:
     env = gymnasium.make("envs:Proxemic/Moody-v0", observation=observation)
-    given: list[Any] = []
+    given: list[NDArray[np.float32]] = []
 
     def act(o: Any) -> int:
         assert env.observation_space.contains(o)
@@ -130,8 +128,8 @@ def test_observations_are_those_of_the_environment(observation: str) -> None:
         return 0
 
     assess(act, scenario="Moody", observation=observation)
-    model = compile_scenario(load_scenario("Moody"))
-    assert np.array_equal(given[: model.n_observations], observation_table(model, observation))
+    table = observation_table(compile_scenario(load_scenario("Moody")), observation)
+    assert np.array_equal(given[: len(table)], table)
 
 
 def test_functions_with_memory_are_refused() -> None:
@@ -176,12 +174,8 @@ def test_offset_is_enough_for_the_optimum_where_the_issuer_is_seen() -> None:
     def by_coordinates(o: NDArray[np.float32]) -> int:
         return towards(round(float(o[0]) * 18) * 23 + round(float(o[1]) * 22))
 
-    def by_one_hot(o: NDArray[np.float32]) -> int:
-        return towards(int(o.argmax()))
-
-    for act in (by_coordinates, by_one_hot):
-        form = act.__name__.replace("by", "offset")
-        assert (assess(act, scenario="Anywhere", observation=form).policy == by_number.policy).all()
+    other = assess(by_coordinates, scenario="Anywhere", observation="offset_coordinates")
+    assert (other.policy == by_number.policy).all()
 
 
 # Saved models
@@ -209,22 +203,13 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
     actions, _ = agent.predict(observations, deterministic=True)
     options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot"}
     from_file = assess(saved[name], algorithm=f"stable_baselines3:{name}", **options)
-    assert from_file.success == float(evaluate(model, np.eye(5)[actions], 200).success)
     assert (from_file.policy == np.eye(5)[actions]).all()
     assert (assess(agent, **options).policy == from_file.policy).all()
-
-
-def test_a_stochastic_policy_is_read_from_a_model_and_from_its_file(saved: dict[str, Path]) -> None:
-    from stable_baselines3 import PPO
-
-    agent: Any = PPO.load(saved["PPO"], device="cpu")
-    options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot", "stochastic": True}
-    drawn = assess(str(saved["PPO"]), algorithm="stable_baselines3:PPO", **options)
-    assert (assess(agent, **options).policy == drawn.policy).all()
-    observations = observation_table(compile_scenario(load_scenario("Moody")), "one_hot")
-    tensor, _ = agent.policy.obs_to_tensor(observations)
-    probabilities = agent.policy.get_distribution(tensor).distribution.probs.detach().numpy()
-    assert drawn.policy == pytest.approx(probabilities, abs=1e-6)
+    if name == "PPO":
+        tensor, _ = agent.policy.obs_to_tensor(observations)
+        probabilities = agent.policy.get_distribution(tensor).distribution.probs.detach().numpy()
+        drawn = assess(agent, stochastic=True, **options)
+        assert drawn.policy == pytest.approx(probabilities, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -269,12 +254,10 @@ def test_standing_by_hand() -> None:
     third = 0.978097834
     standing = standing_of(1.0, third, runs(a=[float(f"{third:.6g}")], b=[0.97809], c=[0.97811]))
     assert (standing.rank, standing.tied) == (2, 1)
-    assert standing.learners.set_index("learner")["equal"].to_dict() == {"a": 1, "b": 0, "c": 0}
     # Success counts first, whatever the score.
     low, high = runs(0.1, a=[0.9, 0.9]), runs(0.3, b=[0.0], c=[0.8])
     standing = standing_of(0.3, 0.5, pd.concat([low, high]))
     assert (standing.rank, standing.tied, [*standing.learners["learner"]]) == (2, 0, ["c", "b", "a"])
-    assert standing.learners[["lower", "equal", "higher"]].to_numpy().argmax(axis=1).tolist() == [2, 0, 0]
 
 
 def publish(folder: Path, scores: str, **changes: Any) -> None:
@@ -332,11 +315,9 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     assert set(standing().learners["experiment"]) == {"beyond"}
     publish(tmp_path / "ablation", SCORES)
     assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
-    assert set(standing().learners["experiment"]) == {"beyond", "ablation"}
     assert standing("S2") is None
     whole = (tmp_path / "beyond" / "scores.csv.gz").read_bytes()
-    other_columns = gzip.compress(b"algorithm,success,score\ntable,1.0,1.0\n")
-    for content in (other_columns, whole[:-12], whole[:20] + b"xxxx" + whole[24:], b""):
+    for content in (gzip.compress(b"algorithm,success,score\ntable,1.0,1.0\n"), whole[:-12]):
         (tmp_path / "beyond" / "scores.csv.gz").write_bytes(content)
         with pytest.raises(InputError, match="beyond: damaged"):
             standing()
@@ -378,11 +359,10 @@ def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
     heads = [len(artist.get_paths()) for artist in axis.collections if type(artist) is PolyCollection]
     assert heads == [0, 108, 0, 108]  # up, down, left, right; nine rows of twelve cells
     dots = [line for line in axis.lines if line.get_marker() == "o"]
-    assert sorted(np.asarray(dots[0].get_xydata())[:, 0]) == [c for c in range(12) if c != 8]
-    assert set(np.asarray(dots[0].get_xydata())[:, 1]) == {6}
+    cells = np.asarray(dots[0].get_xydata())
+    assert sorted(cells.tolist()) == [[c, 6] for c in range(12) if c != 8]
     around = draw_map(assess(towards, scenario="Anywhere", observation="offset")).axes[0]
     assert around.get_ylabel() == "rows from the issuer"
-    assert around.get_title() == "Anywhere: score 1, success 1"
 
 
 def test_maps_are_written_with_equal_bytes_or_it_is_reported(tmp_path: Path) -> None:

@@ -5,9 +5,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from benchmark.execution.store import Store
-from benchmark.reports import draw
-from tests.benchmark.reports.conftest import experiment_of, trained
+from tests.benchmark.reports.conftest import results_of
 
 EXPERIMENT = """
 description = "Does exploring less pay, and does it when actions are forgotten?"
@@ -68,12 +66,7 @@ net = { algorithm = "tests.benchmark.reports.made:NET", observations = ["index"]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The experiment's folder of results."""
-    path = tmp_path_factory.mktemp("exploring")
-    experiment = experiment_of(path / "exploring.toml", EXPERIMENT)
-    with Store(path / "runs.db") as store:
-        trained(experiment, store)
-        draw.draw(experiment, draw.report_of(experiment), store, path / "exploring")
-    return path / "exploring"
+    return results_of(tmp_path_factory.mktemp("exploring"), EXPERIMENT)
 
 
 def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Path) -> None:
@@ -107,13 +100,10 @@ def test_without_a_table_to_beat_the_answer_counts_verdicts(folder: Path) -> Non
 
 def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> None:
     """What counts as deep here learns as one table does, and the other table learns nothing."""
-    experiment = experiment_of(tmp_path / "two.toml", TWO_BASELINES)
-    with Store(tmp_path / "runs.db") as store:
-        trained(experiment, store)
-        draw.draw(experiment, draw.report_of(experiment), store, tmp_path / "two")
-    contrasts = pd.read_csv(tmp_path / "two/contrasts.csv")
+    two = results_of(tmp_path, TWO_BASELINES)
+    contrasts = pd.read_csv(two / "contrasts.csv")
     assert contrasts["success_verdict"].tolist() == ["equivalent", "better"]
-    assert pd.read_csv(tmp_path / "two/outcomes.csv")["outcome"].tolist() == ["does not earn"]
-    readme = (tmp_path / "two/README.md").read_text(encoding="utf-8")
+    assert pd.read_csv(two / "outcomes.csv")["outcome"].tolist() == ["does not earn"]
+    readme = (two / "README.md").read_text(encoding="utf-8")
     assert "deep RL does not earn its keep" in readme
     assert "The tables to beat, the *baselines*, are calm and lost." in readme

@@ -10,14 +10,13 @@ import pytest
 
 from benchmark.analysis.frames import by_population
 from benchmark.drawing.tables import link
-from benchmark.execution.store import Store
 from benchmark.experiments import Experiment
 from benchmark.reports import document, draw, load_report
 from benchmark.reports.document import Document
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Estimate, Report, item
 from envs import InputError
-from tests.benchmark.reports.conftest import experiment_of, trained
+from tests.benchmark.reports.conftest import experiment_of, results_of
 
 ITEM = Path(__file__).with_name("lost.py")
 EXPERIMENT = """
@@ -64,20 +63,11 @@ REPORT = Report(
 )
 
 
-def drawn(tmp_path: Path, report: str) -> Path:
-    experiment = experiment_of(tmp_path / "mine.toml", f"{EXPERIMENT}report = {report}\n")
-    with Store(tmp_path / "runs.db") as store:
-        trained(experiment, store)
-        draw.draw(experiment, draw.report_of(experiment), store, tmp_path / "mine")
-    return tmp_path / "mine"
-
-
 def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None:
     assert len(ITEM.read_text(encoding="utf-8").splitlines()) <= 25
     names = json.dumps([each.name for each in load_report("comparison").items if each.name != "summary"])
-    folder = drawn(
-        tmp_path, f'{{ kind = "comparison", omit = {names}, items = ["tests.extension.lost:lost"] }}'
-    )
+    report = f'{{ kind = "comparison", omit = {names}, items = ["tests.extension.lost:lost"] }}'
+    folder = results_of(tmp_path, f"{EXPERIMENT}report = {report}\n")
     assert {f"lost.{end}" for end in ("csv", "svg")} <= {file.name for file in folder.iterdir()}
     shares = pd.read_csv(folder / "lost.csv")
     assert shares["scenario"].tolist() == ["S1", "S1", "S3", "S3"]
@@ -91,7 +81,7 @@ def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None
 
 
 def test_report_of_another_kind(tmp_path: Path) -> None:
-    folder = drawn(tmp_path, json.dumps(KIND))
+    folder = results_of(tmp_path, f"{EXPERIMENT}report = {json.dumps(KIND)}\n")
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["report"]["kind"] == KIND
     success = pd.read_csv(folder / "successes.csv")["success"]

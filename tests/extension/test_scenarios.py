@@ -12,11 +12,8 @@ import pandas as pd
 import pytest
 
 import envs
-from benchmark.execution.store import Store
-from benchmark.experiments import all_specifications, load_experiment
-from benchmark.reports import draw
 from benchmark.reports.explorer import FILE
-from tests.benchmark.reports.conftest import experiment_of, trained
+from tests.benchmark.reports.conftest import results_of
 
 RIGHT, PING = 3, 4
 CORRIDOR = """
@@ -103,39 +100,19 @@ print([name for name in gymnasium.registry if "not" in name])
     assert done.stdout.splitlines() == [*expected, "[]"], done.stderr
 
 
-def test_it_is_compared_like_any_other(corridor: Path, tmp_path: Path) -> None:
-    text = EXPERIMENT.replace("corridor.toml", str(corridor))
-    experiment = experiment_of(tmp_path / "mine.toml", text)
-    with Store(tmp_path / "runs.db") as store:
-        trained(experiment, store)
-        draw.draw(experiment, draw.report_of(experiment), store, tmp_path / "mine")
-    scenarios = pd.read_csv(tmp_path / "mine" / "scenarios.csv").set_index("scenario")
+def test_a_scenario_beside_the_experiment_is_compared_like_any_other(
+    corridor: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(corridor.parents[1])
+    folder = results_of(corridor.parent, EXPERIMENT)
+    scenarios = pd.read_csv(folder / "scenarios.csv").set_index("scenario")
     assert scenarios.index.tolist() == ["corridor", "S1", "Walls", "Moody", "Anywhere"]
     assert scenarios["optimal_return"]["corridor"] == pytest.approx(OPTIMUM)
     assert scenarios["observations"]["corridor"] == 18
     keys = ["scenario", "algorithm", "observation"]
-    summary = pd.read_csv(tmp_path / "mine" / "summary.csv").set_index(keys)
+    summary = pd.read_csv(folder / "summary.csv").set_index(keys)
     assert 0.9 < summary["unbounded_score"]["corridor", "one", "index"] <= 1  # it has nearly the optimum
-    assert (tmp_path / "mine" / "scenarios.svg").exists()
-    explorer = json.loads(gzip.decompress((tmp_path / "mine" / FILE).read_bytes()))
+    assert (folder / "scenarios.svg").exists()
+    explorer = json.loads(gzip.decompress((folder / FILE).read_bytes()))
     shown = {(agent["scenario"], agent["observation"]) for agent in explorer["agents"]}
     assert shown == {(name, form) for name in scenarios.index for form in ("index", "offset")}
-
-
-def test_a_scenario_beside_the_experiment_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "corridor.toml").write_text(CORRIDOR, encoding="utf-8")
-    text = """description = ""
-scenarios = ["corridor.toml"]
-horizon = 9
-evaluation_every = 9
-map_every = 9
-[algorithms.q_learning]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 1
-settings = { budget = 9 }
-"""
-    (tmp_path / "one.toml").write_text(text, encoding="utf-8")
-    monkeypatch.chdir(tmp_path.parent)
-    (run,) = all_specifications(load_experiment(tmp_path / "one.toml"))
-    assert (run.scenario.name, run.scenario.grid.columns) == ("corridor", 6)

@@ -20,17 +20,17 @@ def with_seeds(*ranges: range) -> Experiment:
 @pytest.mark.parametrize(
     ("given", "partial", "name"),
     [
-        (None, False, "reproduce"),
-        ("0-99", False, "reproduce"),
-        ("0-9", False, "reproduce_seeds_0-9"),
-        ("100-199", False, "reproduce_seeds_100-199"),
-        ("7", False, "reproduce_seeds_7"),
-        ("0-99", True, "reproduce_partial"),
-        ("0-9", True, "reproduce_seeds_0-9_partial"),
+        (None, False, "mine"),
+        ("0-99", False, "mine"),
+        ("0-9", False, "mine_seeds_0-9"),
+        ("100-199", False, "mine_seeds_100-199"),
+        ("7", False, "mine_seeds_7"),
+        ("0-99", True, "mine_partial"),
+        ("0-9", True, "mine_seeds_0-9_partial"),
     ],
 )
 def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
-    given: str | None, partial: bool, name: str
+    given: str | None, partial: bool, name: str, tmp_path: Path
 ) -> None:
     experiment = with_seeds(range(100))
     seeds = other_seeds(experiment, parse_seeds(given))

@@ -311,9 +311,10 @@ SEEN = dict.fromkeys(
 SEEN["Walking"] = "offset"
 
 
-def of_variant(name: str, records: Records, **more: object) -> Records:
-    """Returns records as if their run was one of another variant."""
-    return replace(records, run=replace(records.run, variant=name, **more))
+def of_variant(name: str, records: Records, observation: str = "") -> Records:
+    """Returns records as if their run was one of another variant, or another learner."""
+    run = replace(records.run, variant=name, observation=observation or records.run.observation)
+    return replace(records, run=run)
 
 
 @pytest.fixture(scope="module")

@@ -67,6 +67,15 @@ def trained(experiment: Experiment, store: Store) -> None:
     assert run(all_specifications(experiment), store, 1, executor=Threads) == []
 
 
+def results_of(path: Path, text: str) -> Path:
+    """Runs and draws an experiment of this text in a folder; returns its folder of results."""
+    experiment = experiment_of(path / "mine.toml", text)
+    with Store(path / "runs.db") as store:
+        trained(experiment, store)
+        draw.draw(experiment, draw.report_of(experiment), store, path / "mine")
+    return path / "mine"
+
+
 @pytest.fixture(scope="session")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Drawn:
     """The comparison, with its runs and its folder of results."""
