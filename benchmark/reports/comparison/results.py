@@ -385,8 +385,8 @@ scores.meanings = {
     "wrong_pings": "expected wrong PINGs of an episode after training",
     "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
     "greedy_success": "success of the greedy policy, whichever policy counts",
-    "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, in which "
-    "PING is its likeliest action",
+    "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, in "
+    "which PING is its likeliest action",
     "target_cells_marked": "marked cells that are in the target region",
     "region_overlap": "cells both marked and in the target region, per cell that is either",
     "training_wrong_pings": "wrong PINGs of the whole training",
