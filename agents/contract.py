@@ -6,7 +6,6 @@ Axis letters: N agents, T evaluation steps, V map steps, O observations, A actio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -119,8 +118,6 @@ class Algorithm(ABC):
     """How many agents one call of `train` should get."""
     placement: Literal["thread", "process"] = "process"
     """Where to call `train`: in a thread if it releases Python's global lock, else in a process."""
-    writes_logs: bool = False
-    """Whether it can write TensorBoard logs."""
 
     def memory(self, settings: Any, n_inputs: int) -> Mapping[str, int]:  # noqa: ARG002
         """Returns about how many bytes an agent that observes so many numbers takes, by setting, if known."""
@@ -134,7 +131,6 @@ class Algorithm(ABC):
         observation: str,
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-        logs: Sequence[Path] = (),
     ) -> Training:
         """Trains one agent per seed, whose results do not depend on the other seeds of the call.
 
@@ -144,7 +140,6 @@ class Algorithm(ABC):
           observation: One of `observations`.
           seeds: One per agent, at least one; equal seeds give equal agents.
           schedule: When to keep policies and values.
-          logs: A TensorBoard folder per agent, or nothing; no result depends on it.
 
         Raises:
           ValueError: There are no seeds, or the schedule is for another budget.
@@ -168,7 +163,6 @@ class SequentialAlgorithm(Algorithm):
         observation: str,
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,
     ) -> Fields:
         """Trains an agent, as `train` does; returns the fields of its `training` without the axis N."""
 
@@ -179,15 +173,10 @@ class SequentialAlgorithm(Algorithm):
         observation: str,
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-        logs: Sequence[Path] = (),
     ) -> Training:
         """Trains one agent per seed, see `Algorithm.train`."""
         check_request(settings, seeds, schedule)
-        folders: Sequence[Path | None] = logs or [None] * len(seeds)
-        agents = [
-            self.train_agent(model, settings, observation, seed, schedule, folder)
-            for seed, folder in zip(seeds, folders, strict=True)
-        ]
+        agents = [self.train_agent(model, settings, observation, seed, schedule) for seed in seeds]
         return self.training(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 

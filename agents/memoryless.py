@@ -15,7 +15,6 @@ each of the two policies.
 
 import math
 import time
-from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
@@ -69,7 +68,6 @@ class Memoryless(SequentialAlgorithm):
         observation: str,  # noqa: ARG002
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
     ) -> Fields:
         """Searches, see `agents.contract.SequentialAlgorithm`."""
         guide = _guide(model, settings.time_limit)

@@ -8,7 +8,7 @@ from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Any, Final, NoReturn
 
 from benchmark import packages
 
@@ -128,6 +128,16 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message}; '{self.prog} --help' says what is accepted.")
 
 
+def _add(
+    command: argparse._ActionsContainer, name: str, metavar: str, about: str, kind: type = str, **more: Any
+) -> None:
+    """Adds an option, or one without a value if it has no metavar."""
+    if metavar:
+        command.add_argument(name, metavar=metavar, help=about, type=kind, **more)
+    else:
+        command.add_argument(name, action="store_true", help=about)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m benchmark",
@@ -136,111 +146,84 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    named = "a name shown by 'list', or the path of a TOML file"
+    seeds = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
+    drawn = f"{seeds}; tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
+    jobs = "number of jobs to run at a time; results do not depend on it (default: number of cores"
 
     def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         sub.set_defaults(command=name)
         about = f"folder of results (default: {results or 'that of this project'})"
-        sub.add_argument("--results", type=Path, default=results, metavar="DIR", help=about)
+        _add(sub, "--results", "DIR", about, Path, default=results)
         return sub
 
     command("list", "show scenarios, algorithms and experiments, and how many runs are done")
 
     run = command("run", "execute the missing runs of an experiment")
-    _add_experiment(run)
-    _add_jobs(run, "; with --cluster: twice the workers at the start, so that each has its next job waiting")
-    run.add_argument("--report", action="store_true", help="then draw tables and figures, as 'report' does")
-    about = "write TensorBoard logs of deep learners to DIR; results do not depend on it, only times do"
-    run.add_argument("--tensorboard", type=Path, metavar="DIR", help=about)
+    _add(run, "experiment", "EXPERIMENT", named)
+    _add(run, "--seeds", "A-B", drawn)
+    _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
+    _add(run, "--report", "", "then draw tables and figures, as 'report' does")
     where = run.add_mutually_exclusive_group()
     about = "run all jobs in this executor: process, thread, or MODULE:ATTRIBUTE of another (default: each "
-    about += "algorithm's placement, thread or process)"
-    where.add_argument("--executor", metavar="NAME", help=about)
-    about = "run all jobs on the workers of the Dask scheduler at this address"
-    where.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
+    _add(where, "--executor", "NAME", f"{about}algorithm's placement, thread or process)")
+    address = "workers of the Dask scheduler at this address"
+    _add(where, "--cluster", "tcp://HOST:PORT", f"run all jobs on the {address}")
     run.set_defaults(partial=False, format=None)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
-    _add_experiment(report, "; without one, only the texts of all results and the page are written")
-    about = "draw a comparison even if runs are missing, into EXPERIMENT_partial (with --seeds: "
-    about += "EXPERIMENT_seeds_A-B_partial)"
-    report.add_argument("--partial", action="store_true", help=about)
+    about = f"{named}; without one, only the texts of all results and the page are written"
+    _add(report, "experiment", "EXPERIMENT", about, nargs="?")
+    _add(report, "--seeds", "A-B", drawn)
+    _add(report, "--partial", "", "draw a comparison even if runs are missing, into EXPERIMENT_partial")
     about = "only write figures (svg, pdf) or tables (tex) in this form, into EXPERIMENT_FORMAT"
     report.add_argument("--format", choices=("svg", "pdf", "tex"), help=about)
 
     summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
     verify = command("verify", summary)
-    _add_experiment(verify, "; by default all that 'list' shows", seeds=False)
-    about = "how many runs to repeat, drawn at random (default: 20)"
-    verify.add_argument("--runs", type=int, default=20, metavar="N", help=about)
-    about = "of the draw; the same seed draws the same runs (default: random)"
-    verify.add_argument("--seed", type=int, metavar="N", help=about)
-    _add_jobs(verify)
+    _add(verify, "experiment", "EXPERIMENT", f"{named}; by default all that 'list' shows", nargs="?")
+    _add(verify, "--runs", "N", "how many runs to repeat, drawn at random (default: 20)", int, default=20)
+    _add(verify, "--seed", "N", "of the draw; the same seed draws the same runs (default: random)", int)
+    _add(verify, "--jobs", "N", f"{jobs})", int)
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
-    _add_scenario(watch)
+    _add(watch, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
     about = "a variant of the experiment (default: q_learning)"
-    watch.add_argument("--algorithm", default="q_learning", metavar="NAME", help=about)
-    watch.add_argument("--observation", help="an observation of that variant (default: its first)")
-    watch.add_argument("--seed", default="0", metavar="N", help="the run's seed (default: 0)")
+    _add(watch, "--algorithm", "NAME", about, default="q_learning")
+    _add(watch, "--observation", "FORM", "a form of observation of that variant (default: its first)")
+    _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
     about = "defines the settings; a missing run is trained and stored (default: compare_deep)"
-    watch.add_argument("--experiment", default="compare_deep", help=about)
-    about = "use the terminal, even if a window can be shown"
-    watch.add_argument("--terminal", action="store_true", help=about)
-    about = "write an animated .webp or .gif instead of showing it"
-    watch.add_argument("--save", type=Path, metavar="FILE", help=about)
+    _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")
+    _add(watch, "--terminal", "", "use the terminal, even if a window can be shown")
+    _add(watch, "--save", "FILE", "write an animated .webp or .gif instead of showing it", Path)
 
     summary = "score an agent exactly, and rank it among the published learners"
     assess = command("assess", summary, results=None)
     agent = assess.add_mutually_exclusive_group(required=True)
     about = "a function of the observation that returns an action or five probabilities"
-    agent.add_argument("--agent", metavar="MODULE:FUNCTION", help=about)
+    _add(agent, "--agent", "MODULE:FUNCTION", about)
     about = "a model saved by Stable-Baselines3; loading it can run any code: load only what you trust"
-    agent.add_argument("--model", type=Path, metavar="FILE", help=about)
-    about = "the saved model's class, as in stable_baselines3:PPO"
-    assess.add_argument("--algorithm", metavar="MODULE:CLASS", help=about)
-    about = "let a saved model sample its actions (default: greedy)"
-    assess.add_argument("--stochastic", action="store_true", help=about)
-    _add_scenario(assess)
+    _add(agent, "--model", "FILE", about, Path)
+    _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
+    _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
+    _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
     about = "form of observation that the agent takes: index, one_hot or coordinates, or with the issuer's "
     about += "cell relative to the agent's: offset, offset_one_hot or offset_coordinates"
-    assess.add_argument("--observation", required=True, help=about)
-    assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
+    _add(assess, "--observation", "FORM", about, required=True)
+    _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
 
     doctor = command("doctor", "examine the installation, the machine and the stored runs")
-    about = "; then its time, memory and disk are estimated, from stored runs"
-    _add_experiment(doctor, about, draws=False)
-    _add_jobs(doctor)
-    about = "also examine the workers of the Dask scheduler at this address; estimates are for this machine"
-    doctor.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
+    about = f"{named}; then its time, memory and disk are estimated, from stored runs"
+    _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
+    _add(doctor, "--seeds", "A-B", seeds)
+    _add(doctor, "--jobs", "N", f"{jobs})", int)
+    about = f"also examine the {address}; estimates are for this machine"
+    _add(doctor, "--cluster", "tcp://HOST:PORT", about)
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
-    about = "measure very little, into speed_smoke; the numbers mean nothing"
-    speed.add_argument("--smoke", action="store_true", help=about)
+    _add(speed, "--smoke", "", "measure very little, into speed_smoke; the numbers mean nothing")
     return parser
-
-
-def _add_scenario(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
-
-
-def _add_jobs(command: argparse.ArgumentParser, otherwise: str = "") -> None:
-    """Adds `--jobs`; `otherwise` says when the default is another one."""
-    about = "number of jobs to run at a time; results do not depend on it (default: number of cores"
-    command.add_argument("--jobs", type=int, metavar="N", help=f"{about}{otherwise})")
-
-
-def _add_experiment(
-    command: argparse.ArgumentParser, if_missing: str = "", *, seeds: bool = True, draws: bool = True
-) -> None:
-    """Adds an experiment, required unless `if_missing` says what happens without one, and its seeds."""
-    about = f"a name shown by 'list', or the path of a TOML file{if_missing}"
-    nargs = "?" if if_missing else None
-    command.add_argument("experiment", metavar="EXPERIMENT", nargs=nargs, help=about)
-    if seeds:
-        about = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
-        about += "; tables and figures of other seeds go into EXPERIMENT_seeds_A-B" * draws
-        command.add_argument("--seeds", metavar="A-B", help=about)
 
 
 if __name__ == "__main__":

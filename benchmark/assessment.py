@@ -53,7 +53,7 @@ _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likel
 class Standing(NamedTuple):
     """How an agent compares with the published learners in the same scenario: by success, then by score."""
 
-    rank: int  # 1 plus the number of learners whose means are higher
+    rank: int  # 1 plus the number of learners with higher means
     tied: int  # learners with the same means
     # Best first: experiment, learner, runs, success and score (the means), and the shares of its runs that
     # rank lower than, level with and higher than the agent.
@@ -103,7 +103,7 @@ class Assessment:
     def __str__(self) -> str:
         """All numbers, and the standing, as text."""
         exact, name = self.evaluation, self.model.scenario.name
-        rows = {
+        numbers = {
             "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
             "unbounded score": f"{self.unbounded_score:g}",
             "success": f"{self.success:g}",
@@ -112,11 +112,11 @@ class Assessment:
             "uncomfortable steps": f"{float(exact.zone_steps[ZONES.index('uncomfortable')]):g}",
             "region overlap": f"{self.region_overlap:<10g} (of where it PINGs with the target region)",
         }
-        lines = [
+        head = (
             f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over episodes "
-            f"of at most {HORIZON} steps",
-            *(f"  {label:20} {text}" for label, text in rows.items()),
-        ]
+        )
+        lines = [f"{head}of at most {HORIZON} steps"]
+        lines += [f"  {label:20} {text}" for label, text in numbers.items()]
         if self.standing is None:
             lines.append(f"no rank: {self.results} has no complete published results for this scenario")
             return "\n".join(lines)
@@ -135,8 +135,8 @@ class Assessment:
     def draw(self, path: str | Path) -> None:
         """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
 
-        If the agent observes the offset alone, the map is around the issuer. If it observes anything else but
-        its cell, the map is of the issuer's first position and of the first phase, before any wrong PING.
+        If the agent observes the offset alone, the map is around the issuer. If it observes more than its
+        cell, the map is of the issuer's first position and the first phase, before any wrong PING.
 
         Raises:
           InputError: The file name has another ending, or the file cannot be written.
@@ -175,8 +175,8 @@ def assess(
       results: The folder of published results among which the agent is ranked.
 
     Raises:
-      InputError: The scenario, the form of observation or the model cannot be used, or the function
-        returns something else, or not the same when it is called again.
+      InputError: The scenario, the form of observation or the model cannot be used, or a function returns
+        something else, or another answer when it is asked again.
     """
     loaded = load_scenario(scenario)
     model = compile_seen(loaded, observation)
@@ -199,8 +199,8 @@ def assess(
 def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
     """Calls a function with every observation; returns its action probabilities, (O, A).
 
-    It is called with some observations again, in another order, since a function that remembers or draws
-    something would be misjudged. This finds most such functions, not all.
+    Some observations are given twice, in another order: this finds most functions that remember or draw
+    something, which would be misjudged.
     """
     table = observation_table(model, observation)
 
@@ -260,7 +260,7 @@ def _policy_of_model(
     with needed_by(f"{where}: a saved model"):
         from agents.sb3.tables import agent_table, saved_table
     if algorithm is not None:
-        table, is_value = saved_table(Path(agent), algorithm, model, observation)
+        table, is_value = saved_table(Path(where), algorithm, model, observation)
     else:
         table, is_value = agent_table(agent, where, model, observation)
     if not stochastic:
@@ -286,7 +286,6 @@ def _row(answer: object) -> NDArray[np.float64] | None:
 
 
 def _shown(answer: object) -> str:
-    """Returns an object as a message has it: on one line, and not too long."""
     return shortened(" ".join(repr(answer).split()), _LONGEST_ANSWER)
 
 
@@ -296,20 +295,21 @@ def _named(model: Model, o: int) -> str:
     rest, cell = divmod(o, first.size)
     if first.name == "offset":
         row, column = model.scenario.grid.offset[cell]
-        parts = [f"the issuer's row {row:+d}, column {column:+d} from the agent"]
+        text = f"the issuer's row {row:+d}, column {column:+d} from the agent"
     else:
         row, column = model.position[cell]
-        parts = [f"row {row}, column {column}"]
+        text = f"row {row}, column {column}"
     for component in others:
         rest, value = divmod(rest, component.size)
-        parts.append(f"{component.name} {value}")
-    return f"observation {o} ({', '.join(parts)})"
+        text += f", {component.name} {value}"
+    return f"observation {o} ({text})"
 
 
 def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
     """Reads the results of all published runs in a scenario: experiment, learner, success, score.
 
-    Those of users' experiments and of miniatures for tests do not count.
+    A folder counts if it is complete and has the scenario as it is now, and the same time limit; miniatures
+    and users' experiments do not. Reference implementations do not either: others have chosen their settings.
 
     Raises:
       InputError: A folder of results is damaged.
@@ -317,28 +317,19 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
     frames = []
     for name in experiment_names():
         folder = Folder(results / name)
-        if SCORES in folder and not name.endswith("_smoke"):
-            with folder.reading():
-                frame = read_csv(folder.path / SCORES)
-                if _is_comparable(folder, scenario) and {*_RANKED} <= {*frame}:
-                    frames.append(_scores(folder, frame[frame["scenario"] == scenario.name]))
+        if SCORES not in folder or name.endswith("_smoke"):
+            continue
+        with folder.reading():
+            runs, manifest = read_csv(folder.path / SCORES), folder.manifest
+            is_same = manifest["scenarios"].get(scenario.name) == scenario.model_dump(mode="json")
+            is_comparable = is_same and manifest["horizon"] == HORIZON and not manifest["partial"]
+            if is_comparable and {*_RANKED} <= {*runs}:
+                declared = manifest["algorithms"].items()
+                variants = [variant for variant, about in declared if not about["reference_for"]]
+                is_ranked = (runs["scenario"] == scenario.name) & runs["algorithm"].isin(variants)
+                runs = with_titles(runs[is_ranked], folder.titles)
+                frames.append(runs[[*_RANKED, "learner"]].assign(experiment=name))
     return pd.concat(frames, ignore_index=True) if frames else None
-
-
-def _is_comparable(folder: Folder, scenario: Scenario) -> bool:
-    """Returns whether a folder has the scenario as it is now and the same time limit, and is complete."""
-    manifest = folder.manifest
-    declared = manifest["scenarios"].get(scenario.name)
-    is_same = declared == scenario.model_dump(mode="json") and manifest["horizon"] == HORIZON
-    return is_same and not manifest["partial"]
-
-
-def _scores(folder: Folder, runs: pd.DataFrame) -> pd.DataFrame:
-    """Returns what is ranked, except reference implementations: others have chosen their settings."""
-    variants = folder.manifest["algorithms"]
-    runs = runs[[not variants[name]["reference_for"] for name in runs["algorithm"]]]
-    learner = with_titles(runs, folder.titles)["learner"]
-    return runs[_RANKED].assign(experiment=folder.path.name, learner=learner)
 
 
 def draw_map(assessment: Assessment) -> Figure:
@@ -370,7 +361,7 @@ def _where(model: Model, phase: str) -> str:
     """Returns which of the agent's observations a map shows; empty if it shows all."""
     if model.scenario.observe == ("agent",) and not model.context.any():
         return ""
-    row, column = model.scenario.people[0][0][0].cell
+    row, column = model.scenario.people[0][0][0].position
     of_places = f", the first of {model.n_places} places" if model.n_places > 1 else ""
     pings = "no wrong PING yet" if "wrong_pings" in model.scenario.observe else ""
     issuer = f"the issuer in row {row}, column {column}{of_places}"

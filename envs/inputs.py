@@ -35,8 +35,10 @@ _SHORTEST_LIST: Final = 40  # characters of accepted names that a message has ro
 _LONGEST_NAME: Final = 60  # characters of a name that is compared with others
 _LARGEST_FILE: Final = 1_000_000  # bytes
 _DEEPEST: Final = 32  # tables inside tables
+_TOO_DEEP: Final = f"nested too deeply; accepted: at most {_DEEPEST} levels"
 _MOST_DIGITS: Final = 4300  # of a number, by default in Python
 _TOO_LARGE: Final = 10**_MOST_DIGITS
+_TOO_LONG: Final = f"too many digits; accepted: at most {_MOST_DIGITS:,}"
 
 # The modules of each extra. They are not read from the metadata of an installation, since a checkout need not
 # be installed; a test compares them with pyproject.toml.
@@ -49,7 +51,6 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "docs": ("pdoc",),
     "cluster": ("distributed",),
     "render": ("pygame",),
-    "tensorboard": ("tensorboard",),
 }  # fmt: skip
 # Names of packages that differ from those of their modules.
 PACKAGES: Final[Mapping[str, str]] = {
@@ -76,7 +77,6 @@ class InputError(ValueError):
     """One or more mistakes in the user's input, each described by a line that can be shown as it is."""
 
     def __init__(self, *messages: str) -> None:
-        """Makes each message a short line of printable characters, and counts those after the tenth."""
         lines = [*dict.fromkeys(map(_as_line, messages))]
         n_more = len(lines) - _MOST_MESSAGES
         super().__init__(*lines[:_MOST_MESSAGES], *[f"and {n_more:,} more."] * (n_more > 0))
@@ -109,8 +109,8 @@ class Table(BaseModel):
     # whose digests must stay the same.
     omitted_at_default: ClassVar[Set[str]] = frozenset()
 
+    # Cached properties are neither compared nor copied nor pickled.
     def _given(self) -> dict[str, object]:
-        """The values by key, without cached properties, which are neither compared nor copied nor pickled."""
         return {key: self.__dict__[key] for key in type(self).model_fields}
 
     def __eq__(self, other: object) -> bool:
@@ -208,25 +208,24 @@ def in_either_case(names: Iterable[str]) -> tuple[str, str] | None:
 def read_toml(path: Path) -> dict[str, Any]:
     """Reads a TOML file; one that cannot be read, is too large or nested too deeply raises an InputError."""
     try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: cannot be read: it is not a file.")
+        if path.exists() and not path.is_file():  # a pipe might never end
+            raise OSError(0, "it is not a file")
         if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(f"{path}: larger than {_LARGEST_FILE:,} bytes; accepted: a smaller file.")
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        _check_texts(data, str(path))
-        return data
+            raise OSError(0, f"it is larger than {_LARGEST_FILE:,} bytes")
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot be read: {reason}.") from error
+    try:
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}.") from error
     except RecursionError:
-        raise InputError(f"{path}: nested too deeply; accepted: at most {_DEEPEST} levels.") from None
-    except InputError:
-        raise
+        raise InputError(f"{path}: {_TOO_DEEP}.") from None
     except ValueError as error:  # Python refuses to read such a number
-        accepted = f"at most {_MOST_DIGITS:,}"
-        raise InputError(f"{path}: a number has too many digits; accepted: {accepted}.") from error
+        raise InputError(f"{path}: a number has {_TOO_LONG}.") from error
+    _check_texts(data, str(path))
+    return data
 
 
 def whole_number(text: str, option: str, low: int, high: int) -> int:
@@ -237,7 +236,7 @@ def whole_number(text: str, option: str, low: int, high: int) -> int:
 
 
 def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
-    r"""Returns a text as a message repeats it: of a long one the beginning; quoted, if it is not printable.
+    r"""Returns a text as messages repeat it: cut if it is long, quoted if it is not printable.
 
     >>> shortened("abc"), shortened("abcdef", longest=5), shortened("a\tb")
     ('abc', 'ab...', '"a\\tb"')
@@ -247,19 +246,14 @@ def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
 
 
 def _check_texts(value: object, source: str, key: str = "", depth: int = 1) -> None:
-    """Refuses tables nested too deeply, more digits than Python writes, and control characters.
-
-    Control characters could take over a terminal.
-    """
+    """Refuses deep nesting, more digits than Python writes, and characters that take over a terminal."""
     if depth > _DEEPEST:
-        raise InputError(f"{source}: nested too deeply; accepted: at most {_DEEPEST} levels.")
+        raise InputError(f"{source}: {_TOO_DEEP}.")
     if isinstance(value, int) and abs(value) >= _TOO_LARGE:  # as hexadecimal, Python reads it
-        raise InputError(f"{source}: {key}: too many digits; accepted: at most {_MOST_DIGITS:,}.")
+        raise InputError(f"{source}: {key}: {_TOO_LONG}.")
     if isinstance(value, str) and _CONTROL.search(value):
-        raise InputError(
-            f"{source}: {key} = {shortened(value, _LONGEST_NAME)}: accepted: text without control characters "
-            "other than line breaks and tabs."
-        )
+        shown = shortened(value, _LONGEST_NAME)
+        raise InputError(f"{source}: {key} = {shown}: accepted: text without control characters.")
     if isinstance(value, Mapping):
         for name, item in value.items():
             where = f"{key}.{shortened(str(name), _LONGEST_NAME)}".removeprefix(".")
@@ -280,7 +274,7 @@ def override(data: Mapping[str, object], overrides: Mapping[str, object], source
     for dotted, value in overrides.items():
         *tables, key = dotted.split(".")
         if len(tables) >= _DEEPEST:
-            raise InputError(f"{source}: the key {shortened(dotted)}: nested too deeply.")
+            raise InputError(f"{source}: the key {shortened(dotted)}: {_TOO_DEEP}.")
         table = result
         for name in tables:
             table = table.setdefault(name, {})
@@ -293,10 +287,8 @@ def override(data: Mapping[str, object], overrides: Mapping[str, object], source
 def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: object) -> TableT:
     """Checks tables, as read from TOML, and returns them as an object of a class.
 
-    Values in `given` must not be in the tables.
-
-    Raises:
-      InputError: Names the source, which is the tables' file, the key, its value and what is accepted.
+    Values in `given` must not be in the tables. Mistakes raise an InputError that names the source, which is
+    the tables' file, the key, its value and what is accepted.
     """
     for key in given:
         if key in data:
@@ -307,9 +299,8 @@ def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: o
         return cls.model_validate_json(json.dumps({**data, **given}, default=str))
     except ValidationError as error:
         errors = _first_of_each_value(error.errors(), {**data, **given})
-        raise InputError(
-            *(line for details in errors for line in _lines(cls, details, source, given))
-        ) from None
+        lines = (line for details in errors for line in _lines(cls, details, source, given))
+        raise InputError(*lines) from None
 
 
 def _first_of_each_value(errors: Iterable[ErrorDetails], data: object) -> list[ErrorDetails]:
@@ -333,7 +324,6 @@ def _first_of_each_value(errors: Iterable[ErrorDetails], data: object) -> list[E
 
 
 def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[str]) -> list[str]:
-    """Returns what is wrong with a value, mostly one sentence."""
     *tables, key = (shortened(str(part), _LONGEST_NAME) for part in error["loc"] or [""])
     if error["type"] == "extra_forbidden":
         *location, name = error["loc"]
@@ -347,10 +337,7 @@ def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[s
 
 
 def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> NoReturn:
-    """Refuses a name by an InputError that lists the accepted names and points to the most similar.
-
-    What is accepted otherwise, such as a path, comes last.
-    """
+    """Refuses a name by an InputError that lists the accepted names, and what is accepted otherwise."""
     raise InputError(_unknown(source, kind, name, accepted, otherwise))
 
 
@@ -363,7 +350,6 @@ def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwi
 
 
 def _guess(name: str, accepted: Iterable[str]) -> str:
-    """Returns the question whether the most similar name was meant; empty if none is similar."""
     nearest = difflib.get_close_matches(name[:_LONGEST_NAME], accepted, n=1, cutoff=0.6)
     return f" (did you mean {nearest[0]}?)" if nearest else ""
 
@@ -371,7 +357,7 @@ def _guess(name: str, accepted: Iterable[str]) -> str:
 def imported(name: str, source: str, kind: str) -> object:
     """Imports what the name `module:attribute` of some kind in a source means, or raises an InputError.
 
-    The message recommends no package but this project's own: a misspelt name could be that of any other.
+    The message recommends only packages of this project's extras: a misspelt name could be any other's.
     """
     module, _, attribute = name.partition(":")
     loaded: ModuleType | None = None
@@ -383,8 +369,8 @@ def imported(name: str, source: str, kind: str) -> object:
         hint, missing = "", _missing(error)
         if loaded is not None:
             hint = _guess(attribute, dir(loaded))
-        elif missing is not None and (installer := _installer(missing)):
-            hint = f"; {installer}"
+        elif missing is not None and _installer(missing):
+            hint = _installer(missing)
         elif missing == module.partition(".")[0]:
             accepted = "a module of the current folder, of the experiment's folder or of an installed package"
             hint = f"{_guess(missing, chain(*EXTRAS.values()))}; accepted: {accepted}"
@@ -400,22 +386,18 @@ def needed_by(what: str) -> Iterator[None]:
         raise
     except ModuleNotFoundError as error:
         missing = _missing(error)
-        if missing is None or _installer(missing) is None:
+        if missing is None or not _installer(missing):
             raise
         raise missing_package(what, missing) from error
 
 
 def missing_package(what: str, module: str) -> MissingPackageError:
-    """Returns the error that something needs a package, named as it is imported, which is not installed."""
-    package = PACKAGES.get(module, module)
-    installer = f"; {installer}" if (installer := _installer(module)) else ""
-    return MissingPackageError(
-        f"{what} needs the package {package}, which is not installed{installer}.", name=module
-    )
+    """Returns the error that something needs a package, given as the module that is not installed."""
+    needed = f"{what} needs the package {PACKAGES.get(module, module)}, which is not installed"
+    return MissingPackageError(f"{needed}{_installer(module)}.", name=module)
 
 
 def _missing(error: BaseException) -> str | None:
-    """Returns the top-level module whose absence made an import fail, if that was the reason."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
     module = error.name.partition(".")[0]
@@ -423,17 +405,15 @@ def _missing(error: BaseException) -> str | None:
     return module if find_spec(module) is None else None
 
 
-def _installer(module: str) -> str | None:
-    """Returns what installs a module's package, if it belongs to an extra of this project."""
+def _installer(module: str) -> str:
     for extra, modules in EXTRAS.items():
         if module in modules:
             mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"
-            return f"pip install 'proxemic-benchmark[{extra}]' installs it (in a checkout: make {mark})"
-    return None
+            return f"; pip install 'proxemic-benchmark[{extra}]' installs it (in a checkout: make {mark})"
+    return ""
 
 
 def _reasons(error: ErrorDetails) -> list[str]:
-    """Returns why a value is refused, in plain words; a validator may have several reasons."""
     details = error.get("ctx", {})
     match error["type"]:
         case "too_short":
@@ -467,13 +447,11 @@ def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:
 
 
 def _tags(annotation: Any) -> Sequence[Any]:
-    """Returns what names a table of a union: its kinds, or its tag."""
     tags = [tag.tag for tag in getattr(annotation, "__metadata__", ()) if isinstance(tag, Tag)]
     return tags or get_args(_bare(annotation).model_fields["kind"].annotation)
 
 
 def _bare(annotation: Any) -> Any:
-    """Returns a type without metadata, and without None if the value may be missing."""
     if get_origin(annotation) is Annotated:
         return _bare(get_args(annotation)[0])
     others = [alternative for alternative in get_args(annotation) if alternative is not type(None)]

@@ -5,21 +5,16 @@ feedback is to come, wrong PINGs so far, the agent's cell), numbered in this ord
 paper's scenarios all but the last two have a single value, so the number is `pings * C + row * columns +
 column` with C cells: 120 cells and 600 states. The place is drawn at the start of an episode and stays.
 
-In a step the agent acts first. Event and rewards follow from where everyone stood before the step, and in
-which phase. Then the clock moves on. A person who walks waits while the agent stands in the way, so that
-nobody but the agent runs into anyone. A PING is answered by the nearest person; of equally near ones, by the
-first declared.
-
-An agent observes the components that the scenario names, the cell at least. What it does not observe is
-hidden, so the task is partially observed. Everything that acts, learns, plans or evaluates reads the arrays.
-A time limit is not in the arrays: it truncates an episode, and learners bootstrap through it.
+`envs/scenarios/README.md` says what happens in a step, and in which order. Everything that acts, learns,
+plans or evaluates reads the arrays. A time limit is not in them: it truncates an episode, and learners
+bootstrap through it.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,19 +39,6 @@ EVENTS: Final = (
 _WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
-
-
-class Transition(NamedTuple):
-    """The outcome of an action in a state, as Python values."""
-
-    next_states: list[int]  # (K,)
-    probability: list[float]  # (K,) of each next state
-    grid_reward: float
-    issuer_reward: float  # mean
-    issuer_noise: float  # half-width of the uniform noise around the mean
-    terminated: bool
-    event: int  # index into EVENTS
-    wrong_pings: int  # so far in the episode, including this action
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +88,7 @@ class Model:
     @cached_property
     def n_observations(self) -> int:
         """O, the product of the components' sizes."""
-        return math.prod(component.size for component in self.components)
+        return self.scenario.n_observations
 
     @property
     def n_outcomes(self) -> int:
@@ -163,21 +145,6 @@ class Model:
     def is_noisy(self) -> bool:
         """Whether the issuer's reward is random, so that a step needs a draw."""
         return bool(self.issuer_noise.any())
-
-    def transitions(self, state: int) -> list[Transition]:
-        """Returns the arrays of a state as Python values, by action: the fast way to step a single env."""
-        if state not in self._transitions:
-            arrays = (
-                self.next_state, self.probability, self.grid_reward, self.issuer_reward, self.issuer_noise,
-                self.terminated, self.event, self.wrong_pings,
-            )  # fmt: skip
-            rows = zip(*(array[state].tolist() for array in arrays), strict=True)
-            self._transitions[state] = [Transition(*row) for row in rows]
-        return self._transitions[state]
-
-    @cached_property
-    def _transitions(self) -> dict[int, list[Transition]]:
-        return {}
 
 
 def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbers:
@@ -303,7 +270,7 @@ def _components(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Compo
     grid = scenario.grid
     farthest = np.array(grid.size) - 1
     largest = np.maximum(farthest, 1)
-    stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
+    stands = np.array([[people[0].position for people in stages] for stages in scenario.people])  # (J, P, 2)
     cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
     shown = np.array(scenario.shown_cells)  # (I, 2)
     index = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
@@ -326,7 +293,7 @@ def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float
     Feedback by distance is relative to the largest distance from a start in the same place.
     """
     position = scenario.grid.position
-    stands = np.array([[[who.cell for who in people] for people in stages] for stages in scenario.people])
+    stands = np.array([[[who.position for who in people] for people in stages] for stages in scenario.people])
     shape = *stands.shape[:2], len(position)  # J, P, C
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
     every_start = scenario.starts_by_place.values()

@@ -1,4 +1,4 @@
-"""Forms of observation: what the agent is given of the observed components, as tables of all observations.
+"""Forms of observation, as tables of all observations.
 
 The forms that begin with "offset" are egocentric: instead of the agent's cell and the issuer's, the agent is
 given the second relative to the first. Where the issuer is not seen, they are the same as the others.
@@ -43,11 +43,7 @@ def check_form(observation: str) -> None:
 
 
 def seen_as(scenario: Scenario, observation: str) -> Scenario:
-    """Returns a scenario with the components that an agent is given in a form.
-
-    >>> seen_as(load_scenario("Anywhere"), "offset").observe
-    ('offset',)
-    """
+    """Returns a scenario with the components that an agent is given in a form."""
     check_form(observation)
     if not observation.startswith("offset") or "issuer" not in scenario.observe:
         return scenario
@@ -72,9 +68,8 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
 
     Args:
       model: Compiled scenario with O observations; for the forms of the offset by `compile_seen`.
-      kind: How they are encoded. Index: the observation's number, (O,) int64. One-hot: a block per component,
-        (O, sum of their sizes) float32. Coordinates: those of all components in turn, (O, sum of their
-        numbers) float32, row and column of a cell, or a number, each scaled to [0, 1].
+      kind: The form. Index: (O,) int64. One-hot: a block per component, (O, sum of their sizes) float32.
+        Coordinates: those of all components in turn, (O, D) float32, each scaled to [0, 1].
 
     Raises:
       InputError: Unknown `kind`, or too many numbers.

@@ -1,10 +1,8 @@
 """The Gymnasium env: steps through a compiled `Model` and adds no rules."""
 
-import bisect
 import operator
 from collections.abc import Mapping
 from functools import cached_property
-from itertools import accumulate
 from typing import Any, Final
 
 import gymnasium
@@ -53,31 +51,26 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
       agent's in place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
 
     The issuer's cell has a value for each cell in which the issuer may be. The observed number of wrong PINGs
-    is at most `ping_limit - 1`, since the PING that reaches the limit ends the episode. What varies and does
-    not follow from the observation is hidden.
+    is at most `ping_limit - 1`.
 
     ## Starting State
-    One of the scenario's starts, all equally likely, with no wrong PING so far. A start is a cell of the
-    agent outside every region, a place of the issuer and a tick of a phase; a scenario may fix any of them.
-    In S1 to S3 there is a single start, cell (0, 0).
+    One of the scenario's starts, all equally likely, with no wrong PING so far: a cell of the agent outside
+    every region, a place of the issuer and a tick of a phase. In S1 to S3 the only start is cell (0, 0).
 
     ## Rewards
-    The grid's reward for the event plus, for every PING, the issuer's reward: that of the nearest person, if
-    there are several. Feedback may come with the action after the PING. The values are in the scenario's
-    TOML file. In all shipped scenarios, the grid's rewards are +1.0 for a PING in the target region, -1.0 for
-    reaching a person and for the fifth wrong PING, -0.4 for an earlier wrong PING, -0.8 for a move that ends
-    in the uncomfortable region and -0.1 for any other move.
+    The grid's reward for the event plus, for every PING, the feedback of the nearest person, which may come
+    with the next action. The values are in the scenario's TOML file. In all shipped scenarios, the grid's
+    rewards are +1.0 for a PING in the target region, -1.0 for reaching a person and for the fifth wrong PING,
+    -0.4 for an earlier wrong PING, -0.8 for a move that ends in the uncomfortable region and -0.1 for any
+    other move.
 
-    The person moves, turns or changes mood after the agent's action. Event and rewards of a step follow from
-    the state before that, `info["zone"]` and the observation from the state after it. A person whose next
-    cell is the agent's waits, and does all that follows a step later.
+    The person moves, turns or changes mood after the agent's action, see `envs/scenarios/README.md`. Event
+    and rewards follow from the state before that, `info["zone"]` and the observation from the state after it.
 
     ## Episode End
     Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong PING
-    (`ping_limit`); the person then stays as before that step. The registered ids truncate an episode after
-    200 steps: an agent that keeps bumping into a wall would never finish. `max_episode_steps=-1` lifts the
-    limit, in `gymnasium.make` and in `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)`
-    has no limit.
+    (`ping_limit`). The registered ids truncate an episode after 200 steps; `max_episode_steps=-1` lifts the
+    limit, in `gymnasium.make` and in `gymnasium.make_vec`. `ProxemicEnv(...)` has no limit.
 
     ## Information
     `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an index into
@@ -129,15 +122,16 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     @cached_property
     def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:  # noqa: N802
         """`P[s][a] = [(probability, next state, mean reward, terminated)]` over the hidden states."""
+        model = self.model
+        reward = (model.grid_reward + model.issuer_reward).tolist()
+        chances, following = model.probability.tolist(), model.next_state.tolist()
+        ends, n = model.terminated.tolist(), model.n_outcomes
         return {
-            state: {
-                action: [
-                    (probability, next_state, t.grid_reward + t.issuer_reward, t.terminated)
-                    for probability, next_state in zip(t.probability, t.next_states, strict=True)
-                ]
-                for action, t in enumerate(self.model.transitions(state))
+            s: {
+                a: [(chances[s][a][k], following[s][a][k], reward[s][a], ends[s][a]) for k in range(n)]
+                for a in range(len(ACTIONS))
             }
-            for state in range(len(self.model.observation))
+            for s in range(len(reward))
         }
 
     def reset(
@@ -148,7 +142,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         starts = self.model.starts
         self.s = int(starts[int(self.np_random.random() * len(starts)) if len(starts) > 1 else 0])
         self._event = 0
-        return self._observe(), _info(self._event, int(self.model.zone[self.s]), 0, 0.0, 0.0)
+        return self._observe(), _info(self._event, self.model.zone.item(self.s), 0, 0.0, 0.0)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Takes an action; the class describes what it returns.
@@ -162,17 +156,20 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
             index = -1
         if not 0 <= index < len(ACTIONS):
             raise InputError(f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1}.")
-        t = self.model.transitions(self.s)[index]
-        uniform = self.np_random.random() if self.model.is_noisy else 0.5
-        issuer_reward = draw_issuer_reward(t.issuer_reward, t.issuer_noise, uniform)
+        model, at = self.model, (self.s, index)
+        grid_reward, issuer_reward = model.grid_reward.item(at), model.issuer_reward.item(at)
+        if model.is_noisy:
+            noise = model.issuer_noise.item(at)
+            issuer_reward = draw_issuer_reward(issuer_reward, noise, self.np_random.random())
         outcome = 0
-        if self.model.n_outcomes > 1:
-            outcome = bisect.bisect_right(list(accumulate(t.probability[:-1])), self.np_random.random())
-        self.s = t.next_states[outcome]
-        self._event = t.event
-        zone = int(self.model.zone[self.s])
-        info = _info(t.event, zone, t.wrong_pings, t.grid_reward, issuer_reward)
-        return self._observe(), t.grid_reward + issuer_reward, t.terminated, False, info
+        if model.n_outcomes > 1:
+            chances = model.probability[at][:-1].cumsum()
+            outcome = int(np.searchsorted(chances, self.np_random.random(), side="right"))
+        self.s = model.next_state.item(*at, outcome)
+        self._event = model.event.item(at)
+        zone, wrong_pings = model.zone.item(self.s), model.wrong_pings.item(at)
+        info = _info(self._event, zone, wrong_pings, grid_reward, issuer_reward)
+        return self._observe(), grid_reward + issuer_reward, model.terminated.item(at), False, info
 
     def render(self) -> Any:
         """Returns the scene as a string (`ansi`) or an (H, W, 3) uint8 image (`rgb_array`)."""

@@ -1,9 +1,6 @@
 """The regions around a person: their shapes, the zones of cells, and outlines.
 
-Everything else reads zones, distances and outlines. The C cells are numbered `row * columns + column`.
-
-A region holds every cell whose centre lies in its shape, in cells or in metres. A shape with a front turns
-with the person's heading.
+The C cells are numbered `row * columns + column`. A region holds every cell whose centre lies in its shape.
 """
 
 from collections.abc import Set
@@ -27,10 +24,9 @@ HEADINGS: Final[dict[Heading, tuple[int, int]]] = {  # (row, column)
 }
 Length = Annotated[float, Field(ge=0, le=1000)]  # in cells, or in metres
 
-# (row, column) of a crossing of grid lines; cell (r, c) lies between the corners (r, c) and (r + 1, c + 1).
-Corner = tuple[int, int]
-# The corners at which a closed line turns, from the leftmost of its topmost corners. The enclosed cells are
-# on the right of the line, so that it runs clockwise, or anticlockwise around a hole.
+Corner = tuple[int, int]  # (row, column); cell (r, c) lies between the corners (r, c) and (r + 1, c + 1)
+# The corners at which a closed line turns, from the leftmost of its topmost corners, with the enclosed cells
+# on its right.
 Loop = tuple[Corner, ...]
 
 # Lengths that are rounded in metres must not decide whether a cell on the border belongs to a region.
@@ -49,9 +45,8 @@ class Round(Table):
 class Egg(Table):
     """Two half ellipses that meet beside the person, who keeps more room in front than behind.
 
-    It reaches two thirds of `front` to either side and half of it behind, as the spreads of personal space
-    in Kirby, Simmons and Forlizzi (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable
-    Robot Navigation".
+    It reaches two thirds of `front` to either side and half of it behind, as in Kirby, Simmons and Forlizzi
+    (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable Robot Navigation".
     """
 
     kind: Literal["egg"]
@@ -67,9 +62,8 @@ Shape = Annotated[AnyShape, Field(discriminator="kind")]
 class Regions(Table):
     """The regions around a person: squares by their radii, or any two shapes.
 
-    The uncomfortable region is what lies in its shape, the target region what lies in its own shape and not
-    in the uncomfortable region. Radii are Chebyshev distances in cells. Lengths of shapes are in cells, or in
-    metres if `unit` says so.
+    The target region is what lies in its shape and not in the uncomfortable one. Radii are Chebyshev
+    distances in cells. Lengths of shapes are in cells, or in metres if `unit` says so.
     """
 
     omitted_at_default: ClassVar[Set[str]] = {
@@ -120,21 +114,17 @@ def zones(
 @lru_cache(maxsize=256)
 def _window(regions: Regions, heading: Heading, size: tuple[int, int], cell_width: float) -> NDArray[np.int8]:
     """Returns the zone at every offset from a person that a grid can have, (2 rows - 1, 2 columns - 1)."""
-    down, right = np.meshgrid(
-        np.arange(1 - size[0], size[0]) * cell_width,
-        np.arange(1 - size[1], size[1]) * cell_width,
-        indexing="ij",
-    )
+    offsets = [np.arange(1 - n, n) * cell_width for n in size]
+    down, right = np.meshgrid(*offsets, indexing="ij")
     row, column = HEADINGS[heading]
     ahead, aside = down * row + right * column, right * -row + down * column
     inner, outer = (_holds(shape, ahead, aside) for shape in regions.shapes)
     inside = [(down == 0) & (right == 0), inner, outer]
-    names = "issuer", "uncomfortable", "target"
-    return np.select(inside, [ZONES.index(name) for name in names], ZONES.index("outside")).astype(np.int8)
+    nearest = [ZONES.index(name) for name in ("issuer", "uncomfortable", "target")]
+    return np.select(inside, nearest, ZONES.index("outside")).astype(np.int8)
 
 
 def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which offsets, ahead of a person and to the side, lie in a shape."""
     if isinstance(shape, Egg):
         length = np.where(ahead >= 0, shape.front, shape.front / 2)
         return np.asarray(np.hypot(ahead / length, aside / (shape.front * 2 / 3)) <= 1 + _TOLERANCE)

@@ -13,17 +13,11 @@ CELL_PIXELS: Final = 40
 
 
 def to_text(scene: Scene, agent: int, event: str) -> str:
-    """Returns the scene as text: A the agent, I a person, + target, x uncomfortable, # a wall, . elsewhere.
+    """Returns the scene as text, with the phase if there are several, and the last event.
 
-    If the scenario has several phases, a line names that of the scene.
-
-    Args:
-      scene: Map of the scenario.
-      agent: The agent's cell.
-      event: Name of the last event.
+    A is the agent in its cell, I a person, + target, x uncomfortable, # a wall, . elsewhere.
     """
-    kinds = _kinds(scene)
-    symbols = [SYMBOLS[kind] for kind in kinds]
+    symbols = [SYMBOLS[kind] for kind in _kinds(scene)]
     symbols[agent] = "A"
     rows = [" ".join(symbols[i : i + scene.columns]) for i in range(0, scene.n_cells, scene.columns)]
     phase = [f"phase: {scene.phase}"] if scene.phase else []
@@ -33,12 +27,8 @@ def to_text(scene: Scene, agent: int, event: str) -> str:
 def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
     """Returns the scene as an image, (rows * 40, columns * 40, 3) uint8.
 
-    A person is a ring, with a nose if it matters where that person looks. The agent is a disc that fits
-    inside the ring, so that both are visible in one cell.
-
-    Args:
-      scene: Map of the scenario.
-      agent: The agent's cell.
+    A person is a ring, with a nose if it matters where that person looks. The agent, in its cell, is a disc
+    that fits inside the ring.
     """
     cells = np.array([COLOURS[kind] for kind in _kinds(scene)], dtype=np.uint8)
     image = cells.reshape(scene.rows, scene.columns, 3)

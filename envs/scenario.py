@@ -9,9 +9,9 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Set
 from functools import cached_property, lru_cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
+from typing import Annotated, ClassVar, Final, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,16 +35,15 @@ def _checked_place(value: object, handler: Handler) -> object:
     if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
         value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
     try:
-        place: object = handler(value)
+        return handler(value)
     except ValidationError as error:
-        raise ValueError('accepted: a cell [ROW, COLUMN], a list of cells, or "anywhere"') from error
-    if place == ():
-        raise ValueError("accepted: at least one cell")
-    return place
+        accepted = 'a cell [ROW, COLUMN], a list of at least one cell, or "anywhere"'
+        raise ValueError(f"accepted: {accepted}") from error
 
 
 # A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
-Place = Annotated[Cell | tuple[Cell, ...] | Literal["anywhere"], WrapValidator(_checked_place)]
+_Cells = Annotated[tuple[Cell, ...], Field(min_length=1)]
+Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_place)]
 
 
 class Grid(Table):
@@ -88,7 +87,7 @@ class Grid(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        rows, columns, lines = self.rows, self.columns, self.walls.split()
+        (rows, columns), lines = self.size, self.walls.split()
         size = f"rows x columns = {rows} x {columns}"
         require(rows * columns <= MAX_STATES, size, f"at most {MAX_STATES} cells")
         is_complete = [len(line) for line in lines] == [columns] * rows and set(self.walls) <= set("#. \n")
@@ -98,11 +97,10 @@ class Grid(Table):
 
 
 class PlainFeedback(Table):
-    """No reward, or minus the issuer's L1 distance from the agent, relative to that when the episode starts.
+    """No reward, or minus the issuer's L1 distance from the agent, relative to the farthest start.
 
-    If episodes have several starts with the issuer in the same place, the farthest counts. Delayed feedback,
-    also by distance, comes with the action after the PING; that on a PING which ends the episode never comes.
-    With it the issuer must not move, since the model does not remember where it stood at the PING.
+    Delayed feedback, also by distance, comes with the action after the PING, and never if the PING ends the
+    episode. The issuer must not move then, since the model does not remember where it stood at the PING.
     """
 
     kind: Literal["none", "distance", "delayed"]
@@ -113,7 +111,7 @@ class NoisyFeedback(Table):
     """Feedback by distance plus a number drawn at each PING, uniformly between minus and plus `noise`."""
 
     kind: Literal["noisy"]
-    """This kind of feedback."""
+    """This kind."""
     noise: Annotated[float, Field(gt=0, le=1e6)]
     """Half the width of the interval that the number is drawn from."""
 
@@ -181,7 +179,7 @@ class Issuer(Table):
 
 
 class Person(Table):
-    """Another person with regions, who stays in one cell."""
+    """A person with regions, who stays in one cell."""
 
     omitted_at_default: ClassVar[Set[str]] = {"heading"}
 
@@ -190,7 +188,6 @@ class Person(Table):
     feedback: Feedback
     """The reward that the person adds to a PING if no other person is nearer."""
     regions: Regions
-    """The regions around the person."""
     heading: Heading = "up"
     """Where the person looks."""
 
@@ -246,15 +243,6 @@ class Rewards(Table):
     """For any other move."""
 
 
-class Someone(NamedTuple):
-    """A person at some moment."""
-
-    cell: Cell
-    heading: Heading
-    regions: Regions
-    feedback: AnyFeedback
-
-
 class Scenario(Table):
     """A checked scenario, named after its file.
 
@@ -270,15 +258,11 @@ class Scenario(Table):
     description: str
     """What the scenario is about, for readers."""
     grid: Grid
-    """The floor."""
     issuer: Issuer
-    """The person whose personal space matters."""
     regions: Regions
-    """The regions around the issuer."""
     ping_limit: Annotated[int, Field(ge=1)]
     """Which wrong PING ends the episode."""
     rewards: Rewards
-    """The grid's rewards."""
     observe: tuple[Literal["agent", "offset", "issuer", "phase", "wrong_pings"], ...] = ("agent",)
     """What the agent sees, in this order: its own cell, or the issuer's relative to it in rows and columns
     ("offset"); the issuer's cell; the phase; the number of wrong PINGs."""
@@ -298,7 +282,7 @@ class Scenario(Table):
         if walk is None:
             return self.phases or (Phase(name="always"),)
         cells: list[tuple[Cell, Heading]] = []
-        for (row, column), (to_row, to_column) in pairwise(_round(self.issuer.position, walk)):
+        for (row, column), (to_row, to_column) in pairwise(self._turns):
             step = int(np.sign(to_row - row)), int(np.sign(to_column - column))
             heading = next(name for name, direction in HEADINGS.items() if direction == step)
             n_steps = abs(to_row - row) + abs(to_column - column)
@@ -307,6 +291,11 @@ class Scenario(Table):
             Phase(name=f"{i}", position=cell, heading=heading, steps=walk.steps)
             for i, (cell, heading) in enumerate(cells, start=1)
         )
+
+    @property
+    def _turns(self) -> list[Cell]:  # the cells between which the issuer walks straight, and back
+        walk, position = self.issuer.walk, cast("Cell", self.issuer.position)
+        return [position, *walk.corners, position] if walk else []
 
     @cached_property
     def ticks(self) -> NDArray[np.int_]:
@@ -331,29 +320,24 @@ class Scenario(Table):
 
     @cached_property
     def places(self) -> tuple[Cell, ...]:
-        """(J,) where the issuer may stand when an episode starts, and then stays unless a phase moves it.
-
-        Those of `issuer.unseen` are among them.
-        """
+        """(J,) where the issuer may stand when an episode starts, also those of `issuer.unseen`."""
         return tuple(self.starts_by_place)
 
     @cached_property
-    def people(self) -> tuple[tuple[tuple[Someone, ...], ...], ...]:
+    def people(self) -> tuple[tuple[tuple[Person, ...], ...], ...]:
         """(J, P, people) the issuer, and the others, in each place and phase."""
         return tuple(tuple(self._people(place, stage) for stage in self.stages) for place in self.places)
 
     @cached_property
     def issuer_cells(self) -> tuple[Cell, ...]:
         """(I,) where the issuer may stand at some time, by row and then by column."""
-        return tuple(sorted({people[0].cell for stages in self.people for people in stages}))
+        return tuple(sorted({people[0].position for stages in self.people for people in stages}))
 
     @cached_property
     def shown_cells(self) -> tuple[Cell, ...]:
-        """(I,) the cells whose coordinates stand for these: others where they are permuted.
-
-        Each of the permuted ones has the coordinates of the one that follows it in the order of the draw.
-        """
-        order = self.in_drawn_order(self.issuer_cells)[: round(self.issuer.permuted * len(self.issuer_cells))]
+        """(I,) the cells whose coordinates stand for these; a permuted one has those of the next drawn."""
+        n_permuted = round(self.issuer.permuted * len(self.issuer_cells))
+        order = self._in_drawn_order(self.issuer_cells)[:n_permuted]
         following = dict(zip(order, [*order[1:], *order[:1]], strict=True))
         return tuple(following.get(cell, cell) for cell in self.issuer_cells)
 
@@ -365,28 +349,26 @@ class Scenario(Table):
     @cached_property
     def starts(self) -> NDArray[np.int_]:
         """(B, 3) place, tick and cell of every start of an episode, all equally likely."""
-        return self._starts_where(is_seen=True)
+        return self._starts_in({*self._in_drawn_order(self.places)[: self.issuer.places]})
 
     @property
     def unseen_starts(self) -> NDArray[np.int_]:
         """(starts, 3) the same of episodes with the issuer in an unseen place, which are never trained."""
-        return self._starts_where(is_seen=False)
+        n = self.issuer.places or len(self.places)
+        return self._starts_in({*self._in_drawn_order(self.places)[n:]})
 
-    def _starts_where(self, *, is_seen: bool) -> NDArray[np.int_]:
-        n = self.issuer.places
-        seen = self.places if n is None else self.in_drawn_order(self.places)[:n]
-        rows = [
-            np.column_stack([np.full(len(starts), j), starts])
-            for j, (place, starts) in enumerate(self.starts_by_place.items())
-            if (place in seen) == is_seen
-        ]
-        return np.concatenate([np.zeros((0, 3), dtype=int), *rows])
+    def _starts_in(self, places: Set[Cell]) -> NDArray[np.int_]:
+        rows = [np.zeros((0, 3), dtype=int)]
+        for j, (place, starts) in enumerate(self.starts_by_place.items()):
+            if place in places:
+                rows.append(np.column_stack([np.full(len(starts), j), starts]))
+        return np.concatenate(rows)
 
-    def in_drawn_order(self, cells: Iterable[Cell]) -> list[Cell]:
-        """Returns cells in an order that `draw` decides, the same for all rooms that have them."""
-        return sorted(
-            cells, key=lambda cell: hashlib.sha256(json.dumps([self.draw, *cell]).encode()).digest()
-        )
+    def _in_drawn_order(self, cells: Iterable[Cell]) -> list[Cell]:
+        def rank(cell: Cell) -> bytes:  # the same in all rooms that have the cell
+            return hashlib.sha256(json.dumps([self.draw, *cell]).encode()).digest()
+
+        return sorted(cells, key=rank)
 
     @property
     def draws(self) -> bool:
@@ -402,7 +384,7 @@ class Scenario(Table):
     @property
     def hidden(self) -> tuple[str, ...]:
         """What does not follow from what is observed: other components, "clock" and "feedback to come"."""
-        contexts = {(people[0].cell, i) for stages in self.people for i, people in enumerate(stages)}
+        contexts = {(people[0].position, i) for stages in self.people for i, people in enumerate(stages)}
         seen = [i for i, name in enumerate(("issuer", "phase")) if name in self.observe]
 
         def n_values(*parts: int) -> int:
@@ -417,40 +399,9 @@ class Scenario(Table):
         }
         return tuple(name for name in is_hidden if is_hidden[name])
 
-    @cached_property
-    def essence(self) -> str:
-        """What makes it another task than others: all but names, texts, and reflections of the room."""
-        cells = np.arange(self.grid.rows * self.grid.columns).reshape(self.grid.size)
-        rooms = []
-        for view in (cells, cells[::-1], cells[:, ::-1], cells[::-1, ::-1]):
-            shown = view.ravel()  # the cell at each index
-            index = shown.argsort()
-            places = sorted(
-                [
-                    zone[:, shown].tolist(),
-                    sorted([int(t), int(index[c])] for _, t, c in self.starts[self.starts[:, 0] == j]),
-                ]
-                for j, zone in enumerate(self.zone)
-            )
-            rooms.append(json.dumps([self.grid.is_wall[shown].tolist(), places]))
-        apart = {"name", "description", "grid", "issuer", "regions", "others", "phases"}
-        rest = self.model_dump(mode="json", exclude=apart)
-        feedback = [each.model_dump() for each in self._feedback]
-        clock = [part.tolist() for part in (self.ticks, *self.following)]
-        return json.dumps([min(rooms), rest, feedback, clock], sort_keys=True)
-
     @property
-    def n_observations(self) -> int:
-        """O, the product of the sizes of the observed components."""
-        return math.prod(self._observed_sizes)
-
-    @property
-    def n_features(self) -> int:
-        """Numbers of a one-hot observation."""
-        return sum(self._observed_sizes)
-
-    @property
-    def _observed_sizes(self) -> list[int]:
+    def observed_sizes(self) -> list[int]:
+        """How many values each observed component has."""
         sizes = {
             "agent": self.grid.rows * self.grid.columns,
             "offset": len(self.grid.offset),
@@ -461,10 +412,15 @@ class Scenario(Table):
         return [sizes[name] for name in self.observe]
 
     @property
+    def n_observations(self) -> int:
+        """O, the product of these sizes."""
+        return math.prod(self.observed_sizes)
+
+    @property
     def has_front(self) -> bool:
         """Whether it matters where someone looks."""
-        regions = {person.regions for stages in self.people for stage in stages for person in stage}
-        return any(isinstance(shape, Egg) for region in regions for shape in region.shapes)
+        people = chain.from_iterable(self.people[0])
+        return any(isinstance(shape, Egg) for person in people for shape in person.regions.shapes)
 
     @property
     def moves(self) -> bool:
@@ -474,17 +430,14 @@ class Scenario(Table):
     @property
     def is_delayed(self) -> bool:
         """Whether some feedback comes with the action after a PING."""
-        return any(feedback.kind == "delayed" for feedback in self._feedback)
-
-    @property
-    def _feedback(self) -> list[AnyFeedback]:
-        return [self.issuer.feedback, *(person.feedback for person in self.others)]
+        feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
+        return any(one.kind == "delayed" for one in feedback)
 
     @cached_property
     def starts_by_place(self) -> dict[Cell, NDArray[np.int_]]:
         """The places of the issuer, each with (starts, 2) ticks and cells of the agent."""
         free, n = self._free_places, self.issuer.places
-        drawn = {*free} if n is None else {*self.in_drawn_order(free)[: n + self.issuer.unseen]}
+        drawn = {*free} if n is None else {*self._in_drawn_order(free)[: n + self.issuer.unseen]}
         return {place: starts for place, starts in free.items() if place in drawn}
 
     @cached_property
@@ -512,25 +465,27 @@ class Scenario(Table):
             if not self._is_wall(place) and place not in taken
         }
 
-    def _has_target(self, place: Cell) -> bool:
-        """Returns whether the agent can enter a target region in some phase, with the issuer in a place."""
+    def _has_target(self, place: Cell) -> bool:  # that the agent can enter in some phase
         is_target = self._zones_by_place[place] == ZONES.index("target")
         return bool((is_target & ~self.grid.is_wall).any())
 
     def _is_wall(self, cell: Cell) -> bool:
         return bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
 
-    def _people(self, place: Cell, stage: Phase) -> tuple[Someone, ...]:
-        heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
-        issuer = Someone(stage.position or place, heading, regions, self.issuer.feedback)
-        others = [Someone(who.position, who.heading, who.regions, who.feedback) for who in self.others]
-        return issuer, *others
+    def _people(self, place: Cell, stage: Phase) -> tuple[Person, ...]:
+        issuer = Person.model_construct(
+            position=stage.position or place,
+            heading=stage.heading or self.issuer.heading,
+            regions=stage.regions or self.regions,
+            feedback=self.issuer.feedback,
+        )
+        return issuer, *self.others
 
-    def _zones(self, people: tuple[Someone, ...]) -> NDArray[np.int8]:
-        """Returns the zone of every cell among some people, (C,): uncomfortable if it is so to anyone."""
+    def _zones(self, people: tuple[Person, ...]) -> NDArray[np.int8]:
         size, width = self.grid.size, self.grid.metres_per_cell or 1.0
-        around = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
-        return np.where(self.grid.is_wall, ZONES.index("outside"), np.max(around, axis=0)).astype(np.int8)
+        around = [zones(person.regions, person.heading, person.position, size, width) for person in people]
+        nearest = np.max(around, axis=0)  # uncomfortable if it is so to anyone
+        return np.where(self.grid.is_wall, ZONES.index("outside"), nearest).astype(np.int8)
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -547,23 +502,19 @@ class Scenario(Table):
         self._check_walk()
         self._check_cells()
         self._check_sizes()
-        shared = _shared_by(self.model_dump_json(include=_GEOMETRY))
-        self.__dict__.update(shared)
         self._check_starts()
-        shared.update(_zones_by_place=self._zones_by_place, _free_places=self._free_places)
         n, accepted = self.n_observations, f"at most {MAX_STATES}"
         require(n <= MAX_STATES, f"{observe}: {n} observations", accepted)
         return self
 
     def _check_phases(self) -> None:
-        names = [phase.name for phase in self.phases]
         for i, phase in enumerate(self.phases):
             where, chances, is_timed = f"phases.{i}", phase.next or {}, phase.next is None
             is_alike = (phase.steps is not None) == is_timed == (self.phases[0].next is None)
             require(is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase")
-            is_unique = names.count(phase.name) == 1
+            others = [other.name for other in self.phases if other is not phase]
+            is_unique = phase.name not in others
             require(is_unique, f"{where}.name = {phase.name}", "another name, since it is taken")
-            others = [name for name in names if name != phase.name]
             for name in chances:
                 accepted = ", ".join(others) or "no phase"
                 require(name in others, f"{where}.next: {name} is not another phase", accepted)
@@ -571,15 +522,14 @@ class Scenario(Table):
             require(total <= 1 + _CERTAINTY_TOLERANCE, f"{where}.next: the sum {total:g}", "at most 1")
 
     def _check_walk(self) -> None:
-        """Checks that the issuer moves in one way, if at all, and that its feedback allows that."""
-        position, walk = self.issuer.position, self.issuer.walk
+        walk = self.issuer.walk
         require(walk is None or not self.phases, "issuer.walk and phases", "one of them")
         if walk is None and all(phase.position is None for phase in self.phases):
             return
         moved_by = "phases with positions" if walk is None else "issuer.walk"
-        where = f"{moved_by} with issuer.position = {json.dumps(position)}"
-        require(_is_cell(position), where, "a cell")
-        for first, last in pairwise(_round(position, walk) if walk is not None else ()):
+        is_cell = isinstance(self.issuer.position[0], int)
+        require(is_cell, f"{moved_by} with issuer.position = {json.dumps(self.issuer.position)}", "a cell")
+        for first, last in pairwise(self._turns):
             is_straight = (first[0] == last[0]) != (first[1] == last[1])
             where = f"issuer.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
             require(is_straight, where, "another cell of the same row or column, also on the way back")
@@ -587,104 +537,82 @@ class Scenario(Table):
         require(not self.is_delayed, where, "any other kind")
 
     def _check_cells(self) -> None:
-        """Checks that everyone stands alone, on floor."""
-        rows, columns = self.grid.size
-        others, walk = [person.position for person in self.others], self.issuer.walk
-        places = {
-            "issuer.position": self.issuer.position,
-            "grid.start": self.grid.start,
-            **{f"others.{i}.position": cell for i, cell in enumerate(others)},
-            **{f"phases.{i}.position": phase.position for i, phase in enumerate(self.phases)},
-            "issuer.walk.corners": walk and walk.corners,
+        walk = self.issuer.walk
+        positions = {
+            "issuer.position": _listed(self.issuer.position),
+            "grid.start": _listed(self.grid.start),
+            **{f"others.{i}.position": [person.position] for i, person in enumerate(self.others)},
+            **{f"phases.{i}.position": _listed(phase.position) for i, phase in enumerate(self.phases)},
+            "issuer.walk.corners": walk.corners if walk else (),
         }
-        listed = {key: place for key, place in places.items() if place not in (None, "anywhere")}
-        stands = {key: _cells(place, self.grid) for key, place in listed.items()}
-        accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
-        for key, cells in stands.items():
-            for row, column in cells:
-                is_on = 0 <= row < rows and 0 <= column < columns
-                require(is_on, f"{key} = [{row}, {column}] is off the grid", accepted)
-        if walk is not None:  # with the cells between
-            stands["issuer.walk.corners"] = [stage.position for stage in self.stages if stage.position]
-        for key, cells in stands.items():
+        for key, cells in positions.items():
             for cell in cells:
-                where = f"{key} = {json.dumps(cell)}"
-                require(not self._is_wall(cell), f"{where} is a wall", "another cell")
-                is_free = others.count(cell) == key.startswith("others")
-                require(is_free, f"{where} is taken by another person", "another cell")
+                self._check_cell(key, cell)
+        for stage in self.stages if walk else ():
+            self._check_cell("issuer.walk.corners", cast("Cell", stage.position))
+
+    def _check_cell(self, key: str, cell: Cell) -> None:
+        (row, column), (rows, columns) = cell, self.grid.size
+        where = f"{key} = [{row}, {column}]"
+        accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+        require(0 <= row < rows and 0 <= column < columns, f"{where} is off the grid", accepted)
+        require(not self._is_wall(cell), f"{where} is a wall", "another cell")
+        n_others = [person.position for person in self.others].count(cell)
+        is_free = n_others == key.startswith("others")
+        require(is_free, f"{where} is taken by another person", "another cell")
 
     def _check_sizes(self) -> None:
-        factors = {
-            "cells (grid.rows x grid.columns)": self.grid.rows * self.grid.columns,
-            "wrong PINGs (ping_limit)": self.ping_limit,
-            "cells for the issuer (issuer.position)": self._n_cells_of_issuer,
-            "ticks (phases, or issuer.walk)": sum(stage.steps or 1 for stage in self.stages),
-            "cases, with and without pending feedback (issuer.feedback)": 1 + self.is_delayed,
-        }
-        n_states = math.prod(factors.values())
-        product = " x ".join(f"{n} {name}" for name, n in factors.items() if n > 1)
-        require(n_states <= MAX_STATES, f"{product} = {n_states} states", f"at most {MAX_STATES}")
-
-    @property
-    def _n_cells_of_issuer(self) -> int:
-        n, issuer = len(_cells(self.issuer.position, self.grid)), self.issuer
-        return n if issuer.places is None else min(n, issuer.places + issuer.unseen)
+        issuer, n_cells = self.issuer, self.grid.rows * self.grid.columns
+        n_positions = n_cells if issuer.position == "anywhere" else len(_listed(issuer.position))
+        if issuer.places is not None:
+            n_positions = min(n_positions, issuer.places + issuer.unseen)
+        n_ticks = sum(stage.steps or 1 for stage in self.stages)
+        n_states = n_cells * self.ping_limit * n_positions * n_ticks * (1 + self.is_delayed)
+        factors = "cells x ping_limit x positions of the issuer x ticks of the phases"
+        product = f"{factors}{' x 2 for delayed feedback' * self.is_delayed} = {n_states} states"
+        require(n_states <= MAX_STATES, product, f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
-        """Checks that episodes can start and succeed, in every cell that is listed for it."""
-        start, position = self.grid.start, self.issuer.position
-        listed = _cells(position, self.grid) if position != "anywhere" else []
+        listed, free = _listed(self.issuer.position), self._free_places
         for place in listed:
             where = f"regions: with the issuer at {json.dumps(place)}, the agent can enter no target region"
             accepted = "a target shape that reaches beyond the uncomfortable one"
             require(self._has_target(place), where, accepted)
-        starts = np.concatenate([np.zeros((0, 2), dtype=int), *self._free_places.values()])
-        used = {divmod(cell, self.grid.columns) for cell in starts[:, 1].tolist()}
-        whose = f"the issuer at {json.dumps(position)}{' or another person' if self.others else ''}"
-        for cell in _cells(start, self.grid) if start != "anywhere" else ():
+        used = {divmod(cell, self.grid.columns) for starts in free.values() for cell in starts[:, 1].tolist()}
+        whose = f"the issuer at {json.dumps(self.issuer.position)}{' or another person' * bool(self.others)}"
+        for cell in _listed(self.grid.start):
             where = f"grid.start = {json.dumps(cell)} lies inside a region of {whose}"
             require(cell in used, where, "a cell outside every region")
-        unused = [place for place in listed if place not in self._free_places]
-        where = f"issuer.position = {json.dumps(unused[0] if unused else position)}"
+        unused = [place for place in listed if place not in free]
+        where = f"issuer.position = {json.dumps(unused[0] if unused else self.issuer.position)}"
         accepted = "other cells, smaller regions, or another grid.start"
-        has_starts = bool(self._free_places) and not unused
-        require(has_starts, f"{where} leaves no start outside every region", accepted)
-        n, unseen, n_free = self.issuer.places, self.issuer.unseen, len(self._free_places)
+        is_startable = bool(free) and not unused
+        require(is_startable, f"{where} leaves no start outside every region", accepted)
+        n, unseen = self.issuer.places, self.issuer.unseen
         require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
-        where = f"issuer.places = {n}" + f" with issuer.unseen = {unseen}" * bool(unseen)
-        accepted = f"at most {n_free} together: the issuer can stand in so many cells"
-        require((n or 0) + unseen <= n_free, where, accepted)
-
-
-# What decides which zones cells are in, and where episodes can start.
-_GEOMETRY: Final[Any] = {
-    **dict.fromkeys(("grid", "regions", "others", "phases", "first_phase"), True),
-    "issuer": {"position", "heading", "walk"},
-}
-
-
-@lru_cache(maxsize=16)
-def _shared_by(geometry: str) -> dict[str, Any]:  # noqa: ARG001
-    """Returns the dict in which scenarios with the same geometry keep what they have computed of it."""
-    return {}
+        where = f"issuer.places = {n} with issuer.unseen = {unseen}"
+        accepted = f"at most {len(free)} together: the issuer can stand in so many cells"
+        require((n or 0) + unseen <= len(free), where, accepted)
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, object]
 
 
-def _cells(place: Any, grid: Grid) -> list[Cell]:
+def _cells(place: Place, grid: Grid) -> list[Cell]:
     if place == "anywhere":
         return [divmod(cell, grid.columns) for cell in range(grid.rows * grid.columns)]
-    return [place] if _is_cell(place) else list(dict.fromkeys(place))
+    return _listed(place)
 
 
-def _is_cell(place: Any) -> bool:
-    return isinstance(place[0], int)
-
-
-def _round(position: Any, walk: Walk) -> list[Cell]:
-    """Returns the cells between which a walk is straight, from the issuer's position and back."""
-    return [position, *walk.corners, position]
+def _listed(place: Place | None) -> list[Cell]:
+    """Returns the different cells that a place lists: none for "anywhere"."""
+    match place:
+        case None | "anywhere":
+            return []
+        case (int(row), int(column)):
+            return [(row, column)]
+        case cells:
+            return [*dict.fromkeys(cells)]
 
 
 def scenario_names() -> list[str]:
@@ -702,9 +630,6 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
 
     Raises:
       InputError: For each mistake a sentence that names the file, the key, its value and what is accepted.
-
-    >>> load_scenario("S1").issuer.position
-    (6, 8)
     """
     if isinstance(scenario, Scenario):
         if not overrides:
@@ -717,14 +642,12 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
     if path.suffix != ".toml":
         path = SCENARIO_DIRECTORY / f"{scenario}.toml"
         if str(scenario) not in scenario_names():
-            otherwise = "the path of a .toml file"
-            unknown_name("scenarios", "scenario", str(scenario), scenario_names(), otherwise)
+            unknown_name("scenarios", "scenario", str(scenario), scenario_names(), "the path of a .toml file")
     check_file_name(path, "the scenario is")
     changed = override(read_toml(path), overrides or {}, str(path))
     return _checked(json.dumps(changed, default=str), path)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=256)  # experiments load the same scenarios again and again
 def _checked(values: str, path: Path) -> Scenario:
-    """Returns the scenario of a file, given its values as JSON. Experiments load the same again and again."""
     return parse(Scenario, json.loads(values), str(path), name=path.stem)

@@ -1,11 +1,7 @@
-"""What a map of a scenario looks like: computed once from the model, drawn by several programs.
+"""What a map of a scenario looks like, for figures, films, texts and the page.
 
-A scene has cells, outlines of the regions, glyphs and a palette. Figures, films, images, texts and the page
-draw what it holds, and know neither radii nor shapes of regions. Lengths are in cells; cell (r, c) covers
-rows r to r + 1 and columns c to c + 1.
-
-For an agent that sees the offset alone, the map is egocentric: a room with the issuer in the middle, large
-enough for every offset.
+Lengths are in cells; cell (r, c) covers rows r to r + 1 and columns c to c + 1. For an agent that sees the
+offset alone, the map is egocentric: a room with the issuer in the middle, large enough for every offset.
 """
 
 from dataclasses import dataclass, replace
@@ -44,30 +40,15 @@ BORDERS: Final = {
 COLOUR_MAP: Final = "cividis"  # of values, wherever they are drawn
 DIVERGING: Final = "PuOr"  # of values of both signs, whose middle is zero
 CLIPPED_SHARE: Final = 0.01  # of values, at each end of a colour scale, which outliers would stretch
-# Of each move: corners of its triangle, (row, column) from the cell's centre; the third is the centre.
-TRIANGLES: Final = np.array(
-    [
-        [(-0.5, -0.5), (-0.5, 0.5), (0, 0)],
-        [(0.5, -0.5), (0.5, 0.5), (0, 0)],
-        [(-0.5, -0.5), (0.5, -0.5), (0, 0)],
-        [(-0.5, 0.5), (0.5, 0.5), (0, 0)],
-    ]
-)
-# Of each move: corners of its arrow head, (row, column) from the cell's centre; the first is the tip.
+_ASIDE: Final = MOVES[:, ::-1]
+# Of each move, (row, column) from the cell's centre: corners of its triangle, the third of which is the
+# centre, and of its arrow head, the first of which is the tip.
+TRIANGLES: Final = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES], axis=1) / 2
 ARROWHEADS: Final = np.stack(
-    [0.46 * MOVES, 0.27 * MOVES + 0.13 * MOVES[:, ::-1], 0.27 * MOVES - 0.13 * MOVES[:, ::-1]], axis=1
+    [0.46 * MOVES, 0.27 * MOVES + 0.13 * _ASIDE, 0.27 * MOVES - 0.13 * _ASIDE], axis=1
 )
 ARROWS: Final = "↑↓←→"  # of each move, in text
 NOSE: Final = 0.5, 0.2, 0.25  # of a person: distances of tip and base from the centre, and half the base
-
-
-@dataclass(frozen=True)
-class Outline:
-    """The border of a region."""
-
-    label: str
-    is_dashed: bool
-    loops: tuple[Loop, ...]
 
 
 @dataclass(frozen=True)
@@ -98,7 +79,7 @@ class Scene:
     position: NDArray[np.int_]  # (O, 2) row and column of each cell
     is_over: NDArray[np.bool_]  # (O,) in which cells the episode is over, so that nothing can be done
     is_wall: NDArray[np.bool_]  # (O,)
-    outlines: tuple[Outline, ...]  # the outermost first
+    outlines: dict[str, tuple[Loop, ...]]  # of the regions in `BORDERS`
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
     origin: tuple[int, int] | None = None  # the issuer's cell, of an egocentric map
@@ -121,7 +102,7 @@ class Scene:
         """Returns zones, outlines and glyphs for the page's script; a zone is its number in `ZONES`."""
         return {
             "zone": "".join(str(ZONES.index(zone)) for zone in self.zone),
-            "outlines": [outline.loops for outline in self.outlines],
+            "outlines": [*self.outlines.values()],
             "glyphs": [
                 {"kind": glyph.kind, "cell": glyph.cell, "nose": glyph.nose.tolist()} for glyph in self.glyphs
             ],
@@ -136,10 +117,12 @@ def scene_of(model: Model, context: int = 0) -> Scene:
     zone = model.zone[states].reshape(grid.size)
     position, phase = divmod(context, len(scenario.stages))
     people = [
-        Glyph("issuer", row * grid.columns + column, HEADINGS[heading] if scenario.has_front else None)
-        for (row, column), heading, *_ in scenario.people[position][phase]
+        Glyph("issuer", row * grid.columns + column, HEADINGS[person.heading] if scenario.has_front else None)
+        for person in scenario.people[position][phase]
+        for row, column in [person.position]
     ]
-    starts = model.cell[model.starts[model.context[model.starts] // len(scenario.stages) == position]]
+    is_here = model.context[model.starts] // len(scenario.stages) == position
+    starts = np.unique(model.cell[model.starts[is_here]]).tolist()  # one of many is not marked
     is_floor = ~grid.is_wall.reshape(grid.size)
     return Scene(
         rows=grid.rows,
@@ -148,13 +131,9 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         position=grid.position,
         is_over=model.is_over[states],
         is_wall=grid.is_wall,
-        outlines=tuple(
-            # ZONES are ordered by nearness
-            Outline(label, is_dashed, outlines(is_floor & (zone >= ZONES.index(region))))
-            for region, (label, is_dashed) in BORDERS.items()
-        ),
-        # One of many start cells is not marked.
-        glyphs=(*people, *([Glyph("start", int(starts[0]))] if len(set(starts.tolist())) == 1 else [])),
+        # ZONES are ordered by nearness.
+        outlines={region: outlines(is_floor & (zone >= ZONES.index(region))) for region in BORDERS},
+        glyphs=(*people, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
         phase=scenario.stages[phase].name if len(scenario.stages) > 1 else "",
     )
 
@@ -178,11 +157,10 @@ def cell_map(model: Model) -> CellMap:
     # Cells are numbered as offsets, but from the issuer to the agent: in reverse order.
     middle = grid.rows - 1, grid.columns - 1
     starts = middle - grid.offset[np.unique(model.observation[model.starts])]
-    rows, columns = 2 * np.array(grid.size) - 1
     room = {
         "observe": ["agent"],
-        "grid.rows": int(rows),
-        "grid.columns": int(columns),
+        "grid.rows": 2 * grid.rows - 1,
+        "grid.columns": 2 * grid.columns - 1,
         "grid.start": starts.tolist(),
         "grid.walls": "",
         "issuer.position": middle,
@@ -194,12 +172,9 @@ def cell_map(model: Model) -> CellMap:
 
 
 def colour_limits(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Returns the ends of a colour scale for the finite ones of these values, without the outliers.
-
-    Without any finite value, the scale is (0, 1).
-    """
+    """Returns the ends of a colour scale for finite values without outliers; (0, 1) if none are finite."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0
-    low, high = np.percentile(known, [100 * CLIPPED_SHARE, 100 * (1 - CLIPPED_SHARE)])
-    return float(low), float(max(high, low + 1e-9))
+    low, high = np.percentile(known, [100 * CLIPPED_SHARE, 100 * (1 - CLIPPED_SHARE)]).tolist()
+    return low, max(high, low + 1e-9)

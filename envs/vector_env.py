@@ -21,7 +21,6 @@ from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 from envs.specs import JsonSpec
 
-_BLOCK: Final = 256  # draws that an env takes from its generator at once
 _INFO: Final = {
     "event": np.int64,
     "zone": np.int64,
@@ -40,8 +39,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     """N proxemic envs that step together; `ProxemicEnv` describes them.
 
     `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. It returns what
-    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions, in all three autoreset modes:
-    every env has a random generator, and `reset(seed=s)` seeds that of env i with s + i.
+    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions, in all three autoreset modes.
     """
 
     spec = JsonSpec()
@@ -60,13 +58,12 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
         Args:
           num_envs: N, at least 1.
-          scenario: As for `ProxemicEnv`.
-          observation: As for `ProxemicEnv`.
-          overrides: As for `ProxemicEnv`.
+          scenario: As for `ProxemicEnv`, like `observation` and `overrides`.
+          observation: See there.
+          overrides: See there.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
           autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
-          render_mode: `"rgb_array"` or None. `gymnasium.make_vec` also takes `"ansi"` and `"human"`, with
-            `vectorization_mode="sync"`.
+          render_mode: `"rgb_array"` or None; others with `vectorization_mode="sync"`.
 
         Raises:
           InputError: An argument is not accepted.
@@ -112,21 +109,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._steps = np.zeros(n, dtype=np.int64)
         self._over = np.zeros(n, dtype=np.bool_)  # episodes that wait for a reset; none in SameStep
 
-        self._generators: list[tuple[np.random.Generator, int] | None] = [None] * n  # with their seeds
         self._starts = model.starts.astype(np.intp)
-        self._draws = np.empty((n, _BLOCK))
-        self._first_draw = np.arange(n) * _BLOCK  # of each env, in the flat array of draws
-        self._n_used = np.full(n, _BLOCK)  # draws of each env that are used up
-
-    @property  # type: ignore[misc]
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """The generators of the envs, as in `SyncVectorEnv`. Each is up to 256 draws ahead of its env."""
-        return tuple(self._generator(i)[0] for i in range(self.num_envs))
-
-    @property
-    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seeds of the envs, as in `SyncVectorEnv`."""
-        return tuple(self._generator(i)[1] for i in range(self.num_envs))
+        self._generators = [seeding.np_random()[0] for _ in range(n)]
 
     def reset(
         self,
@@ -137,8 +121,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         """Starts episodes; returns observations, (N, ...), and the info of the envs that were reset.
 
         Args:
-          seed: Seeds env i with `seed + i`, or with the item i of a sequence. An env with seed None goes on
-            with its generator, which is seeded from the operating system at first.
+          seed: Seeds env i with `seed + i`, or with the item i of a sequence; with None it is not seeded.
           options: With `{"reset_mask": mask}`, (N,) bool, only these envs are reset and seeded.
 
         Raises:
@@ -149,8 +132,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         seeds = self._seeds(seed)
         for i in envs.tolist():
             if seeds[i] is not None:
-                self._generators[i] = seeding.np_random(seeds[i])
-                self._n_used[i] = _BLOCK
+                self._generators[i] = seeding.np_random(seeds[i])[0]
         self._over[envs] = False
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
         self._begin(envs, info)
@@ -253,23 +235,10 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         """Returns a copy of the observations, (N, ...)."""
         return self._table.take(self._observation.take(self._state), axis=0)
 
-    def _generator(self, env: int) -> tuple[np.random.Generator, int]:
-        generator = self._generators[env]
-        if generator is None:
-            self._generators[env] = generator = seeding.np_random()
-        return generator
-
     def _draw(self, envs: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Returns the next draws of these envs, and meaningless numbers for the others, (N,).
-
-        Draws are taken in blocks, which gives the same numbers many times as fast.
-        """
-        empty = np.flatnonzero(self._n_used == _BLOCK)
-        for i in empty.tolist():
-            self._generator(i)[0].random(out=self._draws[i])
-        self._n_used[empty] = 0
-        uniform: NDArray[np.float64] = self._draws.take(self._first_draw + self._n_used)
-        self._n_used[envs] += 1
+        """Returns a draw from the generator of each of these envs, and 0 for the others, (N,)."""
+        uniform = np.zeros(self.num_envs)
+        uniform[envs] = [self._generators[i].random() for i in envs.tolist()]
         return uniform
 
     def _final(self, info: Info, ended: NDArray[np.bool_]) -> Info:

@@ -118,7 +118,7 @@ SCENARIOS: Final = (
     "S1", "S2", "S3", "Walls", "TwoPeople", "Walking", "Moody", "Turning", "Egg", "Hall", "YesNo",
 )  # fmt: skip
 COMMANDS: Final[dict[str, list[str]]] = {
-    "run": ["--seeds", "--jobs", "--report", "--tensorboard", "--executor", "--results"],
+    "run": ["--seeds", "--jobs", "--report", "--executor", "--results"],
     "report": ["--seeds", "--partial", "--results"],
     "verify": ["--runs", "--seed", "--jobs", "--results"],
     "watch": ["--scenario", "--algorithm", "--observation", "--seed", "--experiment", "--save", "--terminal"],

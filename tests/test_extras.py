@@ -151,18 +151,6 @@ def test_commands_name_their_extra(
     assert done.returncode == 2
 
 
-def test_doctor_says_what_an_experiment_lacks(installed: Path, tmp_path: Path) -> None:
-    done = python(installed, "-m", "benchmark", "doctor", "compare_deep", cwd=tmp_path, extras=True)
-    needed = needs("dqn", "stable_baselines3", "deep", r"\.deep").removesuffix(r"\.\n")
-    assert re.search(rf"^problem +runs +{needed}$", done.stdout, re.MULTILINE), done.stderr
-    others = ", ".join(extra for extra in EXTRAS if extra != "reproduce")
-    others += r" \(make \.venv/\.NAME installs one\)"
-    assert re.search(
-        rf"^ok +packages +installed extras: reproduce; others: {others}$", done.stdout, re.MULTILINE
-    )
-    assert (done.returncode, done.stderr) == (1, "importing every package ...\n")
-
-
 @pytest.mark.parametrize("name", ["no_such_module", "pandas.no_such_module"])
 def test_other_missing_modules_are_not_explained(name: str) -> None:
     """Neither somebody else's module, nor one that another version of an installed package has."""

@@ -1,10 +1,9 @@
 """Arithmetic whose bits are the same on every processor, in compiled code.
 
-IEEE 754 fixes how sums, products, quotients and square roots are rounded. What differs between processors and
-libraries is the order in which products of matrices are summed up, whether a product and a sum are rounded
-once or twice, and the last digit of `exp`, `log` and `tanh`. Here all of that is fixed: a number of a product
-is one chain of fused multiplications and additions, in the order of the inner index, however many rows are
-multiplied together and however wide the vector registers are. Arrays are of float32, or in tests of float64.
+IEEE 754 fixes how sums, products, quotients and square roots are rounded, but processors and libraries differ
+in the order of sums, in whether a product and a sum are rounded once or twice, and in the last digit of `exp`,
+`log` and `tanh`. Here all of that is fixed: a number of a product of matrices is one chain of fused
+multiplications and additions, in the order of the inner index. Arrays are of float32, or in tests of float64.
 """
 
 import math
@@ -38,10 +37,7 @@ inlined: Final = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfu
 
 
 def _block(n_rows: int) -> Callable[..., None]:
-    """Returns compiled code for some rows and `LANES` columns of a product, see `multiply`.
-
-    numba cannot say that a product and a sum are to be rounded once, so this is written for LLVM.
-    """
+    """Returns compiled code for some rows and `LANES` columns of a product, see `multiply`."""
 
     @intrinsic
     def block(
@@ -59,7 +55,7 @@ def _build(
 ) -> ir.Value:
     """Writes the instructions of `_block` for the operands of `multiply`, whose types are `kinds`.
 
-    In C, with vectors of `LANES` numbers:
+    numba cannot say that a product and a sum are rounded once. In C, with vectors of `LANES` numbers:
 
         for (r...) total[r] = start;
         for (k = 0; k < n_inner; k++)
@@ -85,10 +81,6 @@ def _build(
     def vector_at(pointer: ir.Value) -> ir.Value:
         return builder.bitcast(pointer, vector.as_pointer())
 
-    def repeated(number: ir.Value) -> ir.Value:
-        first = builder.insert_element(undefined, number, ir.IntType(32)(0))
-        return builder.shuffle_vector(first, undefined, all_first)
-
     rows = [at(a, index(r), a_row) for r in range(n_rows)]
     first = builder.load(vector_at(start), align=n_bytes)
     before, loop, after = builder.block, builder.append_basic_block(), builder.append_basic_block()
@@ -100,8 +92,9 @@ def _build(
     factors = builder.load(vector_at(at(b, k, b_inner)), align=n_bytes)
     sums = []
     for row, total in zip(rows, totals, strict=True):
-        factor = repeated(builder.load(at(row, k, a_inner)))
-        sums.append(builder.call(fma, [factor, factors, total]))
+        factor = builder.insert_element(undefined, builder.load(at(row, k, a_inner)), ir.IntType(32)(0))
+        repeated = builder.shuffle_vector(factor, undefined, all_first)
+        sums.append(builder.call(fma, [repeated, factors, total]))
         total.add_incoming(first, before)
         total.add_incoming(sums[-1], loop)
     next_k = builder.add(k, index(1))
@@ -188,11 +181,7 @@ def log(x: float) -> float:
 
 @inlined
 def tanh(values: Numbers) -> None:
-    """Replaces numbers by their hyperbolic tangents, float32 within 4e-7.
-
-    For float32 it is Eigen's rational function. Numbers of float64, in which tests compare nets with other
-    implementations, get the C library's function.
-    """
+    """Replaces numbers by their hyperbolic tangents: of float32 by Eigen's rational function, within 4e-7."""
     if values.itemsize == 8:
         for i in range(len(values)):
             values[i] = math.tanh(values[i])

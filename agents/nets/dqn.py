@@ -1,14 +1,14 @@
 """DQN (Mnih et al. 2015) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-There are few observations, and they recur. So the target net's values are kept until the next
-synchronisation, and a mini-batch computes each distinct observation once. Only the order of sums differs.
+Observations are few and recur. So the target net's values are kept until the next synchronisation, and a
+mini-batch computes each distinct observation once. Only the order of sums differs.
 
-An agent draws where its first episodes start. Then each step of its envs takes a number that decides whether
-to explore, and for each env one for a random action, what `agents.nets.walk.take` draws, and one for the next
-start if an episode ends. Mini-batches take numbers of another stream: row and, with several envs, env.
+An agent draws where its first episodes start. Then each step of its envs draws whether to explore, and for
+each env a random action and what `agents.nets.walk.take` draws. Mini-batches have a stream of their own: they
+draw a row and, with several envs, an env.
 
-Axis letters: E envs, O observations, A actions, C rows of the replay buffer, B rows of a mini-batch, T
-evaluation steps.
+Axis letters: E envs, O observations, A actions, P parameters, C rows of the replay buffer, B rows of a
+mini-batch.
 """
 
 from typing import Final, NamedTuple
@@ -170,7 +170,7 @@ def _synchronise(values: Numbers, target: Target, tau: float) -> None:
     kept, share = like(values, 1.0 - tau), like(values, tau)
     for i in range(len(values)):
         target.parameters[i] = kept * target.parameters[i] + share * values[i]
-    net.forget(target.values.memo)
+    target.values.is_known[:] = False
 
 
 @inlined

@@ -5,7 +5,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import groupby
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,10 +35,7 @@ class Agent(ABC):
         seed: SeedSequence,
         kind: Kind,
     ) -> None:
-        """Makes an agent that has drawn its first weights and starts.
-
-        It computes in float32, or in tests in float64; `points` (T,) are the evaluation steps.
-        """
+        """Makes an agent that has drawn its first weights; `points` (T,) are the evaluation steps."""
         streams = np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
         acting, self.learning, self.drawing = streams
         self.walk = walk_of(model, settings, acting, points)
@@ -98,13 +94,8 @@ class NetAlgorithm(SequentialAlgorithm):
         observation: str,
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
     ) -> Fields:
-        """Trains an agent, see `agents.contract.SequentialAlgorithm`.
-
-        The policy changes only between rollouts, so the policy at a rollout's start is that of every
-        evaluation step from there to the next rollout.
-        """
+        """Trains an agent; its policy, which changes only between rollouts, is read at their starts."""
         points, rollout = schedule.evaluation_steps, settings.rollout
         agent = self.agent(model, settings, observation, np.array(points, np.int64), seed, np.float32)
         tables = np.full((len(points), model.n_observations, N_ACTIONS), np.nan)

@@ -1,8 +1,7 @@
 """A multilayer perceptron of one agent in flat arrays, its gradient by hand, and Adam, in compiled code.
 
-The numbers of an agent stay in the caches of a core from one update to the next, so agents are trained one
-after the other. Rows of weights are padded with zeros to a multiple of `LANES`. Zeros they stay, since their
-gradients are zero.
+Agents are trained one after the other, so that the numbers of an agent stay in the caches of a core. Rows of
+weights are padded to a multiple of `LANES` with zeros, which stay zeros since their gradients are.
 
 Axis letters: O observations, P parameters with padding, L layers, B rows of a call, W the widest layer.
 """
@@ -47,18 +46,11 @@ class Net(NamedTuple):
     zeros: Numbers  # (W,)
 
 
-class Memo(NamedTuple):
-    """Which observations were met since `forget`."""
-
-    met_at: NDArray[np.int64]  # (O,) when each was last met
-    now: NDArray[np.int64]  # (1,) calls of `forget`
-
-
 class Values(NamedTuple):
     """The largest outputs of a net, as far as they are computed."""
 
     largest: Numbers  # (O,)
-    memo: Memo  # of which observations they are
+    is_known: NDArray[np.bool_]  # (O,)
 
 
 class Distinct(NamedTuple):
@@ -66,7 +58,6 @@ class Distinct(NamedTuple):
 
     observed: NDArray[np.int32]  # (B,)
     row: NDArray[np.int64]  # (O,) the index of an observation among them
-    memo: Memo
 
 
 class Parameters(NamedTuple):
@@ -127,19 +118,14 @@ def parameters_of(n_parameters: int, kind: Kind) -> Parameters:
     return Parameters(values, gradient, first, second, sums, np.ones(2), n_steps)
 
 
-def memo_of(n_observations: int) -> Memo:
-    """Returns a memo of nothing."""
-    return Memo(np.full(n_observations, -1), np.zeros(1, np.int64))
-
-
 def values_of(n_observations: int, kind: Kind) -> Values:
     """Returns room for `compute_values`."""
-    return Values(np.zeros(n_observations, kind), memo_of(n_observations))
+    return Values(np.zeros(n_observations, kind), np.zeros(n_observations, np.bool_))
 
 
 def distinct_of(n_observations: int, n_rows: int) -> Distinct:
     """Returns room for `list_distinct`."""
-    return Distinct(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64), memo_of(n_observations))
+    return Distinct(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64))
 
 
 def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
@@ -151,27 +137,13 @@ def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
 
 
 @inlined
-def forget(memo: Memo) -> None:
-    """Makes all observations new."""
-    memo.now[0] += 1
-
-
-@inlined
-def is_new(memo: Memo, o: int) -> bool:
-    """Returns whether an observation is met for the first time since `forget`."""
-    if memo.met_at[o] == memo.now[0]:
-        return False
-    memo.met_at[o] = memo.now[0]
-    return True
-
-
-@inlined
 def list_distinct(observed: NDArray[np.int32], distinct: Distinct) -> int:
     """Lists the observations of a mini-batch (B,), each once, and returns how many there are."""
-    n_distinct = 0
-    forget(distinct.memo)
     for o in observed:
-        if is_new(distinct.memo, o):
+        distinct.row[o] = -1
+    n_distinct = 0
+    for o in observed:
+        if distinct.row[o] < 0:
             distinct.row[o], distinct.observed[n_distinct] = n_distinct, o
             n_distinct += 1
     return n_distinct
@@ -228,17 +200,14 @@ def compute_values(net: Net, parameters: Numbers, observed: NDArray[np.int32], v
                 row = at + r * net.stride
                 values.largest[lacking[r]] = net.hidden[row + best_output(net, row)]
             n_lacking = 0
-        if i < len(observed) and observed[i] < len(values.largest) and is_new(values.memo, observed[i]):
-            lacking[n_lacking] = observed[i]
+        if i < len(observed) and observed[i] < len(values.largest) and not values.is_known[observed[i]]:
+            lacking[n_lacking], values.is_known[observed[i]] = observed[i], True
             n_lacking += 1
 
 
 @inlined
 def backward(net: Net, parameters: Parameters, observed: NDArray[np.int32], n_rows: int) -> None:
-    """Computes the gradient of a loss, after `forward` for the same observations.
-
-    `net.slopes` has the slopes of the loss by the outputs, where `net.hidden` has the outputs.
-    """
+    """Computes the gradient of a loss, after `forward`, from its slopes by the outputs in `net.slopes`."""
     values, gradient = parameters.values, parameters.gradient
     hidden, slopes, transposed = net.hidden, net.slopes, net.transposed
     stride, size, zeros = net.stride, net.n_rows * net.stride, (net.zeros, 0)
@@ -385,21 +354,17 @@ def draw_uniform(net: Net, values: Numbers, stream: NDArray[np.uint64]) -> None:
 
 @compiled
 def draw_orthogonal(
-    net: Net,
-    values: Numbers,
-    stream: NDArray[np.uint64],
-    gains: tuple[float, float],
-    room: NDArray[np.float64],
+    net: Net, values: Numbers, stream: NDArray[np.uint64], gains: tuple[float, float]
 ) -> None:
     """Draws orthogonal weights as PyTorch does, with the gains of hidden layers and the last; no biases.
 
-    The rows or columns, whichever are fewer, are orthogonal and as long as the gain: normal numbers, made
-    orthogonal by Gram and Schmidt's method (Golub & Van Loan 2013, section 5.2.8).
+    The rows or columns, whichever are fewer, are normal numbers, made orthogonal by Gram and Schmidt's method
+    (Golub & Van Loan 2013, section 5.2.8) and as long as the gain.
     """
     n_in = net.n_inputs
     for i in range(len(net.width)):
         n_out, width, at = net.n_outputs[i], net.width[i], net.weights_at[i]
-        vectors = room[: min(n_in, n_out), : max(n_in, n_out)]
+        vectors = np.empty((min(n_in, n_out), max(n_in, n_out)))
         for v in range(len(vectors)):
             vector = vectors[v]
             for j in range(len(vector)):

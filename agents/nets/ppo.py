@@ -1,14 +1,12 @@
 """PPO (Schulman et al. 2017) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-There are few observations, and they recur. So probabilities and values are kept during a rollout, and a
-mini-batch computes each distinct observation once. Only the order of sums differs.
+Observations are few and recur. So probabilities and values are kept during a rollout, and a mini-batch
+computes each distinct observation once. Only the order of sums differs.
 
-An agent draws where its first episodes start. Then each step of each env takes a number for the action, what
-`agents.nets.walk.take` draws, and a number for the next start if the episode ends. Permutations of rollouts
-take numbers of another stream.
+An agent draws where its first episodes start. Then each step of each env draws the action and what
+`agents.nets.walk.take` draws. Permutations of rollouts have a stream of their own.
 
-Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch, T evaluation
-steps.
+Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch.
 """
 
 import math
@@ -21,7 +19,7 @@ from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, exp, inlined, like, log
 from agents.nets.learner import Agent, NetAlgorithm
-from agents.nets.net import Distinct, Memo, Net, Parameters, Values
+from agents.nets.net import Distinct, Net, Parameters, Values
 from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
@@ -55,7 +53,7 @@ class Probabilities(NamedTuple):
 
     probability: Numbers  # (O, A)
     log_probability: Numbers  # (O, A)
-    memo: Memo  # of which observations they are
+    is_known: NDArray[np.bool_]  # (O,)
 
 
 class Rollout(NamedTuple):
@@ -103,8 +101,7 @@ class PpoAgent(Agent):
         n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
         actor, critic = self.nets
         for mlp, gain in zip(self.nets, _GAINS, strict=True):
-            room = np.empty((mlp.stride, max(mlp.n_inputs, mlp.stride)))
-            net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain), room)
+            net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain))
         constants = {name: getattr(settings, name) for name in Constants._fields}
         endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
         table, numbers = (n_observations, N_ACTIONS), np.zeros((3, settings.rollout), kind)
@@ -113,7 +110,9 @@ class PpoAgent(Agent):
             actor=actor,
             critic=critic,
             parameters=self.parameters,
-            policy=Probabilities(np.zeros(table, kind), np.zeros(table, kind), net.memo_of(n_observations)),
+            policy=Probabilities(
+                np.zeros(table, kind), np.zeros(table, kind), np.zeros(n_observations, np.bool_)
+            ),
             values=net.values_of(n_observations, kind),
             steps=room_for_steps(settings.rollout),
             rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),
@@ -167,8 +166,8 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 def _advance(agent: Ppo, until: int) -> None:
     """Trains an agent until so many steps are done."""
     while agent.walk.taken[0] < until:
-        net.forget(agent.policy.memo)
-        net.forget(agent.values.memo)
+        agent.policy.is_known[:] = False
+        agent.values.is_known[:] = False
         if not _roll_out(agent):
             return
         for observed in (agent.steps.observed, agent.steps.next_observed):
@@ -185,8 +184,8 @@ def _roll_out(agent: Ppo) -> bool:
         for e in range(len(walk.state)):
             o, i = walk.process.observation[walk.state[e]], e * n_steps + t
             probability, log_probability = policy.probability[o], policy.log_probability[o]
-            if net.is_new(policy.memo, o):
-                agent.actor.observed[0] = o
+            if not policy.is_known[o]:
+                policy.is_known[o], agent.actor.observed[0] = True, o
                 at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False

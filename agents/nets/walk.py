@@ -52,17 +52,11 @@ def walk_of(
 ) -> Walk:
     """Returns the walk of an agent that has drawn where its first episodes start."""
     n_envs = settings.n_envs
-    walk = Walk(
-        process=process_of(model),
-        time_limit=settings.time_limit or 2**62,
-        stream=stream,
-        state=np.zeros(n_envs, np.int64),
-        steps=np.zeros(n_envs, np.int64),
-        taken=np.zeros(1, np.int64),
-        disagreements=np.zeros(1, np.int64),
-        points=points,
-        counts=np.zeros(len(points), np.int64),
+    state, steps, taken, disagreements, counts = (
+        np.zeros(n, np.int64) for n in (n_envs, n_envs, 1, 1, len(points))
     )
+    limit = settings.time_limit or 2**62
+    walk = Walk(process_of(model), limit, stream, state, steps, taken, disagreements, points, counts)
     _start(walk)
     return walk
 
@@ -95,16 +89,11 @@ def _restart(walk: Walk, e: int) -> None:
 def take(walk: Walk, e: int, action: int, steps: Steps, at: int) -> None:
     """Takes a step in an env, keeps it at an index of `steps`, and starts an episode if one ends.
 
-    It draws, in this order and only if needed, the noise of the reward, the outcome and the start.
+    It draws, in this order and only if needed, the noise of the reward, the outcome and the next start.
     """
     process, state, stream = walk.process, U(walk.state[e]), _words(walk.stream)
-    first, outcomes, n_outcomes, is_noisy = (
-        process.first,
-        process.outcomes,
-        process.n_outcomes,
-        process.is_noisy,
-    )
-    reward, i, stream = draw_step(first, outcomes, n_outcomes, is_noisy, state, U(action), stream)
+    first, outcomes, n_outcomes = process.first, process.outcomes, process.n_outcomes
+    reward, i, stream = draw_step(first, outcomes, n_outcomes, process.is_noisy, state, U(action), stream)
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
     walk.disagreements[0] += outcomes[i].is_wrong_ping
     following, terminates = state + U(outcomes[i].state_change), outcomes[i].terminates

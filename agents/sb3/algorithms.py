@@ -1,8 +1,7 @@
 """DQN and PPO of Stable-Baselines3 as algorithms of this project."""
 
 from dataclasses import dataclass
-from importlib import import_module
-from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, Final
 
 from numpy.random import SeedSequence
@@ -20,19 +19,15 @@ class Sb3Algorithm(SequentialAlgorithm):
     path: str  # `module:class`
     settings: type[Sb3Settings]
     packages: tuple[str, ...] = ("stable_baselines3", "torch")
-    # Whether its nets may have modules that differ between training and acting, as dropout does.
-    has_modes: bool = False
 
     version = 3
     family = "deep"
     observations = ("one_hot", "coordinates", "offset_one_hot", "offset_coordinates")
-    writes_logs = True
     training = DeepTraining
 
     def load(self) -> Any:
         """Imports the class."""
-        module, _, name = self.path.partition(":")
-        return getattr(import_module(module), name)
+        return resolve_name(self.path)
 
     def memory(self, settings: Any, n_inputs: int) -> dict[str, int]:
         """Returns the bytes of an agent, which keeps observations themselves."""
@@ -45,13 +40,12 @@ class Sb3Algorithm(SequentialAlgorithm):
         observation: str,
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,
     ) -> Fields:
         """Trains by `agents.sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
             cls = self.load()
             from agents.sb3.training import train_agent
-        return train_agent(cls, model, settings, observation, seed, schedule, log, has_modes=self.has_modes)
+        return train_agent(cls, model, settings, observation, seed, schedule)
 
 
 DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)

@@ -1,13 +1,13 @@
 """Any class like those of Stable-Baselines3 as an algorithm of this project, by its import path.
 
-Its settings are the arguments in its signature and those of this project. The class's own defaults are
-recorded with them, so that a version with other defaults makes other runs. Their values are checked by making
-an untrained agent.
+Its settings are this project's and the arguments in its signature, recorded with their defaults, so that a
+version with other defaults makes other runs. Values are checked by making an untrained agent.
 """
 
 import inspect
 import json
 import sys
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import packages_distributions
 from typing import Any, ClassVar, Final, Self
@@ -88,34 +88,33 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
     settings.path = path
     modules = {base.__module__.partition(".")[0] for base in cls.__mro__} & packages_distributions().keys()
     packages = tuple(sorted(modules | {"stable_baselines3", "torch"}))
-    return Sb3Algorithm(path, settings, packages, has_modes=True)
+    return Sb3Algorithm(path, settings, packages)
 
 
-def _arguments(cls: type) -> dict[str, Any]:
-    """Returns the named arguments of a class with their defaults, `...` where one is required.
+def _arguments(cls: type) -> dict[str, object]:
+    """Returns the named arguments of a class with their defaults; see `_default`.
 
-    A class that passes `**kwargs` on has the arguments of the class above it, too. The default None stands
-    for one that a file cannot hold.
+    A class that passes `**kwargs` on has the arguments of the class above it, too.
     """
-    arguments: dict[str, Any] = {}
+    arguments: dict[str, object] = {}
     for base in cls.__mro__[:-1]:
         if "__init__" not in vars(base):
             continue
-        parameters = list(inspect.signature(vars(base)["__init__"]).parameters.values())[1:]
-        for parameter in parameters:
-            is_single = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
-            if is_single and not parameter.name.startswith("_"):
+        passes_on = False
+        for parameter in list(inspect.signature(vars(base)["__init__"]).parameters.values())[1:]:
+            if parameter.kind is parameter.VAR_KEYWORD:
+                passes_on = True
+            elif parameter.kind is not parameter.VAR_POSITIONAL and not parameter.name.startswith("_"):
                 arguments.setdefault(parameter.name, _default(parameter.default))
-        if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters):
+        if not passes_on:
             break
     return arguments
 
 
-def _default(default: Any) -> Any:
-    """Returns a default as JSON has it; `...` if there is none, None if it has no such form."""
+def _default(default: object) -> object:
+    """Returns a default as JSON has it; `...` if there is none, None if JSON cannot hold it."""
     if default is inspect.Parameter.empty:
         return ...
-    try:
+    with suppress(TypeError, ValueError):
         return json.loads(json.dumps(default, allow_nan=False))
-    except (TypeError, ValueError):
-        return None
+    return None

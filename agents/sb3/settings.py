@@ -1,8 +1,7 @@
-"""Settings of Stable-Baselines3's algorithms.
+"""Settings of Stable-Baselines3's algorithms, with SB3's argument names and defaults.
 
-They bear SB3's argument names and have SB3's defaults. They are written out here for two reasons: experiments
-are checked without importing SB3, which would load torch, and SB3's signatures do not say which values make
-sense. A test compares names and defaults with SB3's signatures.
+They are written out here because importing SB3 loads torch, and its signatures do not say which values make
+sense. A test compares names and defaults with the signatures.
 """
 
 from itertools import pairwise

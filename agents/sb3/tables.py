@@ -1,11 +1,6 @@
-"""What an agent's net says about actions, as a table over all observations.
-
-The table is read from any agent with the interface of Stable-Baselines3: its policy is asked, not its class.
-"""
+"""What the net of an agent, of any class like those of Stable-Baselines3, says about all observations."""
 
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +9,6 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.save_util import load_from_zip_file
 
 from envs import Model
 from envs.inputs import InputError, imported
@@ -22,8 +16,7 @@ from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
 
 
-@dataclass(frozen=True)
-class Output:
+class Output(NamedTuple):
     """What an agent's net says about actions, and how to ask it."""
 
     read: Callable[[torch.Tensor], torch.Tensor]  # observations (O, ...) -> (O, A)
@@ -48,11 +41,7 @@ def output_of(agent: BaseAlgorithm) -> Output:
 
 
 def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns what an agent's net says about every observation (O, ...), by one forward pass.
-
-    Returns:
-      (O, A): action values, or probabilities whose rows sum to one; not finite if the net diverged.
-    """
+    """Returns (O, A) action values or probabilities of observations; not finite after divergence."""
     output = output_of(agent)
     agent.policy.set_training_mode(False)
     with torch.no_grad():
@@ -64,38 +53,31 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns `policy_table` of an agent of any class; raises a ValueError if there is none."""
-    name = type(agent.policy).__name__
-    try:
-        table = policy_table(agent, observations)
-    except (AttributeError, IndexError, RuntimeError, TypeError) as error:
-        raise ValueError(f"{name} gives no table of actions: {first_line(error)}") from error
+    """Returns `policy_table` of an agent of any class; raises an exception if there is none."""
+    table = policy_table(agent, observations)
     if table.shape != (len(observations), len(ACTIONS)) or not np.isfinite(table).all():
+        name = type(agent.policy).__name__
         raise ValueError(f"{name} gives no finite number for each of the {len(ACTIONS)} actions")
     return table
 
 
 def first_line(error: Exception) -> str:
-    """Returns the first line of an error's message, without a full stop, or its type if it has no message."""
+    """Returns the first line of an error's message, or its type, without a full stop or a colon."""
     lines = str(error).strip().splitlines()
-    return lines[0].rstrip(".") if lines else type(error).__name__
+    return lines[0].rstrip(".:") if lines else type(error).__name__
 
 
-class AgentTable(NamedTuple):
-    """The policy of an agent."""
-
-    table: NDArray[np.float64]  # (O, A) action values, or probabilities whose rows sum to one
-    is_value: bool  # whether these are action values
+AgentTable = tuple[NDArray[np.float64], bool]  # (O, A), and whether it has action values
 
 
 def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> AgentTable:
-    """Reads the policy of a model that was saved by `model.save`.
+    """Reads the policy of a model that was saved by `model.save`, as `agent_table` does.
 
     Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
     `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`.
 
     Raises:
-      InputError: The file cannot be loaded as this class; or see `agent_table`.
+      InputError: The file cannot be loaded as this class.
     """
     cls = imported(algorithm, str(path), "algorithm")
     if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
@@ -109,25 +91,13 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
         # An empty replay buffer as large as the one in training would only take memory.
         agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects={"buffer_size": 1})
     except Exception as error:  # whatever the pickled objects raise
-        if policy := _policy_of_others(path, cls):
-            raise InputError(
-                f"{path}: it holds the policy {policy}, which {algorithm} does not have; accepted: the class "
-                "of the saved model."
-            ) from error
-        raise InputError(f"{path}: cannot be loaded as {algorithm}: {first_line(error)}.") from error
+        accepted = f"accepted: what model.save of {algorithm} has written"
+        raise InputError(f"{path}: cannot be loaded: {first_line(error)}; {accepted}.") from error
     return agent_table(agent, str(path), model, observation)
 
 
-def _policy_of_others(path: Path, cls: type[BaseAlgorithm]) -> str:
-    """Returns the name of the policy that a file holds, if it is not one of a class; else empty."""
-    with suppress(Exception):  # whatever the pickled objects raise
-        policy: Any = (load_from_zip_file(path, device="cpu")[0] or {})["policy_class"]
-        return "" if issubclass(policy, tuple(cls.policy_aliases.values())) else str(policy.__name__)
-    return ""
-
-
 def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str) -> AgentTable:
-    """Reads the policy of an agent, which messages call `where`; see `saved_table`.
+    """Reads the policy of an agent, which messages call `where`.
 
     Raises:
       InputError: It was made for other observations or actions, or its net gives no finite table.
@@ -143,6 +113,6 @@ def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str
             )
     try:
         table = readable_table(agent, torch.as_tensor(observations, device=agent.device))
-    except ValueError as error:
-        raise InputError(f"{where}: {first_line(error)}.") from error
-    return AgentTable(table, output_of(agent).is_value)
+    except Exception as error:  # whatever the net raises
+        raise InputError(f"{where}: cannot be evaluated: {first_line(error)}.") from error
+    return table, output_of(agent).is_value

@@ -1,17 +1,16 @@
 """Trains agents of Stable-Baselines3 so that a run does not depend on where it runs, or next to what.
 
-SB3's classes do the learning. This module gives them the native vector env, one torch thread, random
-streams that derive from one seed, and exactly the declared number of environment steps. At each
-evaluation step one batched forward pass turns the net into a table over all observations.
+SB3's classes do the learning, on the native vector env, with one torch thread, random streams from one seed,
+and exactly the declared number of environment steps.
 """
 
 import hashlib
 import os
 import time
 import warnings
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
@@ -20,8 +19,8 @@ import torch
 from numpy.random import SeedSequence
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, configure
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import VecEnv
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
@@ -39,17 +38,8 @@ if llvmlite.binding.get_host_cpu_features().get("avx2"):
     os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx2")
 
 
-class _DivergedError(Exception):
-    """The net's values are no longer finite."""
-
-
-def make_agent(
-    cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv, *, has_modes: bool = False
-) -> BaseAlgorithm:
-    """Makes an agent of a class for an env of `settings.n_envs` envs, on the CPU, not seeded yet.
-
-    With `has_modes`, its nets may have modules that differ between training and acting, as dropout does.
-    """
+def make_agent(cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv) -> BaseAlgorithm:
+    """Makes an agent of a class for an env of `settings.n_envs` envs, on the CPU, not seeded yet."""
     arguments: dict[str, Any] = {"device": "cpu", **settings.arguments}
     with warnings.catch_warnings():  # the last mini-batch of a rollout is allowed to be smaller
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
@@ -59,7 +49,8 @@ def make_agent(
     if isinstance(optimizer, torch.optim.Adam):
         for group in optimizer.param_groups:
             group["fused"] = True
-    if not has_modes:  # SB3 would walk all modules twice per step to switch modes
+    # SB3 walks all modules twice per step to switch modes, which its own nets do not have, unlike dropout.
+    if cls.__module__.startswith("stable_baselines3."):
         agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent
 
@@ -70,17 +61,13 @@ def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            agent = make_agent(cls, settings, env, has_modes=True)
+            readable_table(make_agent(cls, settings, env), torch.as_tensor(env.reset()))
         except Exception as error:  # whatever the class raises
-            raise ValueError(f"{path} cannot be made: {first_line(error)}") from error
-        try:
-            readable_table(agent, torch.as_tensor(env.reset()))
-        except ValueError as error:
-            raise ValueError(f"{path} cannot be evaluated: {first_line(error)}") from error
+            raise ValueError(f"{path} cannot be trained: {first_line(error)}") from error
 
 
 class _Snapshots(BaseCallback):
-    """Keeps what the net says, the count of wrong PINGs and the CPU seconds at each evaluation step.
+    """Keeps what the net says, the wrong PINGs so far and the CPU seconds at each evaluation step.
 
     The policy changes only between rollouts, so the policy at a rollout's start is that of every evaluation
     step from there to the next rollout.
@@ -88,25 +75,21 @@ class _Snapshots(BaseCallback):
 
     def __init__(self, env: SB3VecEnv, rollout: int, observations: torch.Tensor, schedule: Schedule) -> None:
         super().__init__()
-        self._env = env
-        self._rollout = rollout
-        self._next_rollout = 0
+        self._env, self._rollout, self._next_rollout = env, rollout, 0
         self._observations = observations  # (O, ...)
-        self._points = schedule.evaluation_steps  # (T,)
-        self._may_end = schedule.may_end
+        self._points, self._may_end = schedule.evaluation_steps, schedule.may_end
+        self._n_policies = 0  # evaluation steps whose policy is known
         self.has_ended = False  # early
-        self._n_policies = 0  # evaluation steps whose policy is kept
-        self._n_counts = 0  # evaluation steps whose counts are kept
-        self._reading_s = 0.0  # CPU seconds spent on reading policies, which is not training
-        self._started_s = time.thread_time()
         n_points = len(self._points)
         self.tables = np.full((n_points, len(observations), len(ACTIONS)), np.nan)  # see `policy_table`
         self.disagreements = np.zeros(n_points, dtype=np.int64)
         self.cpu_time_s = np.zeros(n_points)
-        self.diverged_at = -1
+        self._started_s = time.thread_time()
 
-    def _on_training_start(self) -> None:
-        self.keep_counts(0)
+    @property
+    def next_point(self) -> int:
+        """The first evaluation step without a policy, or else the last one; 0 if there are none at all."""
+        return self._points[min(self._n_policies, len(self._points) - 1)] if self._points else 0
 
     def _on_rollout_start(self) -> None:
         step = self.model.num_timesteps
@@ -119,45 +102,26 @@ class _Snapshots(BaseCallback):
         self.keep_policy(before=self._next_rollout)
 
     def _on_step(self) -> bool:
-        self.keep_counts(self.model.num_timesteps)
+        n_past = bisect_right(self._points, self.model.num_timesteps - self._env.num_envs)
+        self.disagreements[n_past:] = self._env.disagreements
         return not self.has_ended
 
     def keep_policy(self, before: int) -> None:
         """Keeps the present policy for the evaluation steps before a step that have none yet."""
-        due = sum(point < before for point in self._points[self._n_policies :])
-        if due == 0:
+        first, end = self._n_policies, bisect_left(self._points, before)
+        if first == end:
             return
-        started_s = time.thread_time()
+        now_s = time.thread_time()
+        self.cpu_time_s[first:] = now_s - self._started_s
         table = policy_table(self.model, self._observations)
         if not np.isfinite(table).all():
-            self.diverged()
-            raise _DivergedError
-        if self._points[self._n_policies] == self.model.num_timesteps:  # its update is done
-            self.cpu_time_s[self._n_policies] = started_s - self._started_s - self._reading_s
-        self.tables[self._n_policies : self._n_policies + due] = table
-        if self._may_end is not None:
-            rows = range(self._n_policies, self._n_policies + due)
-            self.has_ended = any(self._may_end(i, self.tables[i]) for i in rows)
-        self._n_policies += due
-        self._reading_s += time.thread_time() - started_s
-
-    def keep_counts(self, step: int) -> None:
-        """Keeps wrong PINGs and CPU seconds for all evaluation steps up to a step."""
-        self.logger.record("proxemic/disagreements", self._env.disagreements)
-        while self._n_counts < len(self._points) and self._points[self._n_counts] <= step:
-            self.disagreements[self._n_counts] = self._env.disagreements
-            self.cpu_time_s[self._n_counts] = time.thread_time() - self._started_s - self._reading_s
-            self._n_counts += 1
-
-    def fill(self) -> None:
-        """Repeats the last policy and the last counts for the evaluation steps after an early end."""
-        self.tables[self._n_policies :] = self.tables[self._n_policies - 1 : self._n_policies]
-        self.keep_counts(2**62)
-
-    def diverged(self) -> None:
-        """Notes that there is no policy from here on."""
-        self.diverged_at = self._points[min(self._n_policies, len(self._points) - 1)] if self._points else 0
-        self.keep_counts(2**62)
+            raise ValueError("the net diverged")
+        self.tables[first:end] = table
+        self._n_policies = end
+        if self._may_end is not None and any(self._may_end(i, table) for i in range(first, end)):
+            self.tables[end:] = table
+            self.has_ended, self._n_policies = True, len(self._points)
+        self._started_s += time.thread_time() - now_s  # reading policies is not training
 
 
 def train_agent(
@@ -167,11 +131,8 @@ def train_agent(
     observation: str,
     seed: SeedSequence,
     schedule: Schedule,
-    log: Path | None,
-    *,
-    has_modes: bool,
 ) -> Fields:
-    """Trains an agent of a class, see `agents.contract.SequentialAlgorithm` and `make_agent`."""
+    """Trains an agent of a class, see `agents.contract.SequentialAlgorithm`."""
     with _isolated(seed) as (env_seed, action_seed):
         limit = settings.time_limit
         env = SB3VecEnv(
@@ -179,35 +140,28 @@ def train_agent(
         )
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
-        agent = make_agent(cls, settings, VecMonitor(env) if log else env, has_modes=has_modes)
+        agent = make_agent(cls, settings, env)
         # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
-        agent.set_logger(configure(str(log), ["tensorboard"]) if log else Logger(None, []))
+        agent.set_logger(Logger(None, []))
         agent.action_space.seed(action_seed)
         kept = _Snapshots(env, settings.rollout, observations, schedule)
-        interval: Any = 1 if log else None  # from one line of the log to the next: episodes, or rollouts
+        diverged_at = -1
         updates: list[None] = []
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
         try:
-            agent.learn(settings.budget, callback=kept, log_interval=interval)
+            agent.learn(settings.budget, callback=kept, log_interval=None)  # type: ignore[arg-type]
             if agent.num_timesteps != settings.budget and not kept.has_ended:
                 raise InputError(
                     f"{cls.__name__}: trained for {agent.num_timesteps} steps; accepted: the budget of "
                     f"{settings.budget}."
                 )
-            if not kept.has_ended:
-                kept.keep_policy(before=settings.budget + 1)
-            kept.fill()
-        except _DivergedError:
-            pass
-        except ValueError:  # torch refuses to draw from probabilities that are not finite
+            kept.keep_policy(before=settings.budget + 1)
+        except ValueError:  # torch, too, refuses to draw from probabilities that are not finite
             if np.isfinite(policy_table(agent, observations)).all():
                 raise
-            kept.diverged()
+            diverged_at = kept.next_point
         finally:
             hook.remove()
-        if log:
-            agent.logger.dump(agent.num_timesteps)
-            agent.logger.close()
         digest = hashlib.sha256()
         for name, weights in sorted(agent.policy.state_dict().items()):
             digest.update(name.encode() + weights.numpy().tobytes())
@@ -215,25 +169,21 @@ def train_agent(
         q = policy_table(agent, observations) if output.is_value else np.empty((0, len(ACTIONS)))
         return {
             **snapshots(kept.tables, schedule, is_value=output.is_value),
-            "q": q if kept.diverged_at < 0 else np.full_like(q, np.nan),
+            "q": q if diverged_at < 0 else np.full_like(q, np.nan),
             "disagreements": kept.disagreements,
             "cpu_time_s": kept.cpu_time_s,
             "updates": len(updates),
             "parameters": sum(weights.numel() for weights in output.net.parameters()),
-            "diverged_at": kept.diverged_at,
+            "diverged_at": diverged_at,
             "weights": np.frombuffer(digest.digest(), dtype=np.uint8),
         }
 
 
 @contextmanager
 def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
-    """Seeds the global generators that SB3 draws from and sets one torch thread; restores both afterwards.
+    """Seeds the global generators and sets one torch thread until the end; yields seeds for env and actions.
 
-    Denormal numbers count as zero meanwhile: Adam's moments of weights that get no gradient decay into them
-    after some hundred updates, and arithmetic on them is slow.
-
-    Yields:
-      Seeds for the env and for the action space.
+    Meanwhile denormal numbers, into which Adam's unused moments decay, count as zero: they are slow.
     """
     words = seed.generate_state(14, np.uint32)
     parts = words[4:6], words[6:10], words[10:]

@@ -14,17 +14,14 @@ class SB3VecEnv(VecEnv):
     """A `ProxemicVectorEnv` with the interface that Stable-Baselines3 expects.
 
     An `info` has only what SB3 reads: `terminal_observation` and `TimeLimit.truncated` where an episode
-    ended. All arrays are copies. A single generator serves the batch, so no two envs share draws; `seed(s)`
-    seeds it, where SB3's envs would seed env i with `s + i`.
-
-    Attributes:
-      disagreements: Wrong PINGs of all envs since the last reset.
+    ended. A single generator serves the batch; `seed(s)` seeds it, where SB3's envs would seed env i with
+    `s + i`.
     """
 
     def __init__(self, env: ProxemicVectorEnv) -> None:
         """Wraps a batch of envs; whatever its mode, an env is reset in the step that ends its episode."""
         self.env = env
-        self.disagreements = 0
+        self.disagreements = 0  # wrong PINGs of all envs since the last reset
         self._is_disagreement = env.model.is_wrong_ping.ravel()
         self._seed: int | None = None
         self._generator = np.random.default_rng()

@@ -9,7 +9,6 @@ from collections.abc import Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
@@ -191,7 +190,6 @@ class TabularAlgorithm(Algorithm):
         observation: str,  # noqa: ARG002
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-        logs: Sequence[Path] = (),  # noqa: ARG002
     ) -> TabularTraining:
         """Trains by `train`; the table's maximum is recorded if there is more than one record."""
         record_table = settings.record_every < settings.budget

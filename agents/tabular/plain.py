@@ -5,7 +5,6 @@ Tables are lists of lists, random numbers are Python's own, and no array is touc
 
 import random
 import time
-from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
@@ -36,7 +35,6 @@ class PlainQLearning(SequentialAlgorithm):
         observation: str,  # noqa: ARG002
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
     ) -> Fields:
         """Trains an agent, see `agents.contract.SequentialAlgorithm`."""
         rng = random.Random(int(seed.generate_state(1)[0]))

@@ -1,13 +1,12 @@
 """Contrasts: whether one learner does better than another, by a rule that is fixed before the runs.
 
-A learner's number is its mean over scenarios, which all weigh the same, of means of numbers in [0, 1]. Of a
-set of contrasts, p-values are adjusted by Holm's method (1979, Scandinavian Journal of Statistics 6:65-70),
-so that for each endpoint the probability of any wrong claim of a difference is at most about 5 %, and so is
-that of any wrong claim of equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
+Learners are compared by their mean over equally weighted scenarios of numbers in [0, 1]. P-values are
+adjusted by Holm's method (1979, Scandinavian Journal of Statistics 6:65-70), so that for each endpoint the
+probability of any wrong claim of a difference is at most about 5 %, and so is that of any wrong claim of
+equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
 """
 
 import math
-from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -23,7 +22,7 @@ MIXED: Final = "mixed"  # on a mean over scenarios: some contradict the others
 UNDECIDED: Final = "undecided"
 NO_VERDICT: Final = "no verdict"  # too few runs, or runs are missing
 VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT)
-POWER: Final = 0.8  # probability with which a number of runs or agents that is called needed decides
+POWER: Final = 0.8  # probability with which a needed number of agents decides
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Means:
 
 @dataclass(frozen=True)
 class Contrast:
-    """What the runs say of a difference, x - y, before p-values are adjusted."""
+    """A difference, x - y, with p-values before adjustment."""
 
     difference: float
     low: float  # of the 95 % interval
@@ -59,29 +58,24 @@ class Contrast:
 
 
 def contrast(x: Means, y: Means, margin: float) -> Contrast:
-    """Compares two learners that were trained in the same scenarios, by different runs.
-
-    They are equivalent if their difference is smaller than the margin.
-    """
+    """Compares two learners in the same scenarios; a difference below the margin is equivalence."""
     weights = [1 / len(x.means)] * len(x.means) + [-1 / len(y.means)] * len(y.means)
     means, sizes = [*x.means, *y.means], [*x.sizes, *y.sizes]
-    opposite = [-weight for weight in weights]
-    above, below = (p_above(signed, means, sizes, 0.0) for signed in (weights, opposite))
-    not_less, not_more = (p_above(signed, means, sizes, -margin) for signed in (weights, opposite))
+    signs = weights, [-weight for weight in weights]
     return Contrast(
         x.mean - y.mean,
         *combined(weights, means, sizes),
         *combined(weights, means, sizes, 2 * TAIL),
-        p_different=min(2 * min(above, below), 1.0),
-        p_equivalent=max(not_less, not_more),
+        p_different=min(1.0, *(2 * p_above(signed, means, sizes, 0.0) for signed in signs)),
+        p_equivalent=max(p_above(signed, means, sizes, -margin) for signed in signs),
     )
 
 
 def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int]:
     """Returns which scenarios contradict a verdict on their mean; if any does, the verdict is *mixed*.
 
-    A mean may not cancel: no scenario may be worse by the margin than the verdict says of all together.
-    Differences are x - y in each scenario.
+    Opposite differences, x - y in each scenario, must not cancel: none may contradict the verdict by the
+    margin or more.
 
     >>> mixed(EQUIVALENT, [0.3, -0.15, -0.15], 0.1), mixed(BETTER, [0.3, 0.0, -0.05], 0.1)
     ([0, 1, 2], [])
@@ -92,22 +86,17 @@ def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int
 
 
 def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) -> int:
-    """Returns how few runs can show that two learners are equivalent, if all runs of both succeed.
+    """Returns how few runs show that two learners are equivalent if all runs of both succeed.
 
-    Means are over scenarios, and p-values are adjusted for so many contrasts.
+    Means are over scenarios, and p-values are multiplied by the number of contrasts, which Holm's method
+    never exceeds. In `contrast`, the exact lower end of a mean of n successes is p^(1/n), and the ends of
+    both sides' M means combine to a p-value of (1 - margin * sqrt(M))^n.
 
     >>> runs_for_any_equivalence(0.1, 1, 1), runs_for_any_equivalence(0.1, 1, 51)
     (29, 66)
     """
-
-    def is_enough(n: int) -> bool:
-        side = Means([1.0] * n_scenarios, [n] * n_scenarios)
-        return contrast(side, side, margin).p_equivalent * n_contrasts <= 1 - LEVEL
-
-    most = 2
-    while not is_enough(most):
-        most *= 2
-    return 1 + bisect_left(range(1, most), True, key=is_enough)
+    reach = margin * math.sqrt(n_scenarios)
+    return math.ceil(math.log((1 - LEVEL) / n_contrasts) / math.log1p(-reach)) if reach < 1 else 1
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -117,17 +106,16 @@ def holm(p_values: Sequence[float]) -> list[float]:
     [0.03, 0.06, 0.06, 0.02]
     """
     n, adjusted, largest = len(p_values), [0.0] * len(p_values), 0.0
-    for rank, index in enumerate(sorted(range(n), key=lambda i: p_values[i])):
-        largest = max(largest, min((n - rank) * p_values[index], 1.0))
-        adjusted[index] = largest
+    for rank, i in enumerate(np.argsort(p_values, kind="stable").tolist()):
+        largest = max(largest, min((n - rank) * p_values[i], 1.0))
+        adjusted[i] = largest
     return adjusted
 
 
 def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
     """Returns the verdict on x against y, by their difference, x - y, and adjusted p-values.
 
-    A difference that is shown, but shown to be smaller than the margin, too, does not matter: the two are
-    equivalent.
+    A significant difference that is also significantly below the margin counts as equivalence.
     """
     if p_equivalent <= 1 - LEVEL:
         return EQUIVALENT
@@ -142,17 +130,14 @@ def decide(
     is_allowed: Sequence[bool],
     adjust: Callable[[Sequence[float]], list[float]] = holm,
 ) -> list[Mapping[str, object]]:
-    """Returns the p-values of a set of contrasts, adjusted for all, and verdicts on those that are allowed.
+    """Returns the adjusted p-values of all contrasts, and verdicts on those that are allowed.
 
-    To adjust p-values by `list` leaves them as they are.
+    With `list` as `adjust`, p-values stay as they are.
     """
-    different = adjust([found.p_different for found in contrasts])
-    equivalent = adjust([found.p_equivalent for found in contrasts])
-    return [
-        {
-            "p_different": p,
-            "p_equivalent": q,
-            "verdict": verdict(found.difference, p, q) if allowed else NO_VERDICT,
-        }
-        for found, p, q, allowed in zip(contrasts, different, equivalent, is_allowed, strict=True)
-    ]
+    different = adjust([compared.p_different for compared in contrasts])
+    equivalent = adjust([compared.p_equivalent for compared in contrasts])
+    decided: list[Mapping[str, object]] = []
+    for compared, p, q, allowed in zip(contrasts, different, equivalent, is_allowed, strict=True):
+        decision = verdict(compared.difference, p, q) if allowed else NO_VERDICT
+        decided.append({"p_different": p, "p_equivalent": q, "verdict": decision})
+    return decided

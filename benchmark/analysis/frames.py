@@ -50,10 +50,7 @@ def tables(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Returns the tables `runs` and `curves`, in the order of the groups and their runs.
 
-    Args:
-      groups: What to read.
-      store: Where all of these runs are stored.
-      columns: Results; by default all that are recorded.
+    By default they have all results that are recorded, else these columns.
 
     Raises:
       InputError: A record is missing or damaged, or a learner does not learn the policy that counts.
@@ -62,11 +59,16 @@ def tables(
     for group in groups:
         records, policy = load_records(group.runs, store), group.population.learner.declared.policy
         if records.run.solved is None and not records.arrays[evaluated("success", policy, "start")].shape[1]:
-            variant = f"algorithms.{group.population.learner.variant}"
-            reason = f"{variant}.policy = {policy}: its training returns no such policy; accepted: greedy"
-            raise InputError(f"{group.population.first.stream}: {reason}.")
+            raise InputError(
+                f"{records.run.stream}: algorithms.{records.run.variant}.policy = {policy}: its training "
+                "returns no such policy; accepted: greedy."
+            )
         keys, steps = keys_of(group.population) | dict(group.more), records.evaluation_steps
-        of_runs, of_curves = _results(records, policy, columns)
+        wanted = columns or _recorded(records.run)
+        of_runs, of_curves = (
+            {name: compute(records, policy) for name, compute in computed.items() if name in wanted}
+            for computed in (_RUN_COLUMNS, _CURVE_COLUMNS)
+        )
         about = {"seed": records.seeds, "policy": policy, "budget": steps[-1]}
         runs.append(pd.DataFrame(keys | about | of_runs, index=range(len(records.seeds))))
         if of_curves:
@@ -83,24 +85,12 @@ def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return joined.assign(**{str(name): joined[name].fillna("") for name in texts})
 
 
-def _results(
-    records: Records, policy: str, wanted: Sequence[str]
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Returns the results of N runs: at the end, (N,) each, and over training, (N, T) each."""
-    is_known = _MAPPED.__contains__ if records.run.solved is not None else _is_of(records.run)
-    ends, curves = (
-        {name: make(records, policy) for name, make in makers.items() if is_known(name)}
-        if not wanted
-        else {name: makers[name](records, policy) for name in wanted if name in makers}
-        for makers in (_RUN_COLUMNS, _CURVE_COLUMNS)
-    )
-    return ends, curves
-
-
-def _is_of(run: RunSpecification) -> Callable[[str], bool]:
-    """Returns whether a column is one of a run that is not of a map."""
+def _recorded(run: RunSpecification) -> set[str]:
+    if run.solved is not None:
+        return _MAPPED
+    names = {*_RUN_COLUMNS, *_CURVE_COLUMNS} - {"unseen_success"}
     is_everywhere = "every_cell" in run.evaluated_from
-    return lambda name: name != "unseen_success" and (is_everywhere or not name.startswith("every_cell_"))
+    return {name for name in names if is_everywhere or "every_cell_" not in name}
 
 
 def _over_training(name: str, start: str, records: Records, policy: str) -> Floats:
@@ -111,9 +101,8 @@ def _over_training(name: str, start: str, records: Records, policy: str) -> Floa
     if name == "uncomfortable_steps":
         steps = records.arrays[evaluated("zone_steps", policy, start)]
         return np.asarray(steps[..., ZONES.index("uncomfortable")])
-    if records.run.solved is not None:
-        return np.asarray(records.arrays[name])
-    return np.asarray(records.arrays[evaluated(name, policy, start)])
+    key = name if records.run.solved is not None else evaluated(name, policy, start)
+    return np.asarray(records.arrays[key])
 
 
 def _final(name: str, start: str, records: Records, policy: str) -> Floats:
@@ -123,16 +112,6 @@ def _final(name: str, start: str, records: Records, policy: str) -> Floats:
 def _unseen_success(records: Records, _: str) -> Floats:
     """Returns the success in unseen places, (N,); NaN without any."""
     return np.array([[*agent["unseen_success"], math.nan][0] for agent in records.agents])
-
-
-def _peak_memory_mb(records: Records, _: str) -> Floats:
-    return np.array([run["peak_memory_mb"] or math.nan for run in records.provenance])
-
-
-def _diverged_at(records: Records, _: str) -> Floats:
-    """Returns the first evaluation step whose policy was not finite, (N,); infinite if all were."""
-    step = records.arrays["diverged_at"]
-    return np.where(step < 0, np.inf, step)
 
 
 def area(success: Floats, steps: Sequence[int]) -> Floats:
@@ -157,11 +136,15 @@ _RUN_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     "cells_marked": lambda records, _: records.values_ping.sum(axis=1),
     "region_overlap": lambda records, _: records.region_overlap,
     "training_wrong_pings": lambda records, _: records.arrays["disagreements"][:, -1],
-    "diverged_at": _diverged_at,
+    "diverged_at": lambda records, _: np.where(
+        records.arrays["diverged_at"] < 0, np.inf, records.arrays["diverged_at"]
+    ),
     "updates": lambda records, _: records.arrays["updates"],
     "parameters": lambda records, _: records.arrays["parameters"],
     "cpu_time_s": lambda records, _: np.array([run["cpu_time_s"][-1] for run in records.provenance]),
-    "peak_memory_mb": _peak_memory_mb,
+    "peak_memory_mb": lambda records, _: np.array(
+        [run["peak_memory_mb"] or math.nan for run in records.provenance]
+    ),
 }
 _CURVE_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     **{name: partial(_over_training, name, "start") for name in ("success", "score", "unbounded_score")},
@@ -188,9 +171,9 @@ def by_step(curves: pd.DataFrame, column: str) -> Floats:
 
 
 def learned(success: Floats, steps: Sequence[int], level: float, until: float = math.inf) -> NDArray[np.int_]:
-    """Returns from which evaluation on each run has learned, (N,): its index, or T if it never has.
+    """Returns the index of the first evaluation, (N,), from which success stays at or above a level.
 
-    It has learned once success stays at or above a level until so many times as many steps, or to the end.
+    It has to stay there until so many times as many steps, or to the end; T if it never does.
 
     >>> curves = np.array([[0.0, 1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, 0.0, 0.0]])
     >>> steps = [0, 100, 200, 300, 400]

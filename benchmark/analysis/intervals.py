@@ -1,8 +1,8 @@
 """Intervals over agents.
 
-Means of numbers in [0, 1] have exact binomial intervals, and sums and differences of such means intervals
-that follow from these. Those have a width even where all agents agree. Statistics that are no such means are
-resampled, see `resample`; those intervals are percentiles, and seeded: equal records give equal digits.
+Means of numbers in [0, 1] have exact binomial intervals, from which those of sums and differences of such
+means follow; they have a width even where all agents agree. Other statistics have percentile intervals over
+seeded resamples, so equal records give equal digits.
 """
 
 from collections.abc import Sequence
@@ -21,21 +21,23 @@ LEVEL: Final = 0.95  # of confidence, unless another is given
 TAIL: Final = (1 - LEVEL) / 2  # which an interval leaves out on each side
 
 
+Numbers = Any  # a float, or an array
+
+
 class Estimate(NamedTuple):
     """A number, or several as an array, with the 95 % interval of each."""
 
-    value: Any
-    low: Any
-    high: Any
+    value: Numbers
+    low: Numbers
+    high: Numbers
 
 
 @lru_cache(maxsize=8)
 def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
-    """Draws how often each agent counts in each resample, (RESAMPLES + 1, N).
+    """Draws how often each agent counts in each resample, (RESAMPLES + 1, N); in the first, all count once.
 
-    The first row counts every agent once, and so gives the statistic itself. A product of this matrix with
-    the agents' values resamples their sum. Each scenario has its own draws. All populations of a scenario
-    that have the same size share them, as the conditions of an experiment share random streams.
+    The product of this matrix with the agents' values resamples their sum. Populations of the same scenario
+    and size share the draws.
     """
     rng = np.random.default_rng([BOOTSTRAP_SEED, *scenario.encode()])
     counts = rng.multinomial(n_agents, np.full(n_agents, 1 / n_agents), size=RESAMPLES)
@@ -43,8 +45,8 @@ def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
 
 
 def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of the 95 % interval of a resampled statistic, which itself is the first sample."""
-    with np.errstate(invalid="ignore"):  # of infinite ratios the interval is NaN
+    """Returns the ends of the 95 % interval of a resampled statistic; the first sample is the statistic."""
+    with np.errstate(invalid="ignore"):  # infinite ratios give NaN
         low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
     return low, high
 
@@ -52,16 +54,10 @@ def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
 def proportion_interval(
     mean: NDArray[np.float64] | float, n: NDArray[np.int_] | int, tail: float = TAIL
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of intervals of means of numbers in [0, 1].
+    """Returns the ends of intervals of means, of any shape, of n numbers in [0, 1], with a tail on each side.
 
-    For shares of successes they are the exact binomial ones (Clopper and Pearson 1934), which contain the
-    truth at least as often as they say. Other numbers in [0, 1] with the same mean vary less, and in all
-    cases that were tried the interval is conservative for them, often by far.
-
-    Args:
-      mean: Of any shape.
-      n: How many numbers each mean is of.
-      tail: The probability that is left out on each side.
+    For shares of successes they are the exact binomial ones (Clopper and Pearson 1934). Other numbers in
+    [0, 1] with the same mean vary less; in all cases that were tried, the interval is conservative for them.
 
     >>> [round(float(end), 4) for end in proportion_interval(1.0, 100)]  # 0.025 ** (1 / 100)
     [0.9638, 1.0]
@@ -75,7 +71,7 @@ def proportion_interval(
 
 
 def proportion(values: NDArray[np.generic]) -> Estimate:
-    """Returns means over agents of (N, ...) numbers in [0, 1], see `proportion_interval`; NaN without any."""
+    """Returns means over N agents of (N, ...) numbers in [0, 1]; NaN without agents."""
     if not len(values):
         return Estimate(np.nan, np.nan, np.nan)
     mean = values.mean(axis=0)
@@ -85,17 +81,11 @@ def proportion(values: NDArray[np.generic]) -> Estimate:
 def combined(
     weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], tail: float = TAIL
 ) -> tuple[float, float]:
-    """Returns the ends of the interval of a weighted sum of independent means of numbers in [0, 1].
+    """Returns the ends of the interval of a weighted sum of independent means of `sizes` numbers in [0, 1].
 
-    It follows from the intervals of the means, as Newcombe's interval of a difference does: each end of the
-    sum is as far from it as the root of the summed squares of the distances to the means' own ends (Zou and
-    Donner 2008, Statistics in Medicine 27:1693-1702).
-
-    Args:
-      weights: Of the means; negative for those that are subtracted.
-      means: Each of other agents.
-      sizes: How many numbers each mean is of.
-      tail: The probability that is left out on each side.
+    Like Newcombe's interval of a difference, it follows from the intervals of the means: the distance of each
+    end from the sum is the root of the summed squares of the distances of the means' own ends (Zou and Donner
+    2008, Statistics in Medicine 27:1693-1702). Weights may be negative.
     """
     weight, mean = np.asarray(weights, dtype=float), np.asarray(means, dtype=float)
     low, high = proportion_interval(mean, np.asarray(sizes), tail)
@@ -110,8 +100,8 @@ def combined(
 def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float) -> float:
     """Returns the one-sided p-value of a weighted sum of means being at most a value.
 
-    It is the tail that the lower end of `combined` leaves out when that end is the value; 1 if the observed
-    sum is at most the value, or so little above it that no end is.
+    It is the tail of the interval `combined` whose lower end is the value; 1 if there is none, as where the
+    observed sum is at most the value.
     """
 
     def distance(z: float) -> float:
@@ -123,16 +113,11 @@ def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[in
 
 
 def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1) -> Estimate:
-    """Returns means over agents with Student's intervals.
+    """Returns means over N agents of (N, ...) values without outliers, with Student's intervals.
 
-    For numbers that vary alike between agents, not for those of which a few are far from all others. Where
-    all agents agree, the interval has no width.
-
-    Args:
-      values: (N, ...), of N agents.
-      level: Of confidence.
-      n_means: How many intervals hold the true means all at once with this confidence, by Bonferroni's
-        correction: it does not matter how the values of an agent depend on each other.
+    Where all agents agree, the interval has no width. By Bonferroni's correction, `n_means` intervals contain
+    all their true means at once with this level of confidence, however the values of an agent depend on each
+    other.
     """
     n = len(values)
     t = stats.t.ppf(1 - (1 - level) / (2 * n_means), n - 1)
@@ -143,9 +128,7 @@ def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1)
 
 
 def median(values: NDArray[np.float64]) -> Estimate:
-    """Returns the median of N values with its exact interval by ranks.
-
-    Where N is too small for such an end, it is 0 or infinite.
+    """Returns the median of N values with its exact interval by ranks; for few values, 0 or infinite ends.
 
     >>> median(np.arange(1.0, 21.0)), median(np.array([1.0, 2.0, np.inf])).value
     (Estimate(value=10.5, low=6.0, high=15.0), 2.0)

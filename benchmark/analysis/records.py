@@ -1,6 +1,6 @@
 """The records of a population: what is stored of runs that differ by their seed alone."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Final
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate, every_cell, from_starts, solve
 from agents.policy import uniform_policy
-from benchmark.analysis.intervals import resample
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import RunSpecification
 from envs import ZONES, InputError, Model, compile_scenario
@@ -24,10 +23,9 @@ OPTIMUM_TOLERANCE: Final = 1e-9  # a policy counts as optimal up to this distanc
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """The records of N runs of one population, in the order of their seeds.
+    """The records of N runs of one population.
 
-    T evaluation steps, V map steps, O observations, F fresh states (see `Model.fresh_state`; in S1 to S3 both
-    are the cells), A actions.
+    T evaluation steps, V map steps, F fresh states (see `Model.fresh_state`), A actions.
     """
 
     run: RunSpecification  # the first of them
@@ -36,7 +34,7 @@ class Records:
     provenance: Sequence[Provenance]  # (N,)
 
     @cached_property
-    def arrays(self) -> Mapping[str, Array]:
+    def arrays(self) -> "_Stacked":
         """The arrays of all agents, (N, ...) each, by name."""
         return _Stacked(self.agents, self.run.variant)
 
@@ -50,20 +48,10 @@ class Records:
         """The scenario's name."""
         return self.run.scenario.name
 
-    @property
-    def horizon(self) -> int:
-        """Steps after which an evaluated episode is truncated."""
-        return self.run.horizon
-
     @cached_property
     def evaluation_steps(self) -> tuple[int, ...]:
         """(T,) in units of the learner's budget."""
         return self.run.schedule.evaluation_steps
-
-    @property
-    def discount(self) -> float:
-        """The discount of the learner's values."""
-        return self.run.settings.discount_factor
 
     @cached_property
     def map_indices(self) -> NDArray[np.int_]:
@@ -71,29 +59,21 @@ class Records:
         return np.flatnonzero(self.run.schedule.is_mapped)
 
     @property
-    def weights(self) -> NDArray[np.float64]:
-        """(RESAMPLES + 1, N) how often each agent counts, see `resample`."""
-        return resample(len(self.seeds), self.scenario)
-
-    @property
     def anchors(self) -> Mapping[str, tuple[float, float]]:
-        """Exact returns from the start, see `anchors`."""
-        return anchors(self.model, self.horizon, "start")
+        """Exact returns from the start, see the function `anchors`."""
+        return anchors(self.model, self.run.horizon, "start")
 
     @property
     def random_success(self) -> float:
         """How often the random policy succeeds, exactly."""
-        return _random_success(self.model, self.horizon)
+        return _random_success(self.model, self.run.horizon)
 
     def unbounded_scores(self, policy: str = "greedy", start: str = "start") -> NDArray[np.float64]:
-        """Returns scores, (N, T): grid returns scaled so that 0 is the random policy and 1 the optimal one.
+        """Returns grid returns, scaled so that 0 is the random policy and 1 the optimal one, (N, T).
 
-        Args:
-          policy: `"greedy"` or `"stochastic"`; the scores of a stochastic policy are (N, 0) if the learner
-            has none.
-          start: Where episodes start, one of the experiment's `evaluated_from`.
+        Those of a stochastic policy are (N, 0) if the learner has none.
         """
-        random, optimal = anchors(self.model, self.horizon, start)["grid_return"]
+        random, optimal = anchors(self.model, self.run.horizon, start)["grid_return"]
         returns = self.arrays[evaluated("grid_return", policy, start)]
         return np.asarray((returns - random) / (optimal - random))
 
@@ -128,29 +108,18 @@ class Records:
         return np.asarray(valued[:, self.model.observation[self.model.fresh_state]])
 
 
-class _Stacked(Mapping[str, Array]):
-    """The arrays of N agents, (N, ...), each stacked when it is first asked for: all together are large."""
+class _Stacked(dict[str, Array]):
+    """Arrays that are stacked when they are first asked for: all together are large."""
 
     def __init__(self, agents: Sequence[Mapping[str, Array]], variant: str) -> None:
-        self.agents = agents  # (N,)
-        self.variant = variant
-        self._stacked: dict[str, Array] = {}
+        super().__init__()
+        self.agents, self.variant = agents, variant
 
-    def __getitem__(self, name: str) -> Array:
-        if name not in self:
+    def __missing__(self, name: str) -> Array:
+        if name not in self.agents[0]:
             raise InputError(f"algorithms.{self.variant}: its training returns no {name}.")
-        if name not in self._stacked:
-            self._stacked[name] = np.stack([arrays[name] for arrays in self.agents])
-        return self._stacked[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.agents[0]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.agents[0])
-
-    def __len__(self) -> int:
-        return len(self.agents[0])
+        self[name] = np.stack([arrays[name] for arrays in self.agents])
+        return self[name]
 
 
 def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
@@ -183,14 +152,8 @@ def _random_success(model: Model, horizon: int) -> float:
 def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float, float]]:
     """Computes the exact returns of the random and of the optimal policy.
 
-    Args:
-      model: Compiled scenario.
-      horizon: Steps after which an episode is truncated.
-      start: `"start"`, or `"every_cell"`: see `agents.dynamic_programming.every_cell`.
-
-    Returns:
-      (random, optimal) for `"grid_return"`, the grid's rewards alone, and `"scenario_return"`, with the
-      issuer's.
+    Episodes start at `"start"` or in `"every_cell"`, and are truncated at the horizon. Of both policies,
+    `"grid_return"` is the sum of the grid's rewards alone, and `"scenario_return"` that with the issuer's.
     """
     starts = every_cell(model) if start == "every_cell" else from_starts(model)
     random = evaluate(model, uniform_policy(model), horizon, starts)
@@ -202,7 +165,7 @@ def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float,
 
 
 def check_anchors(model: Model, horizon: int, start: str) -> None:
-    """Checks that scores are defined: that the optimal policy earns more than the random one; see `anchors`.
+    """Checks that scores are defined: that the optimal policy earns more than the random one.
 
     Raises:
       InputError: It does not.
@@ -229,6 +192,6 @@ def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[n
 
 def optimal_values(records: Records) -> NDArray[np.float64]:
     """Returns Q* of every fresh state, (F, A); undiscounted, up to the horizon."""
-    model = records.model
-    horizon = None if records.discount < 1 else records.horizon
-    return solve(model, records.discount, horizon).q[model.fresh_state]
+    discount = records.run.settings.discount_factor
+    horizon = None if discount < 1 else records.run.horizon
+    return solve(records.model, discount, horizon).q[records.model.fresh_state]

@@ -72,7 +72,6 @@ def main(options: argparse.Namespace) -> int:
         [cache],
         _machine(options.results),
         _store(options.results / "runs.db"),
-        [] if options.cluster is None else [_cluster(options.cluster, runs)],
         _experiment(runs, options) if runs else [],
     )
     console = Console()
@@ -160,8 +159,6 @@ def _disk(results: Path) -> tuple[Path, int]:
 
 def _store(path: Path) -> Iterator[Finding]:
     """Yields whether the store is sound."""
-    if (left := path.with_name(f"{path.name}.damaged")).exists():
-        yield Finding("note", "store", f"{left} is left over from a damaged store; delete it in the end")
     try:
         with Store(path, read_only=True) as store:
             if structure := store.problem():
@@ -182,18 +179,6 @@ def _store(path: Path) -> Iterator[Finding]:
         text = f"{len(checked):,} of {len(ended):,} records checked, {n_damaged:,} damaged"
         state, advice = ("problem", "says what to do") if n_damaged else ("ok", "checks all")
         yield _finding("checksums", text, f"'verify' {advice}", state)
-
-
-def _cluster(address: str, runs: Sequence["RunSpecification"]) -> Finding:
-    """Returns whether a Dask cluster can execute these runs."""
-    from benchmark.commands.run import connect
-
-    try:
-        cluster = connect(address, {run.algorithm for run in runs} or {"q_learning"})
-    except InputError as error:
-        return _problem("cluster", error)
-    cluster.cancel()
-    return _finding("cluster", f"{address}: workers with the same packages and code: {cluster.workers}")
 
 
 def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace) -> Iterator[Finding]:

@@ -4,8 +4,6 @@ import argparse
 import sys
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack
-from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.analysis.records import check_scores
@@ -18,7 +16,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
 from benchmark.reports import draw, load_report
 from envs import InputError
-from envs.inputs import missing_package, needed_by
+from envs.inputs import needed_by
 
 if TYPE_CHECKING:
     from benchmark.execution.executors.cluster import Cluster
@@ -40,8 +38,6 @@ def main(options: argparse.Namespace) -> int:
             f"{name}: --seeds: an experiment with stages uses only its declared seeds; remove --seeds."
         )
     executor = None if options.executor is None else load_executor(options.executor, "--executor")
-    if options.tensorboard is not None:
-        _check_logs(experiment, options.tensorboard)
     check_scores(all_specifications(experiment, seeds))
     if text := forecast(experiment):
         print(f"{name}: {text}", file=sys.stderr)
@@ -69,19 +65,17 @@ def _execute(
             stack.enter_context(store.alone())
         todo = driver.pending(runs, store)  # another command may have trained some meanwhile
         n_done = len(runs) - len(todo)
-        if options.tensorboard is not None and n_done:
-            print(f"{name}: {n_done} runs were done already; they are not trained again for --tensorboard.")
         if not todo:
             print(f"{name}: all {len(runs)} runs are done already.")
             return 0
-        jobs, logs = parse_jobs(options.jobs), options.tensorboard
+        jobs = parse_jobs(options.jobs)
         if options.cluster is not None:
             cluster = connect(options.cluster, {run.algorithm for run in todo})
             stack.callback(cluster.cancel)
             # A worker finds its next job waiting.
             jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
         with Display(name, runs, store.ended()) as display:
-            errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
+            errors = driver.run(runs, store, jobs, display.advance, display.start, executor)
     statuses = store.statuses()
     n_lost = sum(run.digest not in statuses for run in runs)
     problem = ""
@@ -109,18 +103,3 @@ def connect(address: str, algorithms: Collection[str]) -> "Cluster":
     with needed_by("--cluster"):
         from benchmark.execution.executors.cluster import Cluster
     return Cluster(address, algorithms)
-
-
-def _check_logs(experiment: Experiment, directory: Path) -> None:
-    """Refuses TensorBoard logs that no algorithm writes, or that cannot be written."""
-    if not any(learner.algorithm.writes_logs for learner in experiment.learners.values()):
-        raise InputError(
-            f"--tensorboard: no algorithm of {experiment.name} writes logs; accepted: an experiment with "
-            "algorithms of Stable-Baselines3."
-        )
-    if find_spec("tensorboard") is None:
-        raise missing_package("--tensorboard", "tensorboard")
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--tensorboard {directory}: cannot be created: {error.strerror}.") from error

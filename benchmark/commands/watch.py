@@ -14,7 +14,7 @@ from rich.live import Live
 
 from benchmark.analysis.records import load_records
 from benchmark.commands import MOST_SEEDS
-from benchmark.drawing.film import ANIMATIONS, Film, Moment, Screen, end_of, film_of, learning, write
+from benchmark.drawing.film import ANIMATIONS, Film, Moment, Screen, film_of, learning, write
 from benchmark.drawing.style import check_file
 from benchmark.drawing.text import to_text
 from benchmark.execution.driver import pending, run
@@ -79,7 +79,7 @@ def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Fil
 def moments(film: Film) -> Iterator[Moment]:
     """Yields the moment of every frame: for every map the walk, cell by cell, and then its end."""
     for index in range(len(film.steps)):
-        end = end_of(film, index)
+        end = film.end(index)
         for n_cells in range(1, len(end.cells)):
             yield Moment(index, end.cells[:n_cells], state=film.walks[index].states[n_cells - 1])
         for _ in range(_PAUSE):
@@ -131,7 +131,7 @@ def in_terminal(film: Film, console: Console) -> None:
     """Plays the film in the terminal; if the console is no terminal, prints the end of every walk."""
     if not console.is_terminal:
         for index in range(len(film.steps)):
-            console.print(to_text(film, end_of(film, index)))
+            console.print(to_text(film, film.end(index)))
         return
     console.print("Press Ctrl-C to stop.", style="dim")
     with suppress(KeyboardInterrupt), Live(console=console, auto_refresh=False) as live:

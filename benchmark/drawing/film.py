@@ -8,9 +8,8 @@ actions are equally good, or where it has diverged.
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
-from textwrap import wrap
+from textwrap import fill
 from typing import Final
 
 import numpy as np
@@ -41,9 +40,9 @@ ENDINGS: Final = {
 ANIMATIONS: Final = (".webp", ".gif")  # endings of files
 _DPI: Final = 100
 _CELL, _LARGE_CELL = 0.21, 0.34  # inches, of the cells of several films, and of one
-_LONGEST_SIDE: Final = 20  # inches, of a map: cells of large rooms are smaller
+_LONGEST_SIDE: Final = 20  # inches, of a map
 _NARROWEST, _LOWEST, _GAP, _BAR = 2.6, 0.5, 0.1, 0.7  # inches: sizes of a map, gap, width of a colour bar
-_WIDEST: Final = 16_383 / _DPI - _BAR  # inches: a WebP has at most so many pixels
+_MOST_PIXELS: Final = 16_383  # of a side of a WebP
 _TITLE, _LINE, _CHARACTERS = 8, 0.14, 15  # size in points, inches of a line, characters in an inch
 _FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
 _UNKNOWN: Final[Style] = {"fc": RGB["no value"], "ec": RGB["line"], "lw": 0, "hatch": "//"}
@@ -56,8 +55,7 @@ _AGENT: Final[Style] = {"color": RGB["path"], "marker": "o", "ms": 8, "mec": "wh
 class Film:
     """One agent over its training: V maps of O cells.
 
-    Where one map does not show all, it holds O observations, and `seen` returns the film of the cells with
-    the issuer in one position and phase.
+    With a model, O are observations, of which `seen` selects those of one position and phase of the issuer.
     """
 
     title: str
@@ -67,18 +65,13 @@ class Film:
     greedy: NDArray[np.uint8]  # (V, O) masks
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
-    scale: tuple[float, float] | None = None  # the ends of a colour scale that films share
+    scale: tuple[float, float]  # the ends of the colours of values
     model: Model | None = None  # unless one map shows it all, see `Model.has_cell_maps` and `cell_map`
-
-    @cached_property
-    def limits(self) -> tuple[float, float]:
-        """The ends of the colour scale, the same for all maps."""
-        return self.scale or colour_limits(self.values)
 
     def is_unknown(self, index: int) -> NDArray[np.bool_]:
         """Returns in which cells of a map, (O,), there is no value, or all actions are equally good."""
         values, greedy = self.values[index], contains(self.greedy[index])
-        # Values are rounded, greedy actions were chosen before.
+        # Values alone do not tell, since they are rounded.
         is_unvisited = (values == values[:, :1]).all(axis=1) & greedy.all(axis=1)
         return np.asarray(is_unvisited | np.isnan(values).any(axis=1))
 
@@ -89,19 +82,18 @@ class Film:
         # The states that differ from the agent's by the cell alone.
         first = moment.state - int(self.model.cell[moment.state])
         observed = self.model.observation[first : first + len(self.model.position)]
-        context = int(self.model.context[moment.state])
-        return replace(
-            self,
-            scene=scene_of(self.model, context),
-            values=self.values[:, observed],
-            greedy=self.greedy[:, observed],
-            scale=self.limits,
-            model=None,
-        )
+        scene = scene_of(self.model, int(self.model.context[moment.state]))
+        values, greedy = self.values[:, observed], self.greedy[:, observed]
+        return replace(self, scene=scene, values=values, greedy=greedy, model=None)
+
+    def end(self, index: int) -> "Moment":
+        """Returns the end of the walk at a map."""
+        walked = self.walks[index]
+        return Moment(index, walked.cells, walked.ending, walked.states[-1])
 
     def end_at(self, step: int) -> "Moment":
         """Returns the end of the walk at the last map that is not later than a step."""
-        return end_of(self, int(np.searchsorted(self.steps, step, side="right")) - 1)
+        return self.end(int(np.searchsorted(self.steps, step, side="right")) - 1)
 
 
 @dataclass(frozen=True)
@@ -119,7 +111,8 @@ def film_of(title: str, records: Records, agent: int = 0) -> Film:
     model, indices = records.model, records.map_indices
     arrays = records.agents[agent]
     values, greedy = arrays["values"].astype(np.float64), arrays["greedy"][indices]
-    walks = [walk(model, masks, records.horizon) for masks in greedy]
+    scale = colour_limits(values)
+    walks = [walk(model, masks, records.run.horizon) for masks in greedy]
     n_starts = len(model.starts)
     _, scene, observed = cell_map(model)
     is_egocentric = scene.origin is not None
@@ -135,14 +128,9 @@ def film_of(title: str, records: Records, agent: int = 0) -> Film:
         greedy=greedy,
         scores=records.unbounded_scores()[agent, indices],
         walks=walks,
+        scale=scale,
         model=None if model.has_cell_maps or is_egocentric else model,
     )
-
-
-def end_of(film: Film, index: int) -> Moment:
-    """Returns the end of the walk at a map."""
-    walked = film.walks[index]
-    return Moment(index, walked.cells, walked.ending, walked.states[-1])
 
 
 class Screen:
@@ -151,30 +139,27 @@ class Screen:
     The cells of a single film are larger, and have an arrow head for every greedy move.
     """
 
-    def __init__(self, films: Sequence[Sequence[Film]]) -> None:
-        """Makes the figure and shows the first map; films that do not fit into a WebP are left out."""
-        self.films: list[Film] = []
-        self._axes: list[Axes] = []
-        rows, columns = np.max([(film.scene.rows, film.scene.columns) for row in films for film in row], 0)
-        cell = _LARGE_CELL if sum(map(len, films)) == 1 else _CELL
-        cell = min(cell, _LONGEST_SIDE / max(rows, columns))
-        width = max(cell * columns, _NARROWEST) + _GAP
-        films = [row[: max(int(_WIDEST / width), 1)] for row in films]
-        n_columns, n_characters = max(map(len, films)), int(width * _CHARACTERS)
-        n_lines = max(len(wrap(film.title, n_characters)) for row in films for film in row) + 2
-        size = n_columns * width + _BAR, len(films) * (max(cell * rows, _LOWEST) + n_lines * _LINE + _GAP)
-        with figure_of(len(films), n_columns, size) as (self.figure, axes):
-            self.figure.set_dpi(_DPI)
-            for row, row_axes in zip(films, axes, strict=True):
+    def __init__(self, rows: Sequence[Sequence[Film]]) -> None:
+        """Makes the figure and shows the first map of each film."""
+        films = [film for row in rows for film in row]
+        height, width = np.max([(film.scene.rows, film.scene.columns) for film in films], axis=0)
+        cell = min(_CELL if len(films) > 1 else _LARGE_CELL, _LONGEST_SIDE / max(height, width))
+        width, height = max(cell * width, _NARROWEST) + _GAP, max(cell * height, _LOWEST) + _GAP
+        titles = [fill(film.title, int(width * _CHARACTERS)) for film in films]
+        height += max(title.count("\n") + 3 for title in titles) * _LINE
+        n_columns = max(map(len, rows))
+        size = n_columns * width + _BAR, len(rows) * height
+        with figure_of(len(rows), n_columns, size) as (self.figure, axes):
+            self.figure.set_dpi(min(_DPI, _MOST_PIXELS / max(size)))
+            self._axes, self.films = list[Axes](), list[Film]()
+            for row, row_axes in zip(rows, axes, strict=True):
                 scale = colour_limits(np.concatenate([film.values.ravel() for film in row]))
                 colour_bar(self.figure, row_axes, Normalize(*scale), "value", extend="both")
                 for axis in row_axes[len(row) :]:
                     axis.set_axis_off()
-                for film in row:
-                    title = "\n".join(wrap(film.title, n_characters))
-                    self.films.append(replace(film, title=title, scale=scale))
-                self._axes += list(row_axes[: len(row)])
-            self.show([end_of(film, 0) for film in self.films])
+                self._axes += [*row_axes[: len(row)]]
+                self.films += [replace(film, title=titles.pop(0), scale=scale) for film in row]
+            self.show([film.end(0) for film in self.films])
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine("none")  # a layout takes longer than a frame
 
@@ -186,25 +171,20 @@ class Screen:
     def image(self) -> Image.Image:
         """Returns the figure as an image."""
         buffer = io.BytesIO()
-        self.figure.savefig(buffer, format="rgba", dpi=_DPI)
+        self.figure.savefig(buffer, format="rgba", dpi="figure")
         size = self.figure.canvas.get_width_height()
         return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
 
 
 def _draw(axis: Axes, film: Film, moment: Moment, *, has_arrows: bool) -> None:
-    scene, index, agent, norm = film.scene, moment.index, moment.cells[-1], Normalize(*film.limits)
+    scene, index, agent, norm = film.scene, moment.index, moment.cells[-1], Normalize(*film.scale)
     greedy, is_unknown = contains(film.greedy[index]), film.is_unknown(index)
-    cell = np.arange(scene.n_cells).repeat(len(ACTIONS))
-    frame = pd.DataFrame(
-        {
-            "row": cell // scene.columns,
-            "column": cell % scene.columns,
-            "action": np.tile(ACTIONS, scene.n_cells),
-            "value": film.values[index].ravel(),
-            # All actions are greedy mostly where the agent has never been.
-            "is_marked": greedy.ravel() & ~greedy.all(axis=1).repeat(len(ACTIONS)) & (cell != agent),
-        }
-    )[~(is_unknown | scene.is_over).repeat(len(ACTIONS))]
+    # All actions are greedy mostly where the agent has never been.
+    is_marked = greedy & ~greedy.all(axis=1, keepdims=True) & (np.arange(scene.n_cells) != agent)[:, None]
+    cell = np.flatnonzero(~is_unknown & ~scene.is_over)
+    frame = pd.DataFrame(scene.position[cell.repeat(len(ACTIONS))], columns=["row", "column"])
+    frame["action"] = np.tile(ACTIONS, len(cell))
+    frame["value"], frame["is_marked"] = film.values[index, cell].ravel(), is_marked[cell].ravel()
     is_ping = frame["action"] == "PING"
     axis.clear()
     axis.set_facecolor(RGB["over"])
@@ -223,9 +203,9 @@ def _draw(axis: Axes, film: Film, moment: Moment, *, has_arrows: bool) -> None:
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="")
 
 
-def learning(films: Sequence[Sequence[Film]]) -> list[Image.Image]:
+def learning(rows: Sequence[Sequence[Film]]) -> list[Image.Image]:
     """Draws agents side by side, at every step at which one of them has a map."""
-    screen = Screen(films)
+    screen = Screen(rows)
     frames = []
     for step in sorted({step for film in screen.films for step in film.steps}):
         screen.show([film.end_at(step) for film in screen.films])
@@ -237,17 +217,8 @@ def learning(films: Sequence[Sequence[Film]]) -> list[Image.Image]:
 def write(frames: Sequence[Image.Image], path: Path) -> None:
     """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours.
 
-    Raises:
-      InputError: The file name has another ending, or there is no such folder.
-      OSError: The file cannot be written.
+    Raises an InputError if the name has another ending or the folder does not exist.
     """
     check_file(path, *ANIMATIONS)
-    frames[0].save(
-        path,
-        path.suffix.lower().removeprefix("."),
-        save_all=True,
-        append_images=frames[1:],
-        loop=0,
-        quality=70,
-        duration=[_FRAME_MS] * (len(frames) - 1) + [_LAST_MS],
-    )
+    duration = [_FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
+    frames[0].save(path, save_all=True, append_images=frames[1:], loop=0, quality=70, duration=duration)

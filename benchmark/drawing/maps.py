@@ -3,6 +3,7 @@
 On the axes, x is the column and y the row of a cell's centre; in `envs.scene`, of its upper left corner.
 """
 
+import math
 from collections.abc import Sequence
 from textwrap import wrap
 from typing import Any, Final
@@ -45,13 +46,10 @@ _GLYPHS: Final[dict[str, Style]] = {
 # Hatched, since the colours of values include greys.
 _WALL: Final[Style] = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
 _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
-_WAY: Final[Style] = {"color": RGB["person"], "lw": 0.9, "ls": ":"}
 
 # Of the gallery
-_COLUMNS: Final = 6
-_CHARACTERS: Final = 30  # of a line of text below one map
-_MOST_MAPS: Final = 4  # of a scenario; of those with more places or phases, three are shown
-_MAP, _GAP, _LINE, _LEGEND = 1.36, 0.07, 0.125, 0.65  # inches: a map, between maps, a line of text, a legend
+_COLUMNS, _MOST_MAPS, _CHARACTERS = 6, 4, 28  # in a row, of a scenario, in a line of text below a map
+_WIDTH, _ROW, _LEGEND = 8.65, 2.2, 0.65  # inches
 
 
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
@@ -63,17 +61,14 @@ def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize)
 
 
 def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:
-    """Draws one value per cell and move as a triangle on the side of the cell to which the move leads.
-
-    The frame has columns row, column, action (moves alone) and the one that is drawn.
-    """
+    """Draws a frame's values, by row, column and move, as triangles on the sides to which the moves lead."""
     shapes, values = _shapes(frame, TRIANGLES), frame[value].to_numpy()
     axis.add_collection(PolyCollection(shapes, array=values, **_coloured(norm), linewidths=0.2))
     _dress(axis, scene, _ON_VALUES)
 
 
 def discs(axis: Axes, frame: pd.DataFrame, norm: Normalize, value: str) -> None:
-    """Draws one value per cell as a disc in its middle; columns row, column and the one that is drawn."""
+    """Draws a frame's values, by row and column, as discs in the middle of the cells."""
     style: Style = _coloured(norm) | {"edgecolors": RGB["line"], "linewidths": 0.4}
     style |= {"offsets": frame[["column", "row"]].to_numpy(), "offset_transform": axis.transData}
     values = frame[value].to_numpy()
@@ -81,10 +76,7 @@ def discs(axis: Axes, frame: pd.DataFrame, norm: Normalize, value: str) -> None:
 
 
 def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
-    """Draws an arrow for every chosen move and a dot for every chosen PING, except where the episode is over.
-
-    The frame has columns row, column and action.
-    """
+    """Draws arrows and dots for chosen moves and PINGs (row, column, action) where the episode goes on."""
     cell = chosen["row"] * scene.columns + chosen["column"]
     chosen = chosen[~scene.is_over[cell.to_numpy(dtype=int)]]
     dots(axis, chosen[chosen["action"] == "PING"])
@@ -97,21 +89,18 @@ def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
 
 
 def arrowheads(axis: Axes, moves: pd.DataFrame) -> None:
-    """Draws an arrow head for every move, beside the centre of its cell, so that several fit into one.
-
-    The frame has columns row, column and action.
-    """
+    """Draws a small arrow head for every move (row, column, action), so that four fit into a cell."""
     shapes = _shapes(moves, ARROWHEADS)
     axis.add_collection(PolyCollection(shapes, facecolors="white", edgecolors="black", linewidths=0.4))
 
 
 def dots(axis: Axes, cells: pd.DataFrame) -> None:
-    """Draws a dot in each of these cells; columns row and column."""
+    """Draws a dot in every cell (row, column)."""
     axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
 
 
 def colour_map(norm: Normalize) -> str:
-    """Returns the name of the colours of a scale; if zero is in its middle, zero is white."""
+    """Returns matplotlib's name of the colours of a scale; with zero in its middle, zero is white."""
     return DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP
 
 
@@ -123,7 +112,7 @@ def _coloured(norm: Normalize) -> Style:
 def colour_bar(
     figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str, extend: str = "neither"
 ) -> None:
-    """Draws the colour scale that a row of maps shares, and on it a line at zero."""
+    """Draws the colour scale that a row of maps shares, with a line at zero."""
     mappable = mpl.cm.ScalarMappable(norm=norm, cmap=colour_map(norm))
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
@@ -132,7 +121,7 @@ def colour_bar(
 
 
 def region_legend(figure: Figure, *more: Line2D | Patch, columns: int | None = None) -> None:
-    """Draws a legend of borders, glyphs and more marks, in one row or in a number of columns."""
+    """Draws a legend of borders, glyphs and more marks, by default in one row."""
     borders = [
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
@@ -143,49 +132,35 @@ def region_legend(figure: Figure, *more: Line2D | Patch, columns: int | None = N
 
 
 def gallery(models: Sequence[Model]) -> Figure:
-    """Draws the maps of scenarios, with their names above, and cells, observations and what is hidden below.
+    """Draws maps of scenarios, with their names above, and cells, observations and what is hidden below.
 
     Scenarios that differ only in what is observed share their maps. If the issuer has several positions or
-    phases, up to four maps are shown. A group of maps goes to the first row that has room for it.
+    phases, up to four maps are shown.
     """
     groups: dict[object, list[Model]] = {}
     for model in models:
         same = {"name": "", "description": "", "observe": ("agent",)}
         groups.setdefault(model.scenario.model_copy(update=same), []).append(model)
-    rows: list[list[tuple[str, str, Model, int]]] = []  # maps: title, text below, scenario and context
+    maps = []
     for group in groups.values():
-        shown = _shown(group[0])
-        row = next((row for row in rows if len(row) + len(shown) <= _COLUMNS), None)
-        if row is None:
-            rows.append(row := [])
-        for i, context in enumerate(shown):
-            title = "" if i else ", ".join(model.scenario.name for model in group)
-            about = [] if i else _about(group, _CHARACTERS * len(shown))
-            text = "\n".join(filter(None, [_label(group[0], context), *about]))
-            row.append((title, text, group[0], context))
-    n_lines = max(text.count("\n") + 1 for row in rows for _, text, *_ in row)
-    below = _LINE * (n_lines + 2)  # text, and the title of the next row
-    width, height = _COLUMNS * (_MAP + _GAP) + _GAP, len(rows) * (_MAP + below) + _LEGEND
-    with figure_of(len(rows), _COLUMNS, (width, height)) as (figure, axes):
-        figure.set_layout_engine(None)
-        figure.subplots_adjust(
-            left=_GAP / width, right=1 - _GAP / width, wspace=_GAP / _MAP, hspace=below / _MAP,
-            top=1 - 2 * _LINE / height, bottom=(_LEGEND + below - 2 * _LINE) / height,
-        )  # fmt: skip
-        for axis in axes.flat:
+        n_contexts = group[0].n_places * len(group[0].scenario.stages)
+        step = math.ceil(n_contexts / _MOST_MAPS)
+        maps += [(group, context) for context in range(0, n_contexts, step)]
+    n_rows = math.ceil(len(maps) / _COLUMNS)
+    with figure_of(n_rows, _COLUMNS, (_WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
+        for axis in axes.flat[len(maps) :]:
             axis.set_axis_off()
-        for row, row_axes in zip(rows, axes, strict=True):
-            for axis, (title, text, model, context) in zip(row_axes, row, strict=False):
-                _draw_zones(axis, model, context)
-                axis.set_title(title, loc="left", weight="bold", size=8, pad=3)
-                axis.annotate(
-                    text, (0, 0), (0, -4), xycoords="axes fraction", textcoords="offset points",
-                    va="top", size=6.5, linespacing=1.25,
-                )  # fmt: skip
+        for axis, (group, context) in zip(axes.flat, maps, strict=False):
+            _draw_zones(axis, group[0], context)
+            names = "" if context else ", ".join(model.scenario.name for model in group)
+            axis.set_title(names, loc="left", weight="bold", size=8, pad=3)
+            axis.annotate(
+                _about(group, context), (0, 0), (0, -4), xycoords="axes fraction",
+                textcoords="offset points", va="top", size=6.5, linespacing=1.25,
+            )  # fmt: skip
         region_legend(
             figure,
             Line2D([], [], **_ONE_OF_MANY, label="one of many starts"),
-            Line2D([], [], **_WAY, label="way of the issuer"),
             Patch(**_WALL, label="wall"),
             Line2D([], [], ls="", marker="^", color="black", ms=4, label="where a person looks"),
             columns=3,
@@ -193,37 +168,22 @@ def gallery(models: Sequence[Model]) -> Figure:
     return figure
 
 
-def _shown(model: Model) -> list[int]:
-    """Returns which positions and phases of a scenario the gallery shows, see `Model.context`."""
-    n_contexts = model.n_places * len(model.scenario.stages)
-    n_shown = n_contexts if n_contexts <= _MOST_MAPS else 3
-    return [i * n_contexts // n_shown for i in range(n_shown)]
-
-
-def _label(model: Model, context: int) -> str:
-    """Returns which position and phase a map shows; empty if there is only one."""
-    position, phase = divmod(context, len(model.scenario.stages))
-    parts = [f"place {position + 1} of {model.n_places}"] if model.n_places > 1 else []
-    if (n_phases := len(model.scenario.stages)) > 1:
-        name = model.scenario.stages[phase].name
-        parts.append(f"phase {name} of {n_phases}" if name.isdecimal() else name)
-    return ", ".join(parts)
-
-
-def _about(group: Sequence[Model], width: int) -> list[str]:
-    """Returns the lines of text below the maps of scenarios; the width is in characters."""
-    first = group[0].scenario
-    kinds = {first.issuer.feedback.kind, *(person.feedback.kind for person in first.others)}
-    feedback = sorted(FEEDBACK[kind] for kind in kinds)
-    about = [f"{first.grid.rows * first.grid.columns} cells, {' and '.join(feedback)}"]
-    for model in group:
-        hidden = in_words(model.scenario.hidden) or "nothing"
-        seen = f"{model.n_observations:,} observations"
-        if len(group) > 1:
-            about.append(f"{model.scenario.name}: {seen}; hidden: {hidden}")
-        else:
-            about += [seen, f"hidden: {hidden}"]
-    return [line for sentence in about for line in wrap(sentence, width)]
+def _about(group: Sequence[Model], context: int) -> str:
+    """Returns the text below a map: its position and phase, and below the first, what the scenarios are."""
+    model, scenario = group[0], group[0].scenario
+    lines = []
+    if model.n_places > 1:
+        lines.append(f"place {context // len(scenario.stages) + 1} of {model.n_places}")
+    if phase := scene_of(model, context).phase:
+        lines.append(f"phase: {phase}")
+    if context == 0:
+        kinds = {scenario.issuer.feedback.kind, *(person.feedback.kind for person in scenario.others)}
+        feedback = " and ".join(sorted(FEEDBACK[kind] for kind in kinds))
+        lines.append(f"{scenario.grid.rows * scenario.grid.columns} cells, {feedback}")
+        for model in group:
+            hidden = in_words(model.scenario.hidden) or "nothing"
+            lines.append(f"{model.scenario.name}: {model.n_observations:,} observations; hidden: {hidden}")
+    return "\n".join(part for line in lines for part in wrap(line, _CHARACTERS))
 
 
 def in_words(parts: Sequence[str]) -> str:
@@ -232,33 +192,28 @@ def in_words(parts: Sequence[str]) -> str:
 
 
 def _draw_zones(axis: Axes, model: Model, context: int) -> None:
-    """Draws a map of the regions, with all starts of the agent and the way of an issuer who moves."""
-    scene, n_phases = scene_of(model, context), len(model.scenario.stages)
+    """Draws a map of the regions, with all starts of the agent."""
+    scene = scene_of(model, context)
     zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
     axis.set_facecolor(RGB["outside"])
     for zone in dict.fromkeys(scene.zone):
-        if zone != "outside":
-            add_area(axis, outlines(zones == zone), {"fc": RGB[zone], "lw": 0})
+        add_area(axis, outlines((zones == zone) & (zones != "outside")), {"fc": RGB[zone], "lw": 0})
     lines: Style = {"colors": [RGB["line"]], "lw": 0.25, "zorder": 1.1}
     axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
     axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
-    if model.scenario.moves:
-        way = np.array([people[0].cell for people in model.scenario.people[context // n_phases]])
-        axis.plot(*np.vstack([way, way[:1]])[:, ::-1].T, **_WAY)
     if not scene.cells_of("start"):
-        is_here = model.context[model.starts] // n_phases == context // n_phases
+        position = model.context // len(model.scenario.stages)
+        is_here = position[model.starts] == context // len(model.scenario.stages)
         axis.plot(*scene.position[model.cell[model.starts[is_here]]].T[::-1], **_ONE_OF_MANY)
     _dress(axis, scene, _ON_ZONES, scale=0.7)
-    axis.set_axis_on()
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="", anchor="NW")
 
 
 def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
     """Draws walls, borders of the regions and glyphs on a map, and labels its axes."""
     add_area(axis, outlines(scene.is_wall.reshape(scene.rows, scene.columns)), _WALL)
-    for outline in scene.outlines:
-        dashes = _DASHES if outline.is_dashed else "-"
-        add_area(axis, outline.loops, {"fill": False, "ls": dashes} | border)
+    for region, (_, is_dashed) in BORDERS.items():
+        add_area(axis, scene.outlines[region], {"fill": False, "ls": _DASHES if is_dashed else "-"} | border)
     for glyph in scene.glyphs:
         row, column = scene.position[glyph.cell]
         if glyph.heading is not None:
@@ -266,16 +221,14 @@ def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
             axis.add_patch(Polygon(nose[:, ::-1].tolist(), closed=True, fc="black", ec="white", lw=0.6))
         axis.plot(column, row, **_GLYPHS[glyph.kind] | {"ms": scale * _GLYPHS[glyph.kind]["ms"]})
     axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
-    axis.set(xlabel="column", ylabel="row")
     axis.spines[:].set_visible(True)
     row, column = scene.origin or (0, 0)
-    n_columns, n_rows = max(scene.columns // 6, 1), max(scene.rows // 5, 1)  # between ticks
-    axis.set_xticks(range(column % n_columns, scene.columns, n_columns))
-    axis.set_yticks(range(row % n_rows, scene.rows, n_rows))
-    if scene.origin:
-        axis.set(xlabel="columns from the issuer", ylabel="rows from the issuer")
-        axis.xaxis.set_major_formatter(lambda x, _: f"{x - column:g}".replace("-", "−"))
-        axis.yaxis.set_major_formatter(lambda y, _: f"{y - row:g}".replace("-", "−"))
+    xticks = range(column % (width := max(scene.columns // 6, 1)), scene.columns, width)
+    yticks = range(row % (height := max(scene.rows // 5, 1)), scene.rows, height)
+    axis.set_xticks(xticks, [f"{x - column}".replace("-", "−") for x in xticks])
+    axis.set_yticks(yticks, [f"{y - row}".replace("-", "−") for y in yticks])
+    names = ("columns from the issuer", "rows from the issuer") if scene.origin else ("column", "row")
+    axis.set(xlabel=names[0], ylabel=names[1])
 
 
 def add_area(axis: Axes, loops: Sequence[Loop], style: Style) -> None:

@@ -21,10 +21,10 @@ from benchmark.drawing.svg import compact
 from envs import InputError
 
 COLOURS: Final = sns.color_palette("colorblind")
-# Of texts on coloured cells. Unlike pure black and white, they are not inverted for readers in dark mode.
+# Of texts on coloured cells; unlike pure black and white, not inverted in dark mode.
 INK: Final = ("#000001", "#fffffe")
-# Colour and marker of the variants of published experiments: tables are black, grey or green, DQN and its
-# relatives blue, PPO and its relatives orange. Within such a family, brightness and marker differ.
+# Of the variants of published experiments: tables are black, grey or green, DQN and its relatives blue, PPO
+# and its relatives orange. Within such a family, brightness and marker differ.
 _KNOWN: Final[Mapping[str, tuple[str, str]]] = {
     "q_learning": ("#000000", "o"),
     "q_learning_tuned": ("#707070", "s"),
@@ -39,11 +39,10 @@ _KNOWN: Final[Mapping[str, tuple[str, str]]] = {
     **dict.fromkeys(("ppo", "ppo_offset"), ("#de7400", "X")),
     "ppo_default": ("#7a3b12", "h"),
 }
-# Of other variants, in the order of the experiment. With 8 colours and 15 markers, all 120 pairs come up
-# before one returns, since the numbers have no common divisor.
+# Of other variants, in the order of the experiment: all 8 * 15 pairs come up before one returns.
 _COLOURS: Final = ("#c2418f", "#17a2b8", "#8f1d2c", "#b59b00", "#5b5b5b", "#e58fc0", "#3f7f93", "#d98880")
 _MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
-# Of forms of observation: dashes, and how much lighter a learner is drawn; others are solid and not lighter.
+# Dashes, and how much lighter a learner is drawn; other forms of observation are solid and not lighter.
 _BY_OBSERVATION: Final[Mapping[str, tuple[tuple[int, tuple[float, ...]], float]]] = {
     "coordinates": ((0, (4, 1.5)), 0.3),
     "offset_coordinates": ((0, (4, 1.2, 1, 1.2)), 0.15),
@@ -59,14 +58,15 @@ _RC: Final = {
     "axes.titlesize": "medium",
     "font.sans-serif": ["DejaVu Sans"],
 }
+_METADATA: Final = {  # that differ between days or versions
+    ".png": ("Software",),
+    ".svg": ("Date", "Creator"),
+    ".pdf": ("CreationDate", "Creator", "Producer"),
+}
 
 
 def check_file(path: Path, *endings: str) -> None:
-    """Checks that a picture can be written to a file of this name.
-
-    Raises:
-      InputError: The name has none of these endings, or there is no such folder.
-    """
+    """Raises an InputError if a file's name has none of these endings, or its folder does not exist."""
     if path.suffix.lower() not in endings:
         raise InputError(f"{path}: accepted: a name that ends in {' or '.join(endings)}.")
     if not path.parent.is_dir():
@@ -74,21 +74,14 @@ def check_file(path: Path, *endings: str) -> None:
 
 
 def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
-    """Writes a figure without date and program, so that equal figures give equal bytes.
+    """Writes a figure as .png, .svg or .pdf, cut to what is drawn if it is tight; it stays open.
 
-    Args:
-      figure: Stays open.
-      path: Of a .png, .svg or .pdf file.
-      is_tight: Whether to cut off what is empty around the figure.
+    Without date and program, equal figures give equal bytes.
     """
     kind = path.suffix.lower()
-    metadata: dict[str, dict[str, str | None]] = {
-        ".svg": {"Date": None, "Creator": None},
-        ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-    }
     with plt.rc_context({**_RC, "savefig.dpi": 144 if kind == ".png" else "figure"}):
-        box = "tight" if is_tight else None
-        figure.savefig(path, metadata=metadata.get(kind, {"Software": None}), bbox_inches=box)
+        metadata = dict.fromkeys(_METADATA[kind])
+        figure.savefig(path, metadata=metadata, bbox_inches="tight" if is_tight else None)
     if kind == ".svg":
         path.write_text(compact(path.read_text(encoding="utf-8"), _IN_DARK), encoding="utf-8")
 
@@ -109,12 +102,9 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
 
 
 def learner_style(variant: str, observation: str, variants: Sequence[str]) -> dict[str, Any]:
-    """Returns matplotlib's colour, marker and dashes of a learner.
+    """Returns the colour and marker of a variant of an experiment, and tint and dashes of its observation.
 
-    Args:
-      variant: Gives colour and marker; no two of the first 120 variants that are not published share both.
-      observation: Gives dashes and tint.
-      variants: Those of the experiment.
+    No two of the first 120 variants that are not published share both colour and marker.
     """
     if variant in _KNOWN:
         colour, marker = _KNOWN[variant]
@@ -122,7 +112,7 @@ def learner_style(variant: str, observation: str, variants: Sequence[str]) -> di
         i = [name for name in variants if name not in _KNOWN].index(variant)
         colour, marker = _COLOURS[i % len(_COLOURS)], _MARKERS[i % len(_MARKERS)]
     dashes, tint = _BY_OBSERVATION.get(observation, ("-", 0.0))
-    return {"color": _lighter(colour, tint) if tint else colour, "marker": marker, "ls": dashes}
+    return {"color": _lighter(colour, tint), "marker": marker, "ls": dashes}
 
 
 def _lighter(colour: str, share: float) -> str:
@@ -137,12 +127,11 @@ def in_dark(colour: str) -> str:
     return _lighter(colour, max(0.0, 0.75 - 1.3 * brightness))
 
 
-_DRAWN: Final = [
-    _lighter(colour, tint)
+_IN_DARK: Final = {
+    (drawn := _lighter(colour, tint)): in_dark(drawn)
     for colour in (*(colour for colour, _ in _KNOWN.values()), *_COLOURS, *map(to_hex, COLOURS))
     for tint in (0.0, *(tint for _, tint in _BY_OBSERVATION.values()))
-]
-_IN_DARK: Final = {colour: in_dark(colour) for colour in _DRAWN}
+}
 
 
 def norm_of(values: pd.Series) -> Normalize:

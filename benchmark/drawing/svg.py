@@ -1,7 +1,6 @@
 """Makes matplotlib's SVG small, the same on every machine, and readable in dark mode.
 
-Styles become classes, which have other colours in dark mode: greys are inverted, and dark colours lighter.
-Programs without a dark mode show the figure as it was drawn.
+Styles become classes. In dark mode, their greys are inverted, and dark colours lighter.
 """
 
 import re
@@ -23,11 +22,9 @@ _EMPTY: Final = re.compile(r"<(g|defs)>\s*</\1>|<(g|defs) ?/>")
 
 
 def compact(text: str, in_dark: Mapping[str, str]) -> str:
-    """Returns matplotlib's SVG, smaller and with colours for dark mode.
+    """Returns matplotlib's SVG, which has texts as texts, smaller and with colours for dark mode.
 
-    Args:
-      text: The SVG, with texts as texts, not as shapes.
-      in_dark: The colours in dark mode by those in light mode, as "#rrggbb"; others but greys stay.
+    These are given by those in light mode, as "#rrggbb"; other colours stay, except greys.
     """
     text = _TAG.sub(_rounded, _LEFT_OUT.sub("", text))
     text = re.sub(r' transform="rotate\(-?0 [^"]*"', "", text)
@@ -40,8 +37,8 @@ def compact(text: str, in_dark: Mapping[str, str]) -> str:
     while (shorter := _EMPTY.sub("", _ALONE.sub(r"\1", text))) != text:
         text = shorter
     plain = "".join(f".{name}{{{style}}}" for style, name in classes.items())
-    darker = {name: _in_dark(style, in_dark) for style, name in classes.items()}
-    dark = "".join(f".{name}{{{style}}}" for name, style in darker.items() if style)
+    darker = [(name, _in_dark(style, in_dark)) for style, name in classes.items()]
+    dark = "".join(f".{name}{{{style}}}" for name, style in darker if style)
     dark = f"@media (prefers-color-scheme:dark){{svg{{fill:{_hex(_DARK_INK)}}}{dark}}}"
     text = re.sub("<style.*?</style>", "", text, flags=re.DOTALL)
     style = f"<style>*{{stroke-linejoin:round;stroke-linecap:butt}}{plain}{dark}</style>"

@@ -6,10 +6,11 @@ structure, is escaped here.
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
 from typing import IO, Final
 
+import numpy as np
 import pandas as pd
 from tabulate import tabulate
 
@@ -42,24 +43,39 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     value is empty, and a column without any value is left out. A text that a spreadsheet would compute gets
     an apostrophe in front, which `read_csv` removes. A file that ends in `.gz` is compressed.
     """
-    texts = {_uncomputed(str(name)): _column_texts(frame[name]) for name in frame}
-    filled = {name: column for name, column in texts.items() if any(column) or not len(frame)}
+    texts = frame.infer_objects().map(_csv_text, na_action="ignore").rename(columns=_csv_text)
+    is_filled = (texts.notna() & (texts != "")).any() | frame.empty
     how = {"method": "gzip", "mtime": 0} if path.suffix == ".gz" else {"method": None}
-    pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n", compression=how)
+    texts.loc[:, is_filled].to_csv(path, index=False, lineterminator="\n", compression=how)
+
+
+def _csv_text(value: object) -> object:
+    """Returns a float as a text that is read as a float, and a text as one that no spreadsheet computes.
+
+    >>> [_csv_text(value) for value in (1.0, 1e-7, 2 / 3, 1234567.0, -1e-16, math.inf)]
+    ['1.0', '1e-07', '0.666667', '1.23457e+06', '0.0', 'inf']
+    >>> [_csv_text(text) for text in ("=1+1", "-", "'=", "'tis", "a=b", "a;=b", "")]
+    ["'=1+1", "'-", "''=", "'tis", 'a=b', "a;'=b", '']
+    """
+    if isinstance(value, str):
+        return _FORMULA.sub(r"\1'", value)
+    if not isinstance(value, float):
+        return value
+    text = f"{_clean(value):.{_DIGITS}g}"
+    return text if not math.isfinite(value) or "." in text or "e" in text else f"{text}.0"
 
 
 def read_csv(file: Path | IO[str]) -> pd.DataFrame:
     """Reads what `write_csv` wrote."""
 
-    def computed(text: object) -> object:
+    def as_was(text: object) -> object:
         return _TEXT.sub(r"\1", text) if isinstance(text, str) else text
 
     # Only an empty entry is a missing value, not a text such as "NA".
     frame = pd.read_csv(file, keep_default_na=False, na_values=[""])
-    for name in frame:
-        if not pd.api.types.is_numeric_dtype(frame[name]):
-            frame[name] = frame[name].map(computed, na_action="ignore")
-    return frame.rename(columns=computed)
+    texts = frame.select_dtypes(exclude=["number", "bool"])
+    frame[texts.columns] = texts.map(as_was, na_action="ignore")
+    return frame.rename(columns=as_was)
 
 
 def to_markdown(frame: pd.DataFrame) -> str:
@@ -109,22 +125,21 @@ def show(value: object, decimals: int | None = None) -> str:
     >>> [show(value, 2) for value in (0.12345, 1.0, -0.001, 2345.6)]
     ['0.12', '1.00', '0.00', '2,350']
     """
-    value = _clean(value)
     if not isinstance(value, float):
         return str(value)
     if math.isnan(value):
         return "-"
     if decimals is not None and abs(value) < 1000:
         return f"{round(value, decimals) + 0.0:.{decimals}f}"
-    shown = f"{value:.{_SHOWN_DIGITS}g}"
+    shown = f"{_clean(value):.{_SHOWN_DIGITS}g}"
     return f"{float(shown):,.0f}" if 1000 <= abs(float(shown)) < math.inf else shown
 
 
 def decimals_of(column: pd.Series, *, is_bounded: bool = False) -> int | None:
     """Returns how many decimals a column needs to show three significant digits of its largest number.
 
-    Returns None if there is no such number, or if another one would be shown as 0, unless the column has
-    bounds, which say how uncertain its numbers are.
+    Returns None without such a number, or if another one would be shown as 0 and the column has no bounds,
+    which say how uncertain its numbers are.
 
     >>> decimals_of(pd.Series([0.5, 1.0, math.inf])), decimals_of(pd.Series([12.5, 1.0]))
     (2, 1)
@@ -154,68 +169,30 @@ def two_digits(value: float) -> str:
     return f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"
 
 
-def _column_texts(column: pd.Series) -> list[str]:
-    """Returns the values of a column as in a CSV file; integers beside floats become floats."""
-    values = column.tolist()
-    has_floats = any(isinstance(value, float) for value in values)
-
-    def text_of(value: object) -> str:
-        if isinstance(value, str):
-            return _uncomputed(value)
-        if isinstance(value, float) or (has_floats and type(value) is int):
-            return _float_text(float(value))
-        return str(value)
-
-    return ["" if is_na else text_of(value) for value, is_na in zip(values, column.isna(), strict=True)]
-
-
-def _uncomputed(text: str) -> str:
-    """Returns a text as one that no spreadsheet computes.
-
-    >>> [_uncomputed(text) for text in ("=1+1", "-", "'=", "'tis", "a=b", "a;=b", "")]
-    ["'=1+1", "'-", "''=", "'tis", 'a=b', "a;'=b", '']
-    """
-    return _FORMULA.sub(r"\1'", text)
-
-
-def _float_text(value: float) -> str:
-    """Returns a float as a text that is read as a float.
-
-    >>> [_float_text(value) for value in (1.0, 0.5, 1e-7, 2 / 3, 1234567.0, -1e-16, math.inf)]
-    ['1.0', '0.5', '1e-07', '0.666667', '1.23457e+06', '0.0', 'inf']
-    """
-    text = f"{_clean(value):.{_DIGITS}g}"
-    return text if not math.isfinite(value) or "." in text or "e" in text else f"{text}.0"
-
-
-def _clean(value: object) -> object:
+def _clean(value: float) -> float:
     """Replaces a number that is zero except for rounding, such as -1e-16, by zero."""
-    return 0.0 if isinstance(value, float) and abs(value) < 1e-12 else value
+    return 0.0 if abs(value) < 1e-12 else value
 
 
 def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
     """Returns a Markdown link from a text to rows of a table, numbered as in RFC 7111: 1 is the header.
 
-    Args:
-      text: What the link says, usually a number.
-      table: The CSV file's name without suffix.
-      rows: Rows of the frame from which the file was written, with its index.
+    The rows have the index of the frame from which the CSV file was written; without any there is no link.
 
     >>> frame = pd.DataFrame({"score": [0.5, 0.6, 0.7, 0.8]})
     >>> link("0.6", "summary", frame.iloc[1]), link("high", "summary", frame.iloc[[0, 2, 3]])
     ('[0.6](summary.csv#row=3)', '[high](summary.csv#row=2;4-5)')
     """
-    numbers: set[int] = set()
-    for row in rows:
-        index = row.index if isinstance(row, pd.DataFrame) else [row.name]
-        numbers |= {int(str(i)) + 2 for i in index}
-    ranges: list[list[int]] = []
-    for number in sorted(numbers):
-        if ranges and ranges[-1][-1] == number - 1:
-            ranges[-1][1:] = [number]
-        else:
-            ranges.append([number])
-    return f"[{text}]({table}.csv#row={';'.join('-'.join(map(str, ends)) for ends in ranges)})"
+    numbers = np.unique([int(str(i)) + 2 for row in rows for i in _indices(row)])
+    if not numbers.size:
+        return text
+    ranges = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    ends = (f"{lines[0]}-{lines[-1]}" if len(lines) > 1 else f"{lines[0]}" for lines in ranges)
+    return f"[{text}]({table}.csv#row={';'.join(ends)})"
+
+
+def _indices(rows: pd.Series | pd.DataFrame) -> Iterable[Hashable]:
+    return rows.index if isinstance(rows, pd.DataFrame) else [rows.name]
 
 
 def plain(text: str) -> str:

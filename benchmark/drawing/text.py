@@ -26,7 +26,7 @@ def to_text(film: Film, moment: Moment) -> Text:
     scene, index, agent = film.scene, moment.index, moment.cells[-1]
     greedy, values = contains(film.greedy[index]), film.values[index]
     best = np.where(film.is_unknown(index), np.nan, values.max(axis=1))
-    norm = Normalize(*film.limits)
+    norm = Normalize(*film.scale)
     colours = mpl.colormaps[colour_map(norm)].with_extremes(bad=RGB["no value"])
     text = Text(f"{film.title}\n")
     text.append(f"step {film.steps[index]:,}, score {film.scores[index]:.2f}  ")

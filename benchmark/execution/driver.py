@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
 from itertools import islice
-from pathlib import Path
 
 from agents import load_algorithm
 from benchmark.execution.executors import Executor, ExecutorFactory, load_executor
@@ -22,7 +21,6 @@ def run(
     jobs: int,
     on_progress: Callable[[list[Record]], None] = lambda _: None,
     on_start: Callable[[Job], None] = lambda _: None,
-    logs: Path | None = None,
     executor: ExecutorFactory | None = None,
 ) -> list[str]:
     """Executes the runs that have no valid record, and stores their records as they come.
@@ -36,7 +34,6 @@ def run(
       jobs: How many jobs are submitted at a time.
       on_progress: Called with the records of every job that has ended.
       on_start: Called with every job that starts.
-      logs: The folder for TensorBoard logs of algorithms that write them; no result depends on it.
       executor: Executes all jobs; by default, each algorithm's placement decides.
 
     Returns:
@@ -65,7 +62,7 @@ def run(
             while True:
                 for job in islice(waiting, jobs - len(under_way) + len(done)):
                     on_start(job)
-                    under_way[executors.of(job).submit(job, logs)] = job, time.perf_counter()
+                    under_way[executors.of(job).submit(job)] = job, time.perf_counter()
                 for future in done:
                     keep(future)
                 if not under_way:

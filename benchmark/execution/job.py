@@ -4,12 +4,11 @@ import time
 from contextlib import suppress
 from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import check_training, load_algorithm
+from agents import Schedule, Training, check_training, load_algorithm
 from agents.dynamic_programming import Evaluation, evaluate, every_cell, unseen_places
 from agents.policy import mask_policy, uniform_policy
 from benchmark.execution.plan import Job
@@ -18,20 +17,19 @@ from benchmark.execution.solving import solved
 from benchmark.execution.store import VALUE_DECIMALS, Arrays, Record, evaluated
 from benchmark.experiments import RunSpecification
 from benchmark.packages import broken
-from envs import InputError
+from envs import InputError, Model
 from envs.observations import compile_seen
 
 
-def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
-    """Trains the runs of a job and evaluates every snapshot of them exactly.
+def execute_job(job: Job) -> list[Record]:
+    """Trains the runs of a job, evaluates all their policies exactly, and returns their records in order.
 
-    Returns the records of the runs, in their order. If training raises an exception, all of them have failed.
-    Algorithms may write TensorBoard logs into the folder `logs`; no result depends on it.
+    If training raises an exception, all of them have failed.
     """
     started = time.perf_counter()
     reset_peak_memory()
     try:
-        columns = recorded(_train_and_evaluate(job, logs))
+        columns = recorded(_train_and_evaluate(job))
     except Exception as exception:
         return failures(job, exception, started)
     measured = provenance(job[0].algorithm) | _times(job, started) | {"peak_memory_mb": peak_memory_mb()}
@@ -76,22 +74,23 @@ def _times(job: Job, started: float) -> dict[str, object]:
     return {"started_at": started_at, "wall_time_s": seconds / len(job)}
 
 
-def _train_and_evaluate(job: Job, logs: Path | None) -> Arrays:
+def _train(job: Job, model: Model, schedule: Schedule) -> Training:
+    """Trains the agents of a job, and checks what training returns."""
+    first, seeds = job[0], [run.seed_sequence for run in job]
+    algorithm = load_algorithm(first.algorithm)
+    training = algorithm.train(model, first.settings, first.observation, seeds, schedule)
+    check_training(training, model, len(job), schedule)
+    return training
+
+
+def _train_and_evaluate(job: Job) -> Arrays:
     """Returns the arrays of all runs by name, each (N, ...)."""
     first = job[0]
     if first.solved is not None:
-        curves = [_train_until_solved(run, logs) for run in job]
+        curves = [_train_until_solved(run) for run in job]
         return {name: np.concatenate([columns[name] for columns in curves]) for name in curves[0]}
     model = compile_seen(first.scenario, first.observation)
-    training = load_algorithm(first.algorithm).train(
-        model,
-        first.settings,
-        first.observation,
-        [run.seed_sequence for run in job],
-        first.schedule,
-        [] if logs is None else [logs / run.folder for run in job],
-    )
-    check_training(training, model, len(job), first.schedule)
+    training = _train(job, model, first.schedule)
     columns = {field.name: getattr(training, field.name) for field in fields(training)}
     # Equal policies, as all are before the first step, are evaluated once.
     masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
@@ -107,7 +106,7 @@ def _train_and_evaluate(job: Job, logs: Path | None) -> Arrays:
     return columns
 
 
-def _train_until_solved(run: RunSpecification, logs: Path | None) -> Arrays:
+def _train_until_solved(run: RunSpecification) -> Arrays:
     """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
 
     A curve that ends early is continued with its last point. Success in unseen places, if there are any, is
@@ -121,30 +120,21 @@ def _train_until_solved(run: RunSpecification, logs: Path | None) -> Arrays:
     success: list[float] = []
     policy = uniform_policy(model)
 
-    def may_end(_: int, table: NDArray[np.float64]) -> bool:
+    def is_over(latest: NDArray[np.float64]) -> bool:
         nonlocal policy
-        policy = mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table
-        return measured()
-
-    def measured() -> bool:
+        policy = latest
         success.append(float(evaluate(model, policy, run.horizon).success))
         return solved(success, schedule.evaluation_steps, enough).is_certain
 
-    training = load_algorithm(run.algorithm).train(
-        model,
-        run.settings,
-        run.observation,
-        [run.seed_sequence],
-        replace(schedule, may_end=may_end),
-        [] if logs is None else [logs / run.folder],
-    )
-    check_training(training, model, 1, schedule)
+    def may_end(_: int, table: NDArray[np.float64]) -> bool:
+        return is_over(mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table)
+
+    training = _train([run], model, replace(schedule, may_end=may_end))
     if not is_greedy and not training.stochastic.shape[1]:
         raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
-    is_over = len(success) > 0 and len(success) < n_steps and training.diverged_at[0] < 0
-    while not is_over and (i := len(success)) < n_steps:
-        policy = mask_policy(training.greedy[0, i]) if is_greedy else training.stochastic[0, i]
-        is_over = measured()
+    has_ended = 0 < len(success) < n_steps and training.diverged_at[0] < 0
+    while not has_ended and (i := len(success)) < n_steps:
+        has_ended = is_over(mask_policy(training.greedy[0, i]) if is_greedy else training.stochastic[0, i])
     success += [success[-1]] * (n_steps - len(success))
     unseen = np.empty((1, 0))
     if len(model.unseen_starts):

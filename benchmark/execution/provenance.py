@@ -9,6 +9,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
+from subprocess import DEVNULL
 from typing import Any, Final
 
 import llvmlite.binding
@@ -55,11 +56,7 @@ def processor() -> str:
 
 
 def versions(algorithm: str) -> dict[str, str]:
-    """Returns the versions of Python and of the packages that an algorithm's runs depend on.
-
-    Raises:
-      MissingPackageError: A package is not installed.
-    """
+    """Returns the versions of Python and of the packages that runs depend on; refuses a missing package."""
     installed = {"python": platform.python_version()}
     for package in (*_PACKAGES, *load_algorithm(algorithm).packages):
         try:
@@ -71,11 +68,7 @@ def versions(algorithm: str) -> dict[str, str]:
 
 @cache
 def environment(algorithm: str) -> dict[str, str]:
-    """Returns what must be the same on every machine that executes runs of an algorithm: versions and code.
-
-    Raises:
-      InputError: A package is missing.
-    """
+    """Returns what must be the same on every machine that runs an algorithm: versions and code."""
     same = versions(algorithm) | {"project code": digest_of_code()[:_SHOWN]}
     if ":" in algorithm:
         same[f"code of {algorithm}"] = digest_of_source(algorithm.partition(":")[0])[:_SHOWN]
@@ -109,15 +102,12 @@ def digest_of_file(path: Path) -> str:
 def commit(file: Path) -> str | None:
     """Returns the commit of the repository that tracks a file of this code, if one does.
 
-    It ends in `-changed` if the code differs from the commit. An installed copy has no commit, even if it
-    lies in the folder of another repository.
+    It ends in `-changed` if the code differs. A copy that is installed inside another repository has none.
     """
     root = str(file.parents[2])
 
     def git(*arguments: str) -> str:
-        return subprocess.run(
-            ["git", "-C", root, *arguments], check=True, capture_output=True, text=True
-        ).stdout.strip()
+        return subprocess.check_output(["git", "-C", root, *arguments], stderr=DEVNULL, text=True).strip()
 
     try:
         git("ls-files", "--error-unmatch", "--", str(file))
@@ -135,10 +125,9 @@ def reset_peak_memory() -> None:
 
 
 def peak_memory_mb() -> float | None:
-    """Returns the most memory that this process has used, in MB; None where the system does not say.
+    """Returns the most memory, in MB, that this process has used since `reset_peak_memory`, if known.
 
-    It counts from the start of the process, or from `reset_peak_memory`. `ru_maxrss` is at least what the
-    parent used, as it survives `fork` and `exec` on Linux, and cannot be reset.
+    `ru_maxrss` is at least what the parent used, as it survives `fork` and `exec` on Linux.
     """
     with suppress(OSError):
         status = Path("/proc/self/status").read_text(encoding="ascii")

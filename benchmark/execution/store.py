@@ -1,8 +1,7 @@
 """The only module that knows how records are stored: in one SQLite file, `runs.db`.
 
-A record is a run's specification, its status, where and when it ran, and the arrays it produced. Only the
-driver writes, with one transaction per job, so that an interrupt or a crash leaves only whole records. Every
-record has checksums, which are verified whenever it is read: a damaged one is never used.
+Only the driver writes, with one transaction per job, so that an interrupt or a crash leaves only whole
+records. Every record has checksums, which are verified whenever it is read: a damaged one is never used.
 """
 
 import fcntl
@@ -10,7 +9,6 @@ import json
 import os
 import shutil
 import sqlite3
-import stat
 import sys
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -86,9 +84,9 @@ class Record:
     """What is stored of a run.
 
     Its arrays are the fields of the algorithm's `Training`, without the axis N, and those of `Evaluation`,
-    named by `evaluated`. Three fields of `Training` differ: `values` are rounded to `VALUE_DECIMALS`, as they
-    are published; `stochastic` is that of the last evaluation step alone, (1, O, A), or (0, O, A) if there is
-    none; and `cpu_time_s` is part of the provenance.
+    named by `evaluated`. But `values` are rounded to `VALUE_DECIMALS`, as they are published; `stochastic` is
+    that of the last evaluation step alone, (1, O, A), or (0, O, A) if there is none; and `cpu_time_s` is part
+    of the provenance.
     """
 
     digest: str
@@ -112,8 +110,8 @@ def evaluated(name: str, policy: str, start: str) -> str:
 def _pack(arrays: Arrays) -> bytes:
     """Returns arrays as bytes, the same in whatever order they are given.
 
-    First a line of JSON with the name, dtype, shape and size in bytes of each array; then the arrays, in the
-    same order, each compressed by itself, so that one can be read without the others.
+    A line of JSON has the name, dtype, shape and size in bytes of each array. The arrays follow in the same
+    order, each compressed by itself, so that one can be read without the others.
     """
     data = {name: zlib.compress(array.tobytes(), _EFFORT) for name, array in sorted(arrays.items())}
     layout = [[name, arrays[name].dtype.str, arrays[name].shape, len(part)] for name, part in data.items()]
@@ -163,15 +161,14 @@ class Store:
         try:
             if not read_only:
                 folder.mkdir(parents=True, exist_ok=True)
-            status = self._path.stat() if self._path.exists() else None
+            if self._path.exists() and not self._path.is_file():
+                raise InputError(f"{self._path}: {_UNUSABLE}: it is not a file; {_MOVE}.")
+            # SQLite leaves an empty file if it is killed early.
+            if read_only and not (self._path.exists() and self._path.stat().st_size):
+                raise NoRunsError(f"{self._path}: there are no runs yet; run the experiment first.")
         except OSError as error:
             what = f"cannot be {'read' if read_only else 'created'}: {error.strerror}"
             raise InputError(f"{folder}: {what}; choose another folder with --results.") from error
-        if status is not None and not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{self._path}: {_UNUSABLE}: it is not a file; {_MOVE}.")
-        # SQLite leaves an empty file if it is killed early.
-        if read_only and (status is None or status.st_size == 0):
-            raise NoRunsError(f"{self._path}: there are no runs yet; run the experiment first.")
         self._open()
 
     def _open(self) -> None:
@@ -214,8 +211,8 @@ class Store:
     def alone(self) -> Iterator[None]:
         """Waits until no other process trains into this store, which would train the same runs again.
 
-        The lock is one on an empty file beside the store: the system releases it however the process ends.
-        Where nothing can be locked, there is no wait.
+        The system releases the lock, on an empty file beside the store, however the process ends. Where
+        nothing can be locked, there is no wait.
         """
         with ExitStack() as stack:
             with suppress(OSError):
@@ -229,7 +226,7 @@ class Store:
 
     def statuses(self) -> dict[str, str]:
         """Returns the status of every stored run, by digest."""
-        return self._do(lambda: dict(self._connection.execute("SELECT digest, status FROM runs")))
+        return self._by_digest("SELECT digest, status FROM runs")
 
     def ended(self) -> set[str]:
         """Returns the digests of the runs with a valid record: those that are done, or diverged."""
@@ -237,7 +234,9 @@ class Store:
 
     def contents(self) -> dict[str, str]:
         """Returns the specification of every run that has ended, by digest."""
-        query = "SELECT digest, specification FROM runs WHERE status != 'failed'"
+        return self._by_digest("SELECT digest, specification FROM runs WHERE status != 'failed'")
+
+    def _by_digest(self, query: str) -> dict[str, str]:
         return self._do(lambda: dict(self._connection.execute(query)))
 
     def add(self, records: Iterable[Record]) -> None:
@@ -251,16 +250,11 @@ class Store:
         self._do(lambda: self._add(rows))
 
     def _add(self, rows: Iterable[_Row]) -> None:
-        """Stores rows of `_COLUMNS` and arrays, all or none."""
         with self._connection:
             self._connection.executemany(_ADD, rows)
 
     def get(self, digests: Sequence[str], *, arrays: bool = True) -> list[Record]:
-        """Returns the records of these runs, in this order, with or without their arrays.
-
-        Raises:
-          InputError: A record is damaged or cannot be found.
-        """
+        """Returns the records of these runs in this order; an InputError says which is damaged or missing."""
         return self._do(lambda: [self._get(digest, arrays) for digest in digests])
 
     def _get(self, digest: str, arrays: bool) -> Record:
@@ -276,14 +270,15 @@ class Store:
 
     def damaged(self, digests: Collection[str]) -> list[str]:
         """Returns which of these stored runs have a record that is damaged or cannot be found."""
-        return self._do(lambda: [digest for digest in digests if self._is_damaged(digest)])
 
-    def _is_damaged(self, digest: str) -> bool:
-        try:
-            self._get(digest, arrays=True)
-        except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
-            return True
-        return False
+        def is_damaged(digest: str) -> bool:
+            try:
+                self._get(digest, arrays=True)
+            except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
+                return True
+            return False
+
+        return self._do(lambda: list(filter(is_damaged, digests)))
 
     def discard_damaged(self, digests: Iterable[str]) -> int:
         """Removes the damaged records of those of these runs that have ended; returns how many.
@@ -317,7 +312,7 @@ class Store:
         """Returns the result of an action on the database; an error of SQLite becomes an `InputError`.
 
         If the file is damaged, its intact records are saved first. If it was replaced or removed meanwhile,
-        the file that is there now is opened, or a new one.
+        the present one is opened, or a new one.
         """
         with self._input_errors():
             try:
@@ -339,10 +334,9 @@ class Store:
 
     def _inode_now(self) -> int:
         """Returns the inode of the file that is at the path now; -1 if there is none."""
-        try:
+        with suppress(OSError):
             return self._path.stat().st_ino
-        except OSError:
-            return -1
+        return -1
 
     def _salvage(self) -> None:
         """Replaces a damaged file by one with its intact records, and keeps a copy of it."""
@@ -350,9 +344,7 @@ class Store:
         self._check_version()
         self._connection.execute("BEGIN EXCLUSIVE")  # waits for other drivers
         if self._inode_now() == self._inode:  # else one of them has done it meanwhile
-            fresh, kept = (
-                self._path.with_name(f"{self._path.name}.{end}") for end in ("salvaged", "damaged")
-            )
+            fresh, kept = (Path(f"{self._path}.{end}") for end in ("salvaged", "damaged"))
             fresh.unlink(missing_ok=True)
             with Store(fresh) as store:
                 store._add(self._whole_rows())
@@ -397,7 +389,7 @@ def _in_one_line(text: object) -> str:
 
 
 def _head(*columns: object) -> int:
-    """Returns the CRC-32 of the columns of a record before `head`: the checksum stands for its arrays."""
+    """Returns the CRC-32 of the columns of a record before `head`; its checksum stands for its arrays."""
     return zlib.crc32(json.dumps(columns, default=repr).encode())
 
 

@@ -4,16 +4,15 @@ import hashlib
 import json
 from functools import lru_cache
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
+
+import numpy as np
 
 from agents import dynamic_programming, load_algorithm
 from benchmark.experiments.schema import Declaration, overlap, read_experiment
 from benchmark.experiments.search import Chosen, read_chosen
 from envs import InputError, Scenario, load_scenario
 from envs.inputs import unknown_name
-
-# What two scenarios that are alike have in common, and what is compared in no time.
-_CHEAP: Final = ("ping_limit", "rewards", "observe", "first_phase", "draw")
 
 
 def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen | None:
@@ -97,12 +96,30 @@ def check_seeds(declared: Declaration, variant: str, path: Path) -> None:
 
 def check_unseen(scenario: Scenario, search: str) -> None:
     """Refuses, by an InputError, a scenario of a search, in whatever reflection."""
-    for other in _search(search).scenarios:
+    for other, essence in _search(search).scenarios:
         is_alike = scenario.grid.size == other.grid.size and len(scenario.places) == len(other.places)
-        is_alike = is_alike and all(getattr(scenario, key) == getattr(other, key) for key in _CHEAP)
-        if is_alike and scenario.essence == other.essence:
+        if is_alike and essence_of(scenario) == essence:
             reason = f"{scenario.name} is {other.name}, a scenario of the search, or its reflection"
             raise InputError(f"{reason}; accepted: other scenarios.")
+
+
+def essence_of(scenario: Scenario) -> str:
+    """Returns what makes a scenario another task than others: all but texts and reflections of the room."""
+    cells = np.arange(len(scenario.grid.is_wall)).reshape(scenario.grid.size)
+    rooms = []
+    for view in (cells, cells[::-1], cells[:, ::-1], cells[::-1, ::-1]):
+        shown = view.ravel()  # the cell at each index
+        index = shown.argsort()
+        positions = []
+        for j, zone in enumerate(scenario.zone):
+            starts = sorted([int(t), int(index[c])] for i, t, c in scenario.starts if i == j)
+            positions.append([zone[:, shown].tolist(), starts])
+        rooms.append(json.dumps([scenario.grid.is_wall[shown].tolist(), sorted(positions)]))
+    apart = {"name", "description", "grid", "issuer", "regions", "others", "phases"}
+    rest = scenario.model_dump(mode="json", exclude=apart)
+    feedback = [person.feedback.model_dump() for person in (scenario.issuer, *scenario.others)]
+    clock = [part.tolist() for part in (scenario.ticks, *scenario.following)]
+    return json.dumps([min(rooms), rest, feedback, clock], sort_keys=True)
 
 
 class _Search(NamedTuple):
@@ -110,12 +127,13 @@ class _Search(NamedTuple):
 
     declared: Declaration
     path: Path
-    scenarios: list[Scenario]
+    scenarios: list[tuple[Scenario, str]]  # and their essence
     digest: str
 
 
 @lru_cache(maxsize=8)
 def _search(name: str) -> _Search:
     declared, path = read_experiment(name)
-    scenarios = [load_scenario(scenario) for scenario in declared.scenarios]
+    loaded = [load_scenario(scenario) for scenario in declared.scenarios]
+    scenarios = [(scenario, essence_of(scenario)) for scenario in loaded]
     return _Search(declared, path, scenarios, digest_of_search(declared))

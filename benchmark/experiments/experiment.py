@@ -444,8 +444,8 @@ def check_size(run: RunSpecification) -> None:
     scenario = seen_as(run.scenario, run.observation)
     every, n_inputs = f"evaluation_every = {run.evaluation_every}", 2 * len(scenario.observe)
     if ENCODINGS[run.observation] == "one_hot":
-        check_one_hot(scenario.n_observations, scenario.n_features)
-        n_inputs = scenario.n_features
+        check_one_hot(scenario.n_observations, sum(scenario.observed_sizes))
+        n_inputs = sum(scenario.observed_sizes)
     for setting, size in load_algorithm(run.algorithm).memory(run.settings, n_inputs).items():
         if size > LARGEST_AGENT:
             accepted = f"at most {LARGEST_AGENT / 1e9:.0f} GB"

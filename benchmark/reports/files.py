@@ -1,16 +1,15 @@
-"""Writes results so that readers see the old ones or the new ones, and a crash leaves nothing behind.
+"""Writes results so that readers never see a mixture of old and new ones, and a crash loses nothing.
 
 What is being made has a name that begins with a dot and ends in `.making`. Since one process at a time writes
 to a folder of results, what has such a name when a process begins was left by a killed one.
 """
 
-import ctypes
 import fcntl
 import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Final
 
@@ -18,16 +17,13 @@ from envs import InputError
 
 _MAKING: Final = ".making"
 _BEFORE: Final = ".before"  # ends the name of a folder for the moment in which another takes its place
-_AT_FDCWD: Final = -100
-_RENAME_EXCHANGE: Final = 2
 
 
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
     """Waits until no other process writes to a folder, and removes what killed ones have left there.
 
-    Args:
-      folder: Of results; it is made if it is missing.
+    A missing folder is made.
 
     Raises:
       InputError: It cannot be written.
@@ -47,18 +43,16 @@ def alone(folder: Path) -> Iterator[None]:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Waits until no other process has locked a folder, and locks it."""
-    with _input_errors(folder):
-        descriptor = os.open(folder, os.O_RDONLY)
-    try:
+    with ExitStack() as stack:
         with _input_errors(folder):
+            descriptor = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, descriptor)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 print(f"{folder}: waiting for another command that writes there ...", file=sys.stderr)
                 fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield
-    finally:
-        os.close(descriptor)
 
 
 @contextmanager
@@ -87,7 +81,11 @@ def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
             yield made
             with _input_errors(folder):
                 _take_over(folder, made, is_stale)
-                _exchange(made, folder)
+                before = folder.with_name(f".{folder.name}{_BEFORE}")
+                if folder.exists():
+                    folder.rename(before)
+                made.rename(folder)
+                _remove(before)
         finally:
             _remove(made)
 
@@ -114,33 +112,9 @@ def _take_over(folder: Path, made: Path, is_stale: Callable[[str], bool]) -> Non
         if path.is_dir() and not path.is_symlink():
             if target.exists():
                 raise InputError(f"{path}: cannot be written: it is a folder; move it away.")
-            shutil.copytree(path, target, copy_function=_link, symlinks=True)
+            shutil.copytree(path, target, symlinks=True)
         elif not target.exists() and not is_stale(path.name):
-            _link(path, target)
-
-
-def _link(source: str | Path, target: str | Path) -> None:
-    """Gives a file a second name, or copies it where the file system has no hard links."""
-    try:
-        os.link(source, target, follow_symlinks=False)
-    except OSError:
-        shutil.copy2(source, target, follow_symlinks=False)
-
-
-def _exchange(made: Path, folder: Path) -> None:
-    """Puts a new folder in the place of another, in one step where the system can."""
-    if not folder.exists():
-        made.rename(folder)
-        return
-    if sys.platform == "linux":
-        rename = getattr(ctypes.CDLL(None), "renameat2", None)  # older C libraries have none
-        paths = _AT_FDCWD, os.fsencode(made), _AT_FDCWD, os.fsencode(folder)
-        if rename is not None and rename(*paths, _RENAME_EXCHANGE) == 0:
-            return
-    before = folder.with_name(f".{folder.name}{_BEFORE}")
-    folder.rename(before)
-    made.rename(folder)
-    _remove(before)
+            shutil.copy2(path, target, follow_symlinks=False)
 
 
 def _remove(path: Path) -> None:

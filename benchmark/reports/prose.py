@@ -29,57 +29,42 @@ def written(folder: Folder) -> str | None:
     """Returns the text written for a folder of results, in Markdown; None if there is none for these runs.
 
     Raises:
-      ClaimError: The tables do not show what it claims.
+      ClaimError: The tables do not show what it claims. On another type of processor nets learn differently,
+        so there a claim can fail without any error.
       InputError: They lack what it cites.
     """
-    text, failed = _rendered(folder)
-    if failed:
-        raise ClaimError(*(f"{folder.path}: these tables do not show that {claim}." for claim in failed))
-    return text
-
-
-def failed_claims(folder: Folder) -> list[str]:
-    """Returns the claims of a folder's text that its tables do not show.
-
-    On another type of processor nets learn differently, so there a claim can fail without any error.
-    """
-    return _rendered(folder)[1]
-
-
-def paragraphs(folder: Folder, title: str = "") -> str:
-    """Returns the paragraphs of a folder's text that belong to a title, as one and without links.
-
-    Args:
-      folder: The folder of results.
-      title: By default those before the first title.
-
-    Raises:
-      InputError: There is no such title, or see `written`.
-    """
-    found, current = [], ""
-    for paragraph in (written(folder) or "").split("\n\n"):
-        start = _TITLE.match(paragraph)
-        current = start[1] if start else current
-        if current == title:
-            found.append(tables.plain(paragraph))
-    if not "".join(found):
-        raise InputError(f"{folder.path}: its text has no paragraph {title or 'without a title'}.")
-    return " ".join(found)
-
-
-def _rendered(folder: Folder) -> tuple[str | None, list[str]]:
-    """Returns the text of a folder of results, and its claims that the tables do not show."""
     manifest = folder.manifest
     path = EXPERIMENT_DIRECTORY / f"{manifest.get('argument')}.md.jinja"
     is_as_declared = not manifest.get("partial") and " --seeds " not in manifest.get("command", "")
     if not is_as_declared or not path.is_file():
-        return None, []
+        return None
     with folder.reading():
         lookups = _Lookups(folder)
         functions = {name: getattr(lookups, name) for name in vars(_Lookups) if name[0] != "_"}
         text = templates_in(path.parent).get_template(path.name).render(functions)
-    paragraphs = [" ".join(each.split()) for each in text.split("\n\n")]
-    return "\n\n".join(filter(None, paragraphs)), lookups.failed
+    if lookups.failed:
+        raise ClaimError(
+            *(f"{folder.path}: these tables do not show that {claim}." for claim in lookups.failed)
+        )
+    paragraphs = [" ".join(paragraph.split()) for paragraph in text.split("\n\n")]
+    return "\n\n".join(filter(None, paragraphs))
+
+
+def paragraphs(folder: Folder, title: str = "") -> str:
+    """Returns the paragraphs of a folder's text below a title, by default above all, as one without links.
+
+    Raises:
+      InputError: There is no such title, or see `written`.
+    """
+    chosen, current = [], ""
+    for paragraph in (written(folder) or "").split("\n\n"):
+        start = _TITLE.match(paragraph)
+        current = start[1] if start else current
+        if current == title:
+            chosen.append(tables.plain(paragraph))
+    if not "".join(chosen):
+        raise InputError(f"{folder.path}: its text has no paragraph {title or 'without a title'}.")
+    return " ".join(chosen)
 
 
 class _Lookups:
@@ -99,39 +84,32 @@ class _Lookups:
         return frame
 
     def row(self, table: str, **where: object) -> pd.Series:
-        """Returns the only row of a table with these values."""
-        found = self.rows(table, **where)
-        if len(found) != 1:
-            raise ValueError(f"{table}.csv has {len(found)} rows with {where}, not one")
-        return found.iloc[0]
+        rows = self.rows(table, **where)
+        if len(rows) != 1:
+            raise ValueError(f"{table}.csv has {len(rows)} rows with {where}, not one")
+        return rows.iloc[0]
 
     def number(self, table: str, column: str, form: str = ",.0f", **where: object) -> str:
-        """Returns a number, with a link to its row."""
-        found = self.row(table, **where)
-        return tables.link(format(found[column], form), table, found)
+        """Returns a number, or with the form "time" seconds, with a link to its row."""
+        row = self.row(table, **where)
+        text = tables.duration(row[column]) if form == "time" else format(row[column], form)
+        return tables.link(text, table, row)
 
-    def interval(self, table: str, column: str, form: str = ".2f", **where: object) -> str:
-        """Returns a number with its interval."""
-        found = self.row(table, **where)
-        low, high = (format(found[f"{column}_{end}"], form) for end in ("low", "high"))
-        return f"{self.number(table, column, form, **where)} [{low}, {high}]"
-
-    def duration(self, table: str, column: str, **where: object) -> str:
-        """Returns a time in seconds or milliseconds."""
-        found = self.row(table, **where)
-        return tables.link(tables.duration(found[column]), table, found)
+    def interval(self, table: str, column: str, **where: object) -> str:
+        low, high = (self.row(table, **where)[f"{column}_{end}"] for end in ("low", "high"))
+        return f"{self.number(table, column, '.2f', **where)} [{low:.2f}, {high:.2f}]"
 
     def count(self, table: str, of: str = "", **where: object) -> str:
         """Returns how many rows have these values, or how many different values a column has in them."""
-        found = self.rows(table, **where)
-        return tables.link(str(found[of].nunique() if of else len(found)), table, found)
+        rows = self.rows(table, **where)
+        return tables.link(str(rows[of].nunique() if of else len(rows)), table, rows)
 
     def names(self, table: str, column: str, **where: object) -> str:
         """Returns the different values of a column, as a list in words."""
-        found = self.rows(table, **where)
-        return tables.link(listed(map(str, found[column].unique())), table, found)
+        rows = self.rows(table, **where)
+        return tables.link(listed(map(str, rows[column].unique())), table, rows)
 
     def claim(self, is_true: bool, sentence: str) -> str:
         """Checks that a sentence is true of the tables; returns an empty text."""
-        self.failed.extend([] if is_true else [sentence])
+        self.failed += [] if is_true else [sentence]
         return ""

@@ -1,50 +1,74 @@
-"""Speed: each row compares this project with a common alternative, or a large size with a small one.
+"""Speed: each row compares this project with a common alternative, or a large size with a small one, in S1.
 
 Machines are noisy: the two sides of a row take turns, as do the rows, and the best turn of each side counts.
 Training whole nets takes too long for that: rates by CPU time are the units of all turns per second.
 """
 
 import json
+import random
 import time
 from collections import defaultdict
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final, NoReturn
+from typing import Any, Final, NamedTuple, NoReturn
 
+import gymnasium
 import numpy as np
 import pandas as pd
+from numpy.random import SeedSequence
 from rich.console import Console
 from rich.progress import track
 
-from benchmark.drawing.tables import write_csv
+from agents import Schedule, load_algorithm
+from agents.dynamic_programming import evaluate
+from agents.policy import uniform_policy
+from agents.process import N_ACTIONS
+from agents.tabular import learner
+from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
+from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, Reporting
 from benchmark.reports import document, files
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Item, Report, entry
-from benchmark.reports.speed_rows import Row, Work, all_rows
-from envs import InputError
+from envs import InputError, Model, compile_scenario, load_scenario
+from envs.inputs import parse, read_toml
+
+_ENV: Final = "envs:Proxemic/S1-v0"
+_NETS: Final = Path(__file__).with_name("speed_nets.toml")
+_LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
+_SB3: Final = "Stable-Baselines3, by CPU time"
+Side = tuple[float, Callable[[], object]]  # how many units one call of a function does
+
+
+class Row(NamedTuple):
+    """Two ways to do the same."""
+
+    name: str
+    unit: str
+    ours: Side
+    other: Side
+    against: str
+    is_by_cpu_time: bool = False
 
 
 def measure(results: Path, *, smoke: bool) -> None:
-    """Measures and prints the rates of all rows, and writes a folder of results.
+    """Measures all rows, or very little in a smoke test, and writes a folder among those of results.
 
-    Other commands that write to the folder wait meanwhile, as they would disturb the measurement.
-
-    Args:
-      results: The folder of all results.
-      smoke: Whether to measure very little, to try the code; it has a folder of its own.
+    Other commands that write there wait meanwhile, as they would disturb the measurement.
 
     Raises:
       InputError: The folder cannot be written; then nothing is measured.
     """
+    import agents.sb3.training  # noqa: F401 - a missing package is refused before anything is measured
+
     directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
     with files.alone(results), files.replaced(directory, is_stale=lambda _: False) as aside:
         with TemporaryDirectory() as scratch:
             frame = _measured(all_rows(smoke, Path(scratch)), n_turns=2 if smoke else 16)
-        for _, row in frame.iterrows():
-            rate = "{name:24} {per_second:14,.0f} {unit}/s, {ratio:8.3g} times {against}"
-            print(rate.format_map(row))
+        print(to_markdown(frame))
         manifest = {
             "experiment": REPORT.name,
             "description": "The speed of this project against common alternatives.",
@@ -71,37 +95,132 @@ def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
 
     The first turn of a side, which compiles, imports and fills caches, does not count.
     """
-    turns = defaultdict[Work, list[tuple[float, float]]](list)  # units and seconds
-    order = [
-        (row, side)
-        for turn in range(n_turns)
-        for row in rows
-        for side in row.sides
-        if turn < 5 or not row.is_by_cpu_time
+    seconds = defaultdict[tuple[str, bool], list[float]](list)
+    turns = [(turn, row, ours) for turn in range(n_turns) for row in rows for ours in (True, False)]
+    for turn, row, ours in track(turns, "measuring", console=Console(stderr=True)):
+        if turn < 5 or not row.is_by_cpu_time:
+            clock = time.process_time if row.is_by_cpu_time else time.perf_counter
+            started_s = clock()
+            (row.ours if ours else row.other)[1]()
+            seconds[row.name, ours].append(clock() - started_s)
+
+    def rate(row: Row, ours: bool) -> float:
+        units, counted = (row.ours if ours else row.other)[0], seconds[row.name, ours][1:]
+        return units * len(counted) / sum(counted) if row.is_by_cpu_time else units / min(counted)
+
+    columns = ["name", "per_second", "baseline", "unit", "against"]
+    measured = [(row.name, rate(row, True), rate(row, False), row.unit, row.against) for row in rows]
+    frame = pd.DataFrame(measured, columns=columns)
+    frame.insert(3, "ratio", frame["per_second"] / frame["baseline"])
+    return frame
+
+
+def all_rows(smoke: bool, scratch: Path) -> list[Row]:
+    """Lists all rows, which need an empty folder; for a smoke test they do a hundredth of the work."""
+
+    def size(n: int) -> int:
+        return max(n // 100, 1) if smoke else n
+
+    s1, anywhere = (compile_scenario(load_scenario(name)) for name in ("S1", "Anywhere"))
+    short, long, policy = size(20_000), size(100_000), uniform_policy(s1)
+    many, one = _kernel(s1, 1000, short), _kernel(s1, 1, short)
+    two_threads, one_thread = (_kernel(s1, 200, long, 10, threads) for threads in (2, 1))
+    in_anywhere, in_s1 = (_kernel(model, 100, long, 100) for model in (anywhere, s1))
+    batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
+    exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
+    played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
+    states = f"the same in S1; Anywhere has {len(anywhere.observation):,} states"
+    runs = _reading(scratch, size(10_000)), _reading(scratch, size(100))
+    rows = [
+        Row("q_learning_kernel", "updates", _kernel(s1, 200, short), (long, partial(_loop, long)), _LOOP),
+        Row("q_learning_threads", "updates", two_threads, one_thread, "one thread, by two"),
+        Row("vector_env_1000", "steps", batched, sync, "gymnasium.vector.SyncVectorEnv"),
+        Row("evaluate", "policies", exact, played, "1,000 simulated episodes, uniform random policy"),
+        # How cost grows: a ratio of 1 means in proportion.
+        Row("q_learning_agents", "updates", many, one, "1 agent at a time, by 1,000"),
+        Row("q_learning_anywhere", "updates", in_anywhere, in_s1, states),
+        Row("stored_statuses", "runs", *runs, "a store of 100 runs, by one of 10,000"),
     ]
-    for row, side in track(order, "measuring", console=Console(stderr=True)):
-        clock = time.process_time if row.is_by_cpu_time else time.perf_counter
-        started_s = clock()
-        turns[side].append((side(), clock() - started_s))
+    budget = 200 if smoke else 10_000
+    for net, declared in read_toml(_NETS).items():
+        for observation in declared.pop("observations"):
+            name = net.partition("_")[0]
+            settings = declared | {"budget": budget, "time_limit": 200}
+            ours = _training(s1, f"compiled_{name}", observation, settings, size(25))
+            stock = _training(s1, name, observation, settings, 1)
+            rows.append(Row(f"net_{net}_{observation}", "steps", ours, stock, _SB3, is_by_cpu_time=True))
+    return rows
 
-    def rate(row: Row, side: Work) -> float:
-        units, seconds = np.array(turns[side][1:]).T
-        return float(units.sum() / seconds.sum() if row.is_by_cpu_time else (units / seconds).max())
 
-    rates = {row.name: [rate(row, side) for side in row.sides] for row in rows}
-    limit = max(rates["matrix_products"])
-    return pd.DataFrame(
-        {
-            "name": row.name,
-            "per_second": ours,
-            "baseline": other,
-            "ratio": ours / other,
-            "of_limit": ours * row.products / limit or None,
-            "unit": row.unit,
-            "against": row.against,
-        }
-        for row, (ours, other) in zip(rows, rates.values(), strict=True)
-    )
+def _kernel(model: Model, n_agents: int, steps: int, record_every: int = 1, threads: int = 1) -> Side:
+    """Trains agents by Q-learning with the paper's constants, with their visited max Q recorded."""
+    settings, seeds = learner.Settings(budget=steps, record_every=record_every), _seeds(n_agents)
+    return n_agents * steps, partial(learner.train, model, settings, seeds, Schedule(steps), threads=threads)
+
+
+def _training(model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int) -> Side:
+    """Trains nets."""
+    algorithm, budget = load_algorithm(name), declared["budget"]
+    settings, seeds = parse(algorithm.settings, declared, str(_NETS)), _seeds(n_agents)
+    return n_agents * budget, partial(algorithm.train, model, settings, observation, seeds, Schedule(budget))
+
+
+def _seeds(n: int) -> list[SeedSequence]:
+    return [SeedSequence([0, i]) for i in range(n)]
+
+
+def _stepping(mode: str, times: int) -> Side:
+    """Steps 1,000 environments with random actions."""
+    envs = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode, max_episode_steps=-1)
+    envs.reset()
+    actions = np.random.default_rng(0).integers(0, N_ACTIONS, (times, 1000))
+    return actions.size, lambda: [envs.step(row) for row in actions]
+
+
+def _reading(folder: Path, n: int) -> Side:
+    """Reads the statuses of a store of so many runs, which it makes."""
+    path, q = folder / f"{n}.db", np.random.default_rng(0).random((120, 5))
+    with Store(path) as store:
+        store.add(Record(f"{i:064}", "{}", "done", {}, {"q": q}) for i in range(n))
+
+    def read() -> None:
+        with Store(path, read_only=True) as store:
+            store.statuses()
+
+    return n, read
+
+
+def _loop(steps: int) -> None:
+    """Learns in Python without NumPy, whose calls take longer than the arithmetic on a few numbers."""
+    env = gymnasium.make(_ENV, max_episode_steps=-1)
+    rng = random.Random(0)
+    q = [[0.0] * 5 for _ in range(120)]
+    visited_max = []
+    observation, _ = env.reset(seed=0)
+    for _ in range(steps):
+        row = q[observation]
+        best = max(row)
+        visited_max.append(best)
+        if rng.random() < 0.6:
+            action = rng.randrange(5)
+        else:
+            action = rng.choice([a for a in range(5) if row[a] == best])
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else 0.9 * max(q[following]))
+        row[action] += 0.6 * (target - row[action])
+        observation = env.reset()[0] if terminated or truncated else following
+
+
+def _play(episodes: int) -> None:
+    """Simulates episodes of the random policy."""
+    env = gymnasium.make(_ENV, max_episode_steps=200)
+    rng = random.Random(0)
+    for _ in range(episodes):
+        env.reset()
+        ended = False
+        while not ended:
+            _, _, terminated, truncated, _ = env.step(rng.randrange(N_ACTIONS))
+            ended = terminated or truncated
 
 
 def _headline(folder: Folder) -> str:
@@ -122,13 +241,12 @@ def _refuse(experiment: Experiment) -> NoReturn:
 _SPEED: Final = Item(
     "speed",
     "rates of this project and of common alternatives, from the same run",
+    columns=dict.fromkeys(("name", "per_second", "baseline", "ratio", "unit", "against"), ""),
     is_measured=True,
     meanings={
         "against": "the alternative",
         "baseline": "units per second of the alternative",
         "name": "what is measured",
-        "of_limit": "share of the speed that products of matrices alone would allow; empty where it does not "
-        "apply",
         "per_second": "units per second of this project",
         "ratio": "`per_second` / `baseline`",
         "unit": "what is counted",

@@ -339,15 +339,14 @@ def test_ppo_is_stable_baselines3s(
 # First weights
 
 
-def first_weights(name: str, observation: str) -> list[list[NDArray[Any]]]:
+def first_weights(name: str) -> list[list[NDArray[Any]]]:
     """Returns the first weights and biases of every layer of three agents."""
     net = {"policy_kwargs": {"net_arch": (64, 48)}}
-    return [agent_of(name, observation, S1, np.float32, seed, **net).weights() for seed in range(N_AGENTS)]
+    return [agent_of(name, "one_hot", S1, np.float32, seed, **net).weights() for seed in range(N_AGENTS)]
 
 
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-def test_first_weights_of_dqn_are_those_of_linear_layers(observation: str) -> None:
-    layers = list(zip(*first_weights("compiled_dqn", observation), strict=True))
+def test_first_weights_of_dqn_are_those_of_linear_layers() -> None:
+    layers = list(zip(*first_weights("compiled_dqn"), strict=True))
     for weights, biases in zip(layers[::2], layers[1::2], strict=True):
         bound = 1 / np.sqrt(len(weights[0]))
         values = np.concatenate([part.ravel() for part in (*weights, *biases)])
@@ -355,17 +354,16 @@ def test_first_weights_of_dqn_are_those_of_linear_layers(observation: str) -> No
         assert not np.array_equal(weights[0], weights[1])
 
 
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-def test_first_weights_of_ppo_are_orthogonal(observation: str) -> None:
+def test_first_weights_of_ppo_are_orthogonal() -> None:
     gains = [np.sqrt(2), np.sqrt(2), 0.01, np.sqrt(2), np.sqrt(2), 1.0]
-    for parts in first_weights("compiled_ppo", observation):
+    agents = first_weights("compiled_ppo")
+    for parts in agents:
         assert not any(biases.any() for biases in parts[1::2])
         for matrix, gain in zip(parts[::2], gains, strict=True):
             short = matrix if len(matrix) <= len(matrix.T) else matrix.T
             assert short @ short.T == pytest.approx(gain**2 * np.eye(len(short)), abs=1e-5)
     # Of a random direction, each coordinate is nearly normal.
-    matrices = [parts[0] for parts in first_weights("compiled_ppo", "one_hot")]
-    scaled = np.concatenate([matrix.ravel() for matrix in matrices]) * np.sqrt(120 / 2)
+    scaled = np.concatenate([parts[0].ravel() for parts in agents]) * np.sqrt(120 / 2)
     assert kstest(scaled, "norm").pvalue > 1e-3
 
 
@@ -404,13 +402,13 @@ CASES: dict[str, list[dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize(("name", "scene"), [(name, scene) for name in CASES for scene in ("S1", "moods")])
-def test_bits_of_an_agent_do_not_depend_on_how_work_is_split(name: str, scene: str) -> None:
+@pytest.mark.parametrize("name", CASES)
+def test_bits_of_an_agent_do_not_depend_on_how_work_is_split(name: str) -> None:
     """Seeds in one call, one by one, in unequal parts, and in two threads at a time."""
-    changes, model = {"budget": 200} | CASES[name][0], SCENES[scene]
+    changes = {"budget": 200} | CASES[name][0]
 
     def some(seeds: list[int]) -> Any:
-        return trained(name, "one_hot", seeds, model, (0, 100, 200), **changes)
+        return trained(name, "one_hot", seeds, MOODY, (0, 100, 200), **changes)
 
     together = some([*range(5)])
     with ThreadPoolExecutor(2) as pool:

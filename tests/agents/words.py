@@ -95,20 +95,20 @@ def textbook(
             action = choose(next(stream), epsilon, best_actions(values(o)))
         is_greedy = action in best_actions(values(o))
 
-        after = model.transitions(state)[action]
-        reward = after.grid_reward + after.issuer_reward
-        if after.issuer_noise:
-            reward += after.issuer_noise * (2 * uniform(next(stream)) - 1)
+        at = state, action
+        reward = model.grid_reward[at] + model.issuer_reward[at]
+        if model.issuer_noise[at]:
+            reward += model.issuer_noise[at] * (2 * uniform(next(stream)) - 1)
         outcome = 0
         if model.n_outcomes > 1:
-            outcome = int((np.cumsum(after.probability)[:-1] <= uniform(next(stream))).sum())
-        next_state = after.next_states[outcome]
+            outcome = int((np.cumsum(model.probability[at])[:-1] <= uniform(next(stream))).sum())
+        next_state = int(model.next_state[(*at, outcome)])
         o_next = int(model.observation[next_state])
         word = next(stream) if name == "double_q_learning" else 0
         updated = word >> 63
 
         target = reward
-        if not after.terminated:
+        if not model.terminated[at]:
             row = values(o_next)
             match name:
                 case "q_learning" | "watkins_q_lambda":
@@ -138,7 +138,7 @@ def textbook(
             tables[updated, o, action] += rate * (target - tables[updated, o, action])
 
         state, episode_steps, steps = next_state, episode_steps + 1, steps + 1
-        ends = after.terminated or episode_steps == settings.time_limit
+        ends = model.terminated[at] or episode_steps == settings.time_limit
         if ends:
             state, episode_steps, episodes = start(), 0, episodes + 1
         if ends or settings.budget_unit == "steps":

@@ -233,7 +233,7 @@ def test_a_stochastic_policy_is_read_from_a_model_and_from_its_file(saved: dict[
         ({"observation": "coordinates"}, r"zip: observation_space = .* accepted in Moody with"),
         (
             {"algorithm": "stable_baselines3:PPO"},
-            r"zip: it holds the policy \w+, which stable_.*:PPO does not",
+            "zip: cannot be loaded: .* accepted: what model.save of stable_baselines3:PPO has",
         ),
         ({"stochastic": True}, "stochastic = True: accepted only with action probabilities"),
         ({"algorithm": None}, "zip: the algorithm is missing"),
@@ -286,11 +286,11 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
         "partial": "",
         "scenarios": {"S1": load_scenario("S1").model_dump(mode="json")},
         "algorithms": {
-            variant: {"reference_for": of, "family": family, "title": title}
-            for variant, of, family, title in (
-                ("table", "", "tabular", "Q-learning table"),
-                ("net", "", "deep", ""),
-                ("same", "net", "deep", ""),
+            variant: {"reference_for": of, "family": family, "title": title, "settings": dict.fromkeys(forms)}
+            for variant, of, family, title, *forms in (
+                ("table", "", "tabular", "Q-learning table", "index"),
+                ("net", "", "deep", "", "one_hot", "coordinates"),
+                ("same", "net", "deep", "", "one_hot"),
             )
         },
     }

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.packages import _required, broken, unusable
-from envs.inputs import imported
+from benchmark.packages import unusable
 from tests.support import ROOT
 
 NET = """
@@ -26,8 +25,8 @@ algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 1 }
 def sentence(package: str, reason: str) -> str:
     installed = version(package).partition("+")[0]
     return (
-        f"the package {package} is broken ({reason}); "
-        f"pip install --force-reinstall {package}=={installed} repairs it."
+        f"the package {package} cannot be imported ({reason}); "
+        f"if it is broken, pip install --force-reinstall {package}=={installed} repairs it."
     )
 
 
@@ -42,10 +41,8 @@ def benchmark(folder: Path, package: str, content: str, *arguments: str) -> subp
 @pytest.mark.parametrize(
     ("package", "content", "reason", "command"),
     [
-        ("numba", "raise RuntimeError('planted')", "RuntimeError: planted", "list"),
         ("numba", "import ctypes; ctypes.CDLL('/no.so')", "OSError: /no.so: cannot open", "run reproduce"),
         ("numba", "", "ModuleNotFoundError: No module named 'numba.core'", "watch"),  # there in part
-        ("pandas", "raise ImportError('planted')", "ImportError: planted", "report reproduce"),
         ("numpy", "raise ImportError('planted')", "ImportError: planted", "--help"),
     ],
 )
@@ -92,45 +89,12 @@ def test_packages_are_imported_in_processes_of_their_own(
     }
 
 
-def test_modules_of_users_are_no_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing that pip finds under their names would mend them."""
-    (tmp_path / "of_a_user.py").write_text("import numpy; numpy.no_such_thing", encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ValueError, match="cannot be imported: module 'numpy' has no attribute") as raised:
-        imported("of_a_user:X", "mine.toml", "algorithm")
-    assert raised.value.__cause__ is not None
-    assert broken(raised.value.__cause__) == ""
-
-
 def test_packages_of_users_are_not_explained(tmp_path: Path) -> None:
-    """Though pip has installed one, its name is no help; that of the file and the key is."""
-    about = tmp_path / "mylab_x-0.1.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mylab-x\nVersion: 0.1\n", encoding="utf-8")
-    (about / "RECORD").write_text("mylab/__init__.py,,\n", encoding="utf-8")
+    """Nothing that pip finds under their names would mend them."""
     (tmp_path / "net.toml").write_text(NET.replace('= "dqn"', '= "mylab:X"'), encoding="utf-8")
-    done = benchmark(tmp_path, "mylab", "raise RuntimeError('planted')", "run", "net.toml")
+    done = benchmark(tmp_path, "mylab", "import numpy; numpy.planted", "run", "net.toml")
     assert done.stderr.startswith("error: net.toml: "), done.stderr
     assert "algorithms.dqn" in done.stderr
     assert "planted" in done.stderr
-    assert "mylab-x" not in done.stderr
-    assert done.returncode == 2
-
-
-@pytest.mark.parametrize(
-    "module", ["numba", "typing_extensions"]
-)  # the second one is required by others alone
-def test_required_packages_are_explained(module: str) -> None:
-    assert _required(module)
-
-
-@pytest.mark.parametrize(
-    "reason",
-    ["MemoryError", "OSError(24, 'Too many open files')", "ImportError('/x.so: Cannot allocate memory')"],
-)
-def test_what_runs_out_during_an_import_breaks_no_package(tmp_path: Path, reason: str) -> None:
-    done = benchmark(tmp_path, "numba", f"raise {reason}", "list")
-    assert done.stderr.startswith("error: the package numba cannot be imported now ("), done.stderr
-    assert "reinstall" not in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert "pip install" not in done.stderr
     assert done.returncode == 2

@@ -67,7 +67,7 @@ def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"issuer.places": 112}, "issuer.places = 112: accepted: at most 111 together"),
+        ({"issuer.places": 112}, "issuer.places = 112 with issuer.unseen = 0: accepted: at most 111"),
         ({"issuer.places": 100, "issuer.unseen": 12}, "issuer.places = 100 with issuer.unseen = 12"),
         ({"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
         ({"issuer.places": 0}, "issuer.places = 0"),

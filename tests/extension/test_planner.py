@@ -40,7 +40,6 @@ class Planner(SequentialAlgorithm):
         observation: str,  # noqa: ARG002
         seed: SeedSequence,  # noqa: ARG002
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
     ) -> dict[str, Any]:
         """Returns the same plan for every agent, at every step."""
         q = solve(model, settings.discount_factor).q[model.fresh_state]

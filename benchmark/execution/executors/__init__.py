@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from pathlib import Path
 from typing import Final, Protocol
 
 from benchmark.execution.plan import Job
@@ -14,8 +13,8 @@ from envs.inputs import imported, unknown_name
 class Executor(Protocol):
     """A place where jobs run. Only the driver calls it, from one thread."""
 
-    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
-        """Starts `benchmark.execution.job.execute_job(job, logs)`, and returns a future of what it returns.
+    def submit(self, job: Job) -> Future[list[Record]]:
+        """Starts `benchmark.execution.job.execute_job(job)`, and returns a future of what it returns.
 
         If the job is lost, for example because its machine fails, the future has an exception. The driver
         then records the job's runs as failed, with this exception as their error.

@@ -3,13 +3,12 @@
 import asyncio
 import logging
 import pickle
+import re
 import sys
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, Final
-from urllib.parse import urlsplit
 
 from distributed import Client, Worker, get_worker
 from distributed.client import ClosedClientError, FutureCancelledError
@@ -33,22 +32,13 @@ class Cluster:
     """
 
     def __init__(self, address: str, algorithms: Collection[str]) -> None:
-        """Connects to a scheduler, waits for its first worker, and checks all workers.
-
-        Args:
-          address: That of the scheduler, `tcp://HOST:PORT`.
-          algorithms: Those of the runs that will be executed.
+        """Connects to a scheduler, `tcp://HOST:PORT`, waits for its first worker, and checks all workers.
 
         Raises:
           InputError: There is no scheduler or no worker, or a worker's results might differ from those here.
         """
         self._address, where = address, f"--cluster {address}"
-        try:
-            parts = urlsplit(address)
-            is_address = parts.scheme == "tcp" and bool(parts.hostname and parts.port)
-        except ValueError:
-            is_address = False
-        if not is_address:
+        if not re.fullmatch(r"tcp://.+:[0-9]{1,5}", address):
             raise InputError(f"{where}: accepted: tcp://HOST:PORT, that of a Dask scheduler.")
         self._jobs: set[Future[list[Record]]] = set()
         here = {name: environment(name) for name in algorithms}
@@ -56,7 +46,7 @@ class Cluster:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
-        except OSError as error:
+        except (OSError, OverflowError) as error:  # no answer, or no such port
             reason = f"no Dask scheduler answered within {_ANSWER_S} s; 'dask scheduler' starts one"
             raise InputError(f"{where}: {reason}.") from error
         try:
@@ -73,11 +63,11 @@ class Cluster:
             raise
         self.workers: Final = len(answers)
 
-    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
+    def submit(self, job: Job) -> Future[list[Record]]:
         """Executes a job on some worker."""
         # `Client.get_executor` is not used: its futures wait forever if the scheduler dies at the wrong time.
         loop: Any = self._client.loop  # its annotation hides what it is
-        future = asyncio.run_coroutine_threadsafe(self._execute(job, logs), loop.asyncio_loop)
+        future = asyncio.run_coroutine_threadsafe(self._execute(job), loop.asyncio_loop)
         self._jobs.add(future)
         future.add_done_callback(self._jobs.discard)
         return future
@@ -106,10 +96,9 @@ class Cluster:
             raise InputError(f"{where}: its workers die when they are asked; their output may say why.")
         return alive
 
-    async def _execute(self, job: Job, logs: Path | None) -> list[Record]:
+    async def _execute(self, job: Job) -> list[Record]:
         name = job[0].algorithm
-        packed = pickle.dumps((job, None if logs is None else logs.absolute()))
-        call = _Call(name, environment(name), packed, SEARCHED)
+        call = _Call(name, environment(name), pickle.dumps(job), SEARCHED)
         try:
             if self._client.status != "running":
                 raise ClosedClientError  # Dask might not, and wait forever
@@ -139,20 +128,19 @@ def execute(
 ) -> list[Record] | str:
     """Executes a job on the worker that this is called on, if that has the driver's `environment`.
 
-    Returns the records; or why the worker is refused, since an exception might not reach the driver. The job
-    and the folder for logs are pickled, since code that differs from the driver's may be unable to read them.
+    Returns the records, or why the worker is refused: an exception might not reach the driver. The job is
+    pickled, since code that differs from the driver's may be unable to read it.
     """
     reason = refusal({algorithm: expected}, get_worker(), folders)
-    return execute_job(*pickle.loads(packed)) if reason is None else reason
+    return execute_job(pickle.loads(packed)) if reason is None else reason
 
 
 def refusal(
     expected: Mapping[str, Mapping[str, str]], dask_worker: Worker, folders: Collection[str]
 ) -> str | None:
-    """Returns why a worker must not execute runs, as a sentence; None if it may.
+    """Returns why a worker, which must have the driver's `environment`, is refused; None if it is not.
 
-    For each algorithm the driver's `environment` is expected. Dask passes `dask_worker` by this name. Modules
-    are also found in the folders of experiments, if the worker has them at the same path.
+    Modules are also found in the folders of experiments, if the worker has them at the same path.
     """
     for folder in folders:
         find_modules_in(folder)

@@ -10,7 +10,6 @@ from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 from typing import Final
 
 from benchmark.execution.job import execute_job
@@ -46,9 +45,9 @@ class Processes:
         self._lock = threading.Lock()
         self._is_cancelled = False
 
-    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
+    def submit(self, job: Job) -> Future[list[Record]]:
         """Executes a job in the worker of the next free thread."""
-        return self._pool.submit(self._execute, job, logs)
+        return self._pool.submit(self._execute, job)
 
     def cancel(self) -> None:
         """Kills every worker at once; there is nothing in them to be saved."""
@@ -59,12 +58,12 @@ class Processes:
                 process.join()
         self._pool.shutdown(cancel_futures=True)
 
-    def _execute(self, job: Job, logs: Path | None) -> list[Record]:
+    def _execute(self, job: Job) -> list[Record]:
         """Executes a job in this thread's worker, unless that dies or is killed by `cancel`."""
         if getattr(self._worker, "connection", None) is None:
             self._worker.process, self._worker.connection = self._start()
         try:
-            self._worker.connection.send((job, logs))
+            self._worker.connection.send(job)
             return list(self._worker.connection.recv())
         except (EOFError, OSError):
             if self._is_cancelled:
@@ -94,4 +93,4 @@ def _serve(connection: Connection) -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     with suppress(EOFError, ConnectionError):
         while True:
-            connection.send(execute_job(*connection.recv()))
+            connection.send(execute_job(connection.recv()))

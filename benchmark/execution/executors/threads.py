@@ -1,7 +1,6 @@
 """Threads of this process: for jobs that release Python's global lock while they train."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 
 from benchmark.execution import job as execution
 from benchmark.execution.plan import Job
@@ -15,9 +14,9 @@ class Threads:
         """Makes room for this many jobs at a time."""
         self._pool = ThreadPoolExecutor(jobs)
 
-    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
+    def submit(self, job: Job) -> Future[list[Record]]:
         """Executes a job in the next free thread."""
-        return self._pool.submit(execution.execute_job, job, logs)
+        return self._pool.submit(execution.execute_job, job)
 
     def cancel(self) -> None:
         """Waits for the jobs that are running, which are short; a thread cannot be stopped."""

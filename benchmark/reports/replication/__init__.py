@@ -37,5 +37,4 @@ REPORT: Final = Report(
     document=Path(__file__).parent / "document.md.jinja",
     headline=verdicts.headline,
     lead="figure",
-    columns=("success",),
 )

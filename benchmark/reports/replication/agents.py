@@ -4,100 +4,70 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
-import pandas as pd
-
 from benchmark.analysis.frames import RecordsOf
 from benchmark.analysis.records import Records
-from benchmark.experiments import DEFAULT_CONDITION, Experiment, Reporting
-from benchmark.reports.replication.claims import SCENARIOS, judge
+from benchmark.experiments import DEFAULT_CONDITION, Experiment
+from benchmark.reports.replication.claims import SCENARIOS
 from envs import InputError, compile_scenario
+from envs.words import listed
 
 Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
-_CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
-_DECLARED: Final = ("kind", "question", "items", "omit")  # of the keys of report
+_DECLARED: Final = {"kind", "question", "items", "omit"}  # of the keys of report
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has a single tabular learner that records the maximum Q, and no sweep.
+    """Checks that an experiment has the paper's scenarios, and a single table that records the maximum Q.
 
     Raises:
       InputError: It has something else, or declares what a comparison decides.
     """
-    source = experiment.argument
+    source, report = experiment.argument, experiment.report
     first, *others = experiment.learners.values()
     if others or first.family != "tabular" or "record_every" not in first.algorithm.settings.model_fields:
         raise InputError(
             f"{source}: algorithms: a replication takes one: a table that records the maximum Q."
         )
+    if {*experiment.scenarios} != {*SCENARIOS}:
+        raise InputError(f"{source}: scenarios: a replication takes the paper's: {listed(SCENARIOS)}.")
     for population in experiment.populations:
-        scenario = population.scenario
-        model = compile_scenario(scenario)
-        if not model.has_cell_maps or len(model.starts) > 1 or scenario.regions.target_radius is None:
+        model, name = compile_scenario(population.scenario), population.scenario.name
+        is_square = model.scenario.regions.target_radius is not None
+        if not (model.has_cell_maps and len(model.starts) == 1 and is_square):
             raise InputError(
-                f"{source}: scenarios: {scenario.name} ({population.condition.name}): a replication "
-                "takes scenarios like the paper's: the agent observes its cell alone, there is one start "
-                "and one phase, no wall, and the regions are squares by their radii."
+                f"{source}: scenarios: {name} ({population.condition.name}): in a replication the agent "
+                "observes its cell alone, there is one start and one phase, no wall, and the regions are "
+                "squares by their radii."
             )
-    if experiment.declared.sweep:
-        raise InputError(f"{source}: sweep: accepted: none, since a replication varies its readings alone.")
-    for key, field in Reporting.model_fields.items():
-        if key not in _DECLARED and getattr(experiment.report, key, field.default) != field.default:
-            raise InputError(f"{source}: report.{key}: a replication takes none; accepted: in a comparison.")
+    foreign = ["sweep"] if experiment.declared.sweep else []
+    if report is not None:
+        declared = report.model_dump(exclude_defaults=True, exclude=_DECLARED)
+        foreign += [f"report.{key}" for key in declared]
+    for key in foreign:
+        raise InputError(f"{source}: {key}: a replication takes none; accepted: in a comparison.")
 
 
 @lru_cache(maxsize=1)  # most tables and figures are of the default reading
-def all_agents(experiment: Experiment, records: RecordsOf, reading: str) -> Agents:
-    """Returns all agents of a reading."""
-    return {
+def agents_of(
+    experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION
+) -> Sequence[Agents]:
+    """Returns disjoint sets of a reading's agents by consecutive seeds, each of as many as the paper has.
+
+    If there are two or more, all agents of the reading follow.
+    """
+    everyone = {
         population.scenario.name: records(population)
         for population in experiment.populations
         if population.condition.name == reading
     }
-
-
-def few_agents(experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION) -> Agents:
-    """Returns as many agents of a reading as the paper has: those of the first seeds."""
-    agents = all_agents(experiment, records, reading)
-    return {name: group.subset(0, _size(experiment)) for name, group in agents.items()}
-
-
-def disjoint_sets(experiment: Experiment, records: RecordsOf) -> list[Agents]:
-    """Returns disjoint sets of agents by default, each as many as the paper has, by consecutive seeds.
-
-    The first is `few_agents`. If there is no second one, there are none.
-    """
-    agents, size = all_agents(experiment, records, DEFAULT_CONDITION), _size(experiment)
-    total = min(len(group.seeds) for group in agents.values())
-    starts = range(0, total - size + 1, size)
-    return [
-        {name: group.subset(start, start + size) for name, group in agents.items()}
-        for start in (starts if len(starts) > 1 else ())
-    ]
-
-
-def judged(experiment: Experiment, agents: Agents, reading: str = DEFAULT_CONDITION) -> pd.DataFrame:
-    """Judges the paper's claims by agents of a reading."""
-    return judge(agents, _CURVES[experiment.declared.readings[reading].curve])
-
-
-@lru_cache(maxsize=1)  # two tables are made of them
-def judged_sets(experiment: Experiment, records: RecordsOf) -> Sequence[pd.DataFrame]:
-    """Judges the paper's claims, if any, by each of the disjoint sets, whose first and last seeds it adds."""
-    if not has_claims(experiment):
-        return []
-    return [
-        judged(experiment, agents).assign(first_seed=seeds[0], last_seed=seeds[-1])
-        for agents in disjoint_sets(experiment, records)
-        for seeds in [next(iter(agents.values())).seeds]
-    ]
-
-
-def has_claims(experiment: Experiment) -> bool:
-    """Returns whether there are the paper's scenarios, which its claims are about."""
-    return set(SCENARIOS) <= set(experiment.scenarios)
-
-
-def _size(experiment: Experiment) -> int:
-    """Returns how many agents the paper has in a scenario: as many as the algorithm declares."""
     (learner,) = experiment.learners.values()
-    return learner.declared.seeds
+    size, total = learner.declared.seeds, len(everyone[SCENARIOS[0]].seeds)
+    sets: list[Agents] = [
+        {name: agents.subset(start, start + size) for name, agents in everyone.items()}
+        for start in range(0, max(total - size, 0) + 1, size)
+    ]
+    return [*sets, everyone] if len(sets) > 1 else sets
+
+
+def few_agents(experiment: Experiment, records: RecordsOf) -> Agents:
+    """Returns as many agents of the default reading as the paper has: those of the first seeds."""
+    return agents_of(experiment, records)[0]

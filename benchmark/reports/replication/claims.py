@@ -1,19 +1,13 @@
 """The paper's claims as measured rows, each with a threshold and a verdict.
 
-A claim is made of one or more parts, each a number that must lie on one side of a threshold. A part `passes`
-if its whole 95 % interval lies on the right side, and `fails` if it lies on the wrong one; otherwise, or if
-there is no number, it is `undecided`. If all parts pass, the claim `holds`; if one fails, it `does not hold`;
-otherwise it is `undecided`.
-
-Ratios, and means without bounds, have bootstrap intervals over agents; shares exact binomial ones; overlaps
-of agents' own maps, which vary much less than shares do, Student's or Welch's. What depends on which cells
-have a mean above zero has simultaneous intervals of all cells' means: a resampled count of signs is biased,
-since noise turns means near zero more often one way than the other.
+What a claim, its parts, states and verdicts are, and which intervals they have, is said in the document of
+the report. What depends on which cells have a mean above zero has simultaneous intervals of all cells' means:
+a resampled count of signs is biased, since noise turns means near zero more often one way than the other.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -22,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from benchmark.analysis.contrasts import POWER
-from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, student
+from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, resample, student
 from benchmark.analysis.records import Records, overlap
 from envs.model import PING
 from envs.regions import target_distance
@@ -39,7 +33,7 @@ _REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(POWER))  
 class Part(NamedTuple):
     """One number of a claim, with its 95 % interval; without a number, NaN."""
 
-    name: str
+    part: str  # its name
     value: float
     low: float
     high: float
@@ -58,22 +52,19 @@ class Claim(NamedTuple):
     measure: Callable[[Sequence[Records], str], list[Part]]  # of these scenarios, and of a curve
 
 
-def _resampled(name: str, samples: Samples, drawn: float = math.nan, note: str = "") -> Part:
-    with np.errstate(invalid="ignore"):  # of infinite ratios
-        low, high = interval(samples)
-        return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
+def _resampled(name: str, samples: Samples, drawn: float, note: str = "") -> Part:
+    low, high = interval(samples)
+    return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
 
 
-def _ratio(numerator: Samples | float, denominator: Samples | float) -> Samples:
-    with np.errstate(divide="ignore", invalid="ignore"):  # infinity or NaN, if nothing has been learned
-        return np.divide(numerator, denominator)
-
-
-def _ratios(groups: Sequence[Records], measure: Callable[[Records], tuple[Samples, float]]) -> list[Part]:
+@np.errstate(divide="ignore", invalid="ignore")  # infinity or NaN, if nothing has been learned
+def _ratios(
+    measure: Callable[[Records, str], tuple[Samples, float]], groups: Sequence[Records], curve: str
+) -> list[Part]:
     """Divides what is measured in the first scenario, and what is drawn of it, by that in each other."""
-    first, *others = ((agents.scenario, *measure(agents)) for agents in groups)
+    first, *others = ((agents.scenario, *measure(agents, curve)) for agents in groups)
     return [
-        _resampled(f"{first[0]}/{name}", _ratio(first[1], samples), float(_ratio(first[2], drawn)))
+        _resampled(f"{first[0]}/{name}", first[1] / samples, float(first[2] / drawn))
         for name, samples, drawn in others
     ]
 
@@ -81,15 +72,21 @@ def _ratios(groups: Sequence[Records], measure: Callable[[Records], tuple[Sample
 @lru_cache(maxsize=64)
 def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
     """Returns the standard deviation over agents, averaged over steps; and the height of the drawn area."""
-    curves, weights = agents.arrays[curve], agents.weights
+    curves, weights = agents.arrays[curve], resample(len(agents.seeds), agents.scenario)
     mean = weights @ curves / len(curves)
     variance = weights @ curves**2 / len(curves) - mean**2
     deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
-    return deviation, float(np.ptp(curves, axis=0).mean())
+    return deviation, np.ptp(curves, axis=0).mean()
 
 
-def _variability(groups: Sequence[Records], curve: str) -> list[Part]:
-    return _ratios(groups, lambda agents: _spread(agents, curve))
+def _focus(agents: Records, _: str) -> tuple[Samples, float]:
+    """Returns how far from the target region the positive mean Q-values of the moves lie."""
+    q, weights = agents.arrays["q"][:, :, :PING], resample(len(agents.seeds), agents.scenario)
+    mass = np.maximum(weights @ q.reshape(len(q), -1) / len(q), 0.0)
+    mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
+    scenario = agents.model.scenario
+    distance = target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
+    return mass @ distance / mass.sum(axis=1), math.nan
 
 
 def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
@@ -99,32 +96,17 @@ def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
         level = np.percentile(curves, 99, axis=1)  # (N,)
         reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
         ceiling = reward[agents.in_target].max()
-        samples = agents.weights @ level / len(level)
+        samples = resample(len(level), agents.scenario) @ level / len(level)
         note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
         parts.append(_resampled(agents.scenario, samples, float(curves.mean(axis=0).max()), note))
     return parts
-
-
-def _focus(agents: Records) -> tuple[Samples, float]:
-    """Returns how far from the target region the positive mean Q-values of the moves lie."""
-    q = agents.arrays["q"][:, :, :PING]
-    mass = np.maximum(agents.weights @ q.reshape(len(q), -1) / len(q), 0.0)
-    mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
-    scenario = agents.model.scenario
-    distance = target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
-    return _ratio(mass @ distance, mass.sum(axis=1)), math.nan
-
-
-def _moves_focused(groups: Sequence[Records], _: str) -> list[Part]:
-    return _ratios(groups, _focus)
 
 
 @lru_cache(maxsize=64)
 def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
     """Returns in which cells PING's mean Q-value is above zero: as measured, surely, and possibly, (3, O).
 
-    Surely and possibly are right for all cells at once, with a confidence of `level`. A cell where no agent
-    ever chose PING has 0 throughout, and is not above zero.
+    Surely and possibly are right for all cells at once, with a confidence of `level`.
     """
     q = agents.arrays["q"][:, :, PING]
     return np.stack(student(q, level, q.shape[1])) > 0
@@ -153,11 +135,7 @@ def _reaches(groups: Sequence[Records], _: str) -> list[Part]:
 
 
 def _mean_map(agents: Records, level: float = LEVEL) -> tuple[float, float, float]:
-    """Returns how the mean map overlaps with the target region: measured, least and greatest.
-
-    With T target cells it is at least (sure inside) / (T + possible outside), and at most (possible inside) /
-    (T + sure outside), where possible cells include the sure ones.
-    """
+    """Returns how the mean map overlaps with the target region: measured, least and greatest."""
     in_target, (measured, surely, possibly) = agents.in_target, _signs(agents, level)
     least, greatest = np.where(in_target, surely, possibly), np.where(in_target, possibly, surely)
     value, low, high = (float(overlap(cells, in_target)) for cells in (measured, least, greatest))
@@ -182,9 +160,9 @@ def _random_helps(groups: Sequence[Records], _: str) -> list[Part]:
 def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
     parts = [Part(f"mean map {agents.scenario}", *_mean_map(agents)) for agents in groups]
     for agents in groups:
-        own, valued, in_target = agents.region_overlap, agents.values_ping, agents.in_target
-        hits = (valued & in_target).sum(axis=1)
-        precision, recall = hits.sum() / max(valued.sum(), 1), hits.mean() / in_target.sum()
+        own, n_valued, in_target = agents.region_overlap, agents.values_ping.sum(), agents.in_target
+        hits = (agents.values_ping & in_target).sum(axis=1)
+        precision, recall = hits.sum() / max(n_valued, 1), hits.mean() / in_target.sum()
         error = float(own.std(ddof=1)) / math.sqrt(len(own))
         note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
         parts.append(Part(f"own maps {agents.scenario}", *student(own), error, note))
@@ -192,10 +170,10 @@ def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
 
 
 CLAIMS: Final = (
-    Claim("variability-S2", ">", 1.0, ("S2", "S1", "S3"), _variability),
+    Claim("variability-S2", ">", 1.0, ("S2", "S1", "S3"), partial(_ratios, _spread)),
     Claim("max-near-1", ">", 0.95, ("S1", "S3"), _near_one),
-    Claim("variability-S3", "<", 1.0, ("S3", "S1", "S2"), _variability),
-    Claim("moves-focused", "<", 1.0, ("S3", "S1", "S2"), _moves_focused),
+    Claim("variability-S3", "<", 1.0, ("S3", "S1", "S2"), partial(_ratios, _spread)),
+    Claim("moves-focused", "<", 1.0, ("S3", "S1", "S2"), partial(_ratios, _focus)),
     Claim("ping-S3", "<", 1.0, ("S3",), _valued_outside),
     Claim("ping-S3-inside", "<", 1.0, ("S3",), _missing_inside),
     Claim("ping-S1", ">", 0.0, ("S1",), _valued_outside),
@@ -207,63 +185,47 @@ CLAIMS: Final = (
 
 
 def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.DataFrame:
-    """Measures claims; returns one row per part.
+    """Measures claims, those on curves by this array of maximum Q; returns one row per part.
 
-    `effect` is a part's distance from the threshold, in standard deviations of a single agent, positive on
-    the right side. It is NaN if there is no standard deviation, or if that is 0 but for rounding. If it is
-    the true one, `agents_needed` agents decide an undecided part with a probability of 80 %.
-
-    Args:
-      agents: Those of at least the claims' scenarios, all of one reading and equally many.
-      curve: The array of maximum Q that the claims on curves are about.
-      claims: By default all that the paper makes.
+    The agents are those of one reading, by scenario, and equally many. `effect` and `agents_needed` are NaN
+    if there is no standard deviation, or if that is 0 but for rounding.
     """
-    rows: list[dict[str, object]] = []
-    for claim in claims:
-        about = [agents[name] for name in claim.scenarios]
-        judged = [_judged(claim, part, len(about[0].seeds)) for part in claim.measure(about, curve)]
-        worst = max(STATES.index(str(row["state"])) for row in judged)
-        rows += [row | {"verdict": VERDICTS[worst]} for row in judged]
-    return pd.DataFrame(rows)
+    n_agents = len(next(iter(agents.values())).seeds)
+    parts = pd.DataFrame(
+        {"claim": claim.id, "right_side": claim.right_side, "threshold": claim.threshold} | part._asdict()
+        for claim in claims
+        for part in claim.measure([agents[name] for name in claim.scenarios], curve)
+    )
+    ends = np.stack([_margin(parts, "low"), _margin(parts, "high")])
+    states = [ends.min(axis=0) > 0, ends.max(axis=0) <= 0]  # neither of NaN
+    parts["state"] = np.select(states, ["passes", "fails"], "undecided")
+    worst = parts["state"].map(STATES.index).groupby(parts["claim"]).transform("max")
+    deviation = math.sqrt(n_agents) * parts["standard_error"]
+    effect = (_margin(parts, "value") / deviation).where(deviation > _LEAST_DEVIATION)
+    needed = np.ceil((_REACH / effect) ** 2).where((effect != 0) & (parts["state"] == "undecided"))
+    verdicts = worst.map(VERDICTS.__getitem__)
+    return parts.assign(agents=n_agents, verdict=verdicts, effect=effect, agents_needed=needed)
 
 
-def _judged(claim: Claim, part: Part, n_agents: int) -> dict[str, object]:
-    sign = 1 if claim.right_side == ">" else -1
-    margin, *ends = (sign * (x - claim.threshold) for x in (part.value, part.low, part.high))
-    state = "passes" if np.min(ends) > 0 else "fails" if np.max(ends) <= 0 else "undecided"  # NaN, too
-    deviation = math.sqrt(n_agents) * part.standard_error
-    effect = margin / deviation if deviation > _LEAST_DEVIATION else math.nan
-    needed = float(np.ceil((_REACH / effect) ** 2)) if effect and state == "undecided" else math.nan
-    row: dict[str, object] = {"claim": claim.id, "part": part.name, "agents": n_agents}
-    row |= {"value": part.value, "low": part.low, "high": part.high}
-    row |= {"right_side": claim.right_side, "threshold": claim.threshold, "state": state, "verdict": ""}
-    return row | {"effect": effect, "agents_needed": needed, "note": part.note, "drawn": part.drawn}
+def _margin(parts: pd.DataFrame, column: str) -> "pd.Series[float]":
+    # How far a number of each part lies on the right side of the threshold.
+    return (parts[column] - parts["threshold"]) * np.where(parts["right_side"] == ">", 1, -1)
 
 
 def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Returns the part that each verdict rests on: of the worst state, the one farthest on the wrong side.
-
-    Args:
-      parts: Rows of `judge`, perhaps of several readings or numbers of agents.
-      keys: The columns that tell those apart, beside the claim.
-    """
-    sign = np.where(parts["right_side"] == ">", 1, -1)
-    ranked = parts.assign(
-        _state=parts["state"].map(STATES.index), _margin=sign * (parts["value"] - parts["threshold"])
-    ).sort_values(["_state", "_margin"], ascending=[False, True], na_position="first", kind="stable")
-    kept = ranked.drop_duplicates(["claim", *keys]).index
-    return parts.loc[parts.index.isin(kept)]
+    """Returns the part that each verdict rests on: of the worst state, the one farthest on the wrong side."""
+    ranked = parts.assign(_state=parts["state"].map(STATES.index), _margin=_margin(parts, "value"))
+    ranked = ranked.sort_values("_margin", na_position="first", kind="stable")
+    worst = ranked.sort_values("_state", ascending=False, kind="stable").drop_duplicates(["claim", *keys])
+    return parts.loc[parts.index.isin(worst.index)]
 
 
-def agreement(judged: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Returns in how many of these sets of agents each claim has the same verdict as in `judged`.
-
-    Its columns: sets, sets_agreeing, share, share_low, share_high (95 %, exact; NaN without sets).
-    """
-    agreeing = np.zeros(len(judged), dtype=int)
-    for other in sets:
-        agreeing += judged["claim"].map(other.groupby("claim")["verdict"].first()) == judged["verdict"]
-    share = agreeing / len(sets) if sets else np.full(len(judged), np.nan)
-    low, high = proportion_interval(share, len(sets)) if sets else (share, share)
-    frame = pd.DataFrame({"sets": len(sets), "sets_agreeing": agreeing, "share": share}, judged.index)
-    return frame.assign(share_low=low, share_high=high)
+def agreement(parts: pd.DataFrame, sets: pd.DataFrame) -> pd.DataFrame:
+    """Returns parts with the share of the sets of agents in which the claim has the same verdict."""
+    verdicts = sets.drop_duplicates(["first_seed", "claim"])
+    counts, n = verdicts.groupby(["claim", "verdict"]).size(), verdicts["first_seed"].nunique()
+    judged = pd.MultiIndex.from_frame(parts[["claim", "verdict"]])
+    agreeing = counts.reindex(judged, fill_value=0).to_numpy()
+    low, high = proportion_interval(agreeing / n, n)
+    shares = {"share": agreeing / n, "share_low": low, "share_high": high}
+    return parts.assign(sets=n, sets_agreeing=agreeing, **shares)

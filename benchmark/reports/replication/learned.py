@@ -17,25 +17,45 @@ from benchmark.analysis.intervals import proportion
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_values
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
-from benchmark.experiments import DEFAULT_CONDITION, Experiment
+from benchmark.experiments import Experiment
 from benchmark.reports.item import Frames, drawing, expanded, item
-from benchmark.reports.replication.agents import all_agents, disjoint_sets, few_agents
+from benchmark.reports.replication.agents import agents_of, few_agents
 from envs import ACTIONS
 from envs.scenario import FEEDBACK
 from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
-_SPREAD: Final = {
-    "min": "smallest over agents",
-    "max": "largest over agents",
-    "std": "their standard deviation",
-}
-_OPTIMAL_SHARE: Final = {"optimal_share": "share of agents whose greedy policy is optimal"}
 _REACHED: Final = (  # that readers see
     *("scenario", "agents", "success", "optimal_share", "grid_return_learned", "grid_return_optimal"),
     *("start_value_learned", "start_value_optimal", "cells_differing"),
 )
+_MEANINGS: Final = {
+    "agents": "agents per scenario",
+    "first_seed": "seed of the first agent",
+    "last_seed": "seed of the last agent",
+    "optimal_share": "share of agents whose greedy policy is optimal",
+    "grid_return": "expected sum of the grid's rewards of an episode",
+    "scenario_return": "expected sum of all rewards of an episode, with the issuer's",
+    "start_value_optimal": "optimal value of the start cell",
+    "start_value_learned": "largest Q in the start cell, mean over agents",
+    "cells_differing": "share of cells in which a greedy action is not optimal, mean over agents",
+    "row": "row of the cell",
+    "column": "column of the cell",
+    "action": "action",
+    "mean": "mean over agents",
+    "table_mean": "mean over agents of the largest Q of the table",
+    "std": "their standard deviation",
+    "min": "smallest over agents",
+    "table_min": "smallest over agents of the largest Q of the table",
+    "max": "largest over agents",
+    "table_max": "largest over agents of the largest Q of the table",
+    "optimal": "optimal action value",
+    "difference": "`mean` minus `optimal`",
+    "is_optimal": "whether the action is optimal in the cell",
+    "largest_learned": "largest Q in the cell, mean over agents",
+    "differs": "share of agents whose greedy action in the cell is not optimal",
+}
 
 
 @drawing(
@@ -49,30 +69,30 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
         return None
     curves, values, groups = tables["max_q"], tables["q_values"], few_agents(experiment, records)
     moves, pings = values[values["action"] != "PING"], values[values["action"] == "PING"]
+    move_norm, ping_norm = norm_of(moves["mean"]), norm_of(pings["mean"])
     bottom, top = curves["min"].min(), curves["max"].max()
     room = 0.04 * (top - bottom)
     with figure_of(3, len(groups), (11.0, 9.0)) as (figure, axes):
         for column, (name, agents) in enumerate(groups.items()):
-            curve, scene = curves[curves["scenario"] == name], scene_of(agents.model)
-            letters = ascii_lowercase[column :: len(groups)]  # as the paper's
-            kind = agents.model.scenario.issuer.feedback.kind
-            axis, ends = axes[0, column], (curve["min"], curve["max"])
+            curve, move, ping = (frame[frame["scenario"] == name] for frame in (curves, moves, pings))
+            scene, kind = scene_of(agents.model), agents.model.scenario.issuer.feedback.kind
+            axis, move_axis, ping_axis = axes[:, column]
+            letters = ascii_lowercase[column:9:3]  # as the paper's
+            ends = curve["min"], curve["max"]
             axis.fill_between(curve["step"], *ends, color="0.8", lw=0, label="range over agents")
             axis.plot(curve["step"], curve["mean"], color="black", lw=0.9, label="mean of the agents")
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a correct PING pays in S1")
-            axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[kind]}")
-            axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
-            axis.set(ylim=(bottom - room, top + room))
-            triangles(axes[1, column], scene, moves[moves["scenario"] == name], norm_of(moves["mean"]))
-            axes[1, column].set(title=f"({letters[1]}) moves, {name}")
-            ping = pings[pings["scenario"] == name]
-            heat(axes[2, column], scene, ping["mean"].to_numpy(), norm_of(pings["mean"]))
-            axes[2, column].set(title=f"({letters[2]}) PING, {name}")
-            dots(axes[2, column], ping[ping["mean"] > 0])
+            axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[kind]}", xlabel="environment step")
+            axis.set(xlim=(0, max(curve["step"].max(), 1)), ylim=(bottom - room, top + room))
+            triangles(move_axis, scene, move, move_norm)
+            heat(ping_axis, scene, ping["mean"].to_numpy(), ping_norm)
+            dots(ping_axis, ping[ping["mean"] > 0])
+            move_axis.set(title=f"({letters[1]}) moves, {name}")
+            ping_axis.set(title=f"({letters[2]}) PING, {name}")
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].legend(loc="upper left", frameon=False)
-        colour_bar(figure, axes[1], norm_of(moves["mean"]), "mean final Q of the moves")
-        colour_bar(figure, axes[2], norm_of(pings["mean"]), "mean final Q of PING")
+        colour_bar(figure, axes[1], move_norm, "mean final Q of the moves")
+        colour_bar(figure, axes[2], ping_norm, "mean final Q of PING")
         region_legend(
             figure,
             Line2D([], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"),
@@ -84,22 +104,16 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
 @item(
     "max_q",
     "maximum Q over agents at every recorded step, of the visited cell and of the table",
-    meanings=_SPREAD
-    | {
-        "mean": "mean over agents of the largest Q of the visited cell",
-        "table_mean": "mean over agents of the largest Q of the table",
-        "table_min": "smallest over agents of the largest Q of the table",
-        "table_max": "largest over agents of the largest Q of the table",
-    },
+    meanings=_MEANINGS,
 )
 def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the maximum Q of the visited cell, and of the table, over agents at each record."""
     frames = []
     for name, agents in few_agents(experiment, records).items():
-        curves, every = agents.arrays["max_q"], agents.run.settings.model_dump()["record_every"]
-        columns = {"scenario": name, "step": np.arange(curves.shape[1]) * every} | _spread(curves)
-        table = _spread(agents.arrays["table_max_q"])
-        columns |= {f"table_{key}": values for key, values in table.items() if key != "std"}
+        visited, table = (_spread(agents.arrays[key]) for key in ("max_q", "table_max_q"))
+        steps = np.arange(len(visited["mean"])) * agents.run.settings.model_dump()["record_every"]
+        columns = {"scenario": name, "step": steps} | visited
+        columns |= {f"table_{key}": table[key] for key in ("mean", "min", "max")}
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -109,7 +123,7 @@ def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     "success, score of the greedy policy, and the share of optimal agents, over training",
     dict.fromkeys(("scenario", "success", "score", "optimal_share", "unbounded_score"), ""),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
-    meanings=_OPTIMAL_SHARE,
+    meanings=_MEANINGS,
 )
 def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates success, the score of the greedy policy, and the share of optimal agents, over training."""
@@ -129,7 +143,7 @@ def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
 
 
 @learning.figure("How well agents act while they learn: success, score, and how many are optimal.")
-def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
+def _(table: pd.DataFrame) -> Figure:
     panels = {
         "success": "success probability",
         "score": "mean score, clipped to [0, 1]",
@@ -137,9 +151,8 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
     }
     with figure_of(1, len(panels), (11.0, 3.6)) as (figure, axes):
         for axis, (key, label) in zip(axes[0], panels.items(), strict=True):
-            for i, name in enumerate(experiment.scenarios):
-                rows = table[table["scenario"] == name]
-                axis.plot(rows["step"], rows[key], label=name, color=COLOURS[i], ls=_DASHES[i % len(_DASHES)])
+            for i, (name, rows) in enumerate(table.groupby("scenario", sort=False)):
+                axis.plot(rows["step"], rows[key], label=name, color=COLOURS[i], ls=_DASHES[i])
                 ends = rows[f"{key}_low"], rows[f"{key}_high"]
                 axis.fill_between(rows["step"], *ends, color=COLOURS[i], alpha=0.25, lw=0)
             axis.set(xlabel="environment step", title=label, xlim=(0, max(table["step"].max(), 1)))
@@ -156,27 +169,15 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
     "optimal",
     "the exact optimum, what was learned, success, and the regret, with all agents as well",
     dict.fromkeys(_REACHED, ""),
-    meanings=_OPTIMAL_SHARE
-    | {
-        "agents": "agents per scenario",
-        "first_seed": "seed of the first agent",
-        "last_seed": "seed of the last agent",
-        "grid_return": "expected sum of the grid's rewards of an episode",
-        "scenario_return": "expected sum of all rewards of an episode, with the issuer's",
-        "start_value_optimal": "optimal value of the start cell",
-        "start_value_learned": "largest Q in the start cell, mean over agents",
-        "cells_differing": "share of cells in which a greedy action is not optimal, mean over agents",
-    },
+    meanings=_MEANINGS,
 )
 def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:
     """Tabulates what the greedy policies reach after training, and the exact anchors."""
-    groups = [*few_agents(experiment, records).values()]
-    if disjoint_sets(experiment, records):
-        groups += all_agents(experiment, records, DEFAULT_CONDITION).values()
-    for agents in groups:
-        model = agents.model
-        row: dict[str, object] = {"scenario": agents.scenario, "agents": len(agents.seeds)}
-        row |= {"first_seed": agents.seeds[0], "last_seed": agents.seeds[-1]}
+    few, *others = agents_of(experiment, records)
+    for agents in (agents for groups in (few, *others[-1:]) for agents in groups.values()):
+        model, q, seeds = agents.model, agents.arrays["q"], agents.seeds
+        row: dict[str, object] = {"scenario": agents.scenario, "agents": len(seeds)}
+        row |= {"first_seed": seeds[0], "last_seed": seeds[-1]}
         row["success"] = proportion(agents.arrays["success"][:, -1])
         row["optimal_share"] = proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM)
         for name, (random, best) in agents.anchors.items():
@@ -185,8 +186,8 @@ def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, ob
             row[f"{name}_regret"] = best - learned
         start = model.observation[model.start]
         row["start_value_optimal"] = optimal_values(agents).max(axis=1)[start]
-        row["start_value_learned"] = agents.arrays["q"].max(axis=-1).mean(axis=0)[start]
-        row["cells_differing"] = differing(agents)[~model.is_over[model.fresh_state]].mean()
+        row["start_value_learned"] = q.max(axis=-1).mean(axis=0)[start]
+        row["cells_differing"] = _differing(agents)[~model.is_over[model.fresh_state]].mean()
         yield row
 
 
@@ -195,8 +196,7 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
     if "q_values" not in tables:
         return None
     cells, groups = tables["q_values"], few_agents(experiment, records)
-    by_cell = cells.groupby(["scenario", "row", "column"], sort=False)
-    best = by_cell[["optimal", "largest_learned", "differs"]].max()
+    best = cells.groupby(["scenario", "row", "column"], sort=False).max(numeric_only=True)
     best = best.assign(difference=best["largest_learned"] - best["optimal"], agrees=1 - best["differs"])
     labels = {
         "optimal": "optimal value",
@@ -204,15 +204,15 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
         "agrees": "share of agents acting optimally",
     }
     with figure_of(3, len(groups), (11.0, 9.6)) as (figure, axes):
-        for column, (name, agents) in enumerate(groups.items()):
-            scene = scene_of(agents.model)
-            for row, (key, label) in enumerate(labels.items()):
+        for row, (key, label) in zip(axes, labels.items(), strict=True):
+            for axis, (name, agents) in zip(row, groups.items(), strict=True):
+                scene = scene_of(agents.model)
                 shown = np.where(scene.is_over, np.nan, best.loc[name][key].to_numpy())
-                heat(axes[row, column], scene, shown, norm_of(best[key]))
-                axes[row, column].set(title=f"{label}, {name}")
-            actions(axes[0, column], scene, cells[(cells["scenario"] == name) & cells["is_optimal"]])
-        for row, (key, label) in enumerate(labels.items()):
-            colour_bar(figure, axes[row], norm_of(best[key]), label)
+                heat(axis, scene, shown, norm_of(best[key]))
+                axis.set(title=f"{label}, {name}")
+                if key == "optimal":
+                    actions(axis, scene, cells[(cells["scenario"] == name) & cells["is_optimal"]])
+            colour_bar(figure, row, norm_of(best[key]), label)
         region_legend(
             figure,
             Line2D([], [], ls="", marker=">", mfc="white", mec="black", ms=6, label="optimal move"),
@@ -224,18 +224,7 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
 @item(
     "q_values",
     "final Q over agents and Q* of every cell and action, and where policies differ",
-    meanings=_SPREAD
-    | {
-        "row": "row of the cell",
-        "column": "column of the cell",
-        "action": "action",
-        "mean": "mean over agents of the final Q",
-        "optimal": "optimal action value",
-        "difference": "`mean` minus `optimal`",
-        "is_optimal": "whether the action is optimal in the cell",
-        "largest_learned": "largest Q in the cell, mean over agents",
-        "differs": "share of agents whose greedy action in the cell is not optimal",
-    },
+    meanings=_MEANINGS,
 )
 def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates final Q-values, and those of an agent that knows its state, with no wrong PING so far."""
@@ -248,13 +237,13 @@ def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
         values["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
         columns |= {key: array.ravel() for key, array in values.items()}
         columns["largest_learned"] = q.max(axis=-1).mean(axis=0).repeat(len(ACTIONS))
-        columns["differs"] = differing(agents).repeat(len(ACTIONS))
+        columns["differs"] = _differing(agents).repeat(len(ACTIONS))
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
 
-def differing(agents: Records) -> NDArray[np.float64]:
-    """Returns the share of agents whose greedy action is not optimal, (O,); if they draw it, in part."""
+def _differing(agents: Records) -> NDArray[np.float64]:
+    # The share of agents whose greedy action is not optimal, (O,); if they draw it, in part.
     best = contains(greedy_masks(optimal_values(agents), OPTIMUM_TOLERANCE))  # (O, A)
     greedy = contains(agents.arrays["greedy"][:, -1])  # (N, O, A)
     wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)
@@ -262,6 +251,5 @@ def differing(agents: Records) -> NDArray[np.float64]:
 
 
 def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Returns mean, sample standard deviation and extremes over agents of (N, ...) values."""
     std = values.std(axis=0, ddof=1)
     return {"mean": values.mean(axis=0), "std": std, "min": values.min(axis=0), "max": values.max(axis=0)}

@@ -1,5 +1,6 @@
 """The items on the paper's claims: judged with few agents and many, in disjoint sets, under each reading."""
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -13,11 +14,16 @@ from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import entry, item, no_rows
-from benchmark.reports.replication.agents import all_agents, few_agents, has_claims, judged, judged_sets
-from benchmark.reports.replication.claims import CLAIMS, VERDICTS, agreement, weakest
+from benchmark.reports.replication.agents import agents_of
+from benchmark.reports.replication.claims import SCENARIOS, VERDICTS, agreement, judge, weakest
 
+_CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # by brightness, too
+_JUDGED: Final = [
+    *("claim", "part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict"),
+    *("effect", "agents_needed", "note", "drawn"),
+]
 _SHOWN: Final = (
     *("claim", "agents", "verdict", "sets", "agreeing", "part", "right_side", "threshold", "value", "state"),
     *("drawn", "effect", "agents_needed"),
@@ -25,6 +31,10 @@ _SHOWN: Final = (
 _MEANINGS: Final = {
     "claim": "claim of the paper",
     "part": "which number of the claim",
+    "agents": "agents per scenario",
+    "first_seed": "seed of the first agent",
+    "last_seed": "seed of the last agent",
+    "reading": "reading of the paper",
     "value": "the number",
     "low": "lower end of its 95 % interval",
     "high": "upper end of its 95 % interval",
@@ -32,36 +42,46 @@ _MEANINGS: Final = {
     "threshold": "threshold",
     "state": "whether the part passes, fails or is undecided",
     "verdict": "verdict on the claim",
-    "agents": "agents per scenario",
+    "effect": "distance to the right side of the threshold, in standard deviations of a single agent",
+    "agents_needed": "agents that decide an undecided part with a probability of 80 %, by its effect",
+    "note": "more about the part",
+    "drawn": "what the paper's figure shows instead of `value`",
+    "sets": "disjoint sets of as many agents as the paper has",
+    "sets_agreeing": "sets with the same verdict on the claim",
+    "share": "`sets_agreeing` / `sets`",
 }
+
+
+@lru_cache(maxsize=1)  # three tables are of them
+def _all_parts(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
+    """Judges the claims by all sets of agents by default, and by the first one under other readings."""
+    frames = []
+    for name, reading in experiment.declared.readings.items():
+        sets = agents_of(experiment, records, name)
+        for agents in sets if name == DEFAULT_CONDITION else sets[:1]:
+            seeds = agents[SCENARIOS[0]].seeds
+            frame = judge(agents, _CURVES[reading.curve])
+            frames.append(frame.assign(reading=name, first_seed=seeds[0], last_seed=seeds[-1]))
+    return pd.concat(frames, ignore_index=True)
+
+
+def _default_parts(experiment: Experiment, records: RecordsOf, least: str) -> pd.DataFrame:
+    # Those for which a column has its smallest value.
+    parts = _all_parts(experiment, records)
+    parts = parts.loc[parts["reading"] == DEFAULT_CONDITION]
+    return parts.loc[parts[least].eq(parts[least].min())]
 
 
 @item(
     "claims",
     "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
-    meanings=_MEANINGS
-    | {
-        "effect": "distance to the right side of the threshold, in standard deviations of a single agent",
-        "agents_needed": "agents that decide an undecided part with a probability of 80 %, by its effect",
-        "note": "more about the part",
-        "drawn": "what the paper's figure shows instead of `value`",
-        "sets": "disjoint sets of as many agents as the paper has",
-        "sets_agreeing": "sets with the same verdict on the claim",
-        "share": "`sets_agreeing` / `sets`",
-    },
+    meanings=_MEANINGS,
 )
-def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
+def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
-    if not has_claims(experiment):
-        return None
-    frames, sets = [judged(experiment, few_agents(experiment, records))], judged_sets(experiment, records)
-    if sets:
-        frames.append(judged(experiment, all_agents(experiment, records, DEFAULT_CONDITION)))
-    frame = pd.concat(frames, ignore_index=True)
-    frame = frame.join(agreement(frame, sets))
-    frame["claim"] = pd.Categorical(frame["claim"], [claim.id for claim in CLAIMS])
-    frame = frame.sort_values(["claim", "agents"], kind="stable", ignore_index=True)
-    return frame.astype({"claim": str})
+    few_and_all, sets = (_default_parts(experiment, records, key) for key in ("first_seed", "agents"))
+    by_claim = [rows for _, rows in few_and_all.groupby("claim", sort=False)]
+    return agreement(pd.concat(by_claim, ignore_index=True)[_JUDGED], sets)
 
 
 @claims.shown
@@ -77,43 +97,35 @@ def headline(folder: Folder) -> str | None:
     if "claims.csv" not in folder:
         return None
     frame = folder.frame("claims")
-    most = frame["agents"].max()
-    rows = weakest(frame[frame["agents"] == most])
-    parts = [(verdict, rows[rows["verdict"] == verdict]) for verdict in VERDICTS]
+    n_agents = frame["agents"].max()
+    rows = weakest(frame[frame["agents"] == n_agents])
+    parts = [(name, rows[rows["verdict"] == name]) for name in VERDICTS]
     counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
-    scope = f"the paper's {len(rows)} claims, with {most:,} agents per scenario"
+    scope = f"the paper's {len(rows)} claims, with {n_agents:,} agents per scenario"
     return f"Verdicts on {scope}: {', '.join(counts)}."
 
 
 @item(
     "claim_sets",
     "every part of every claim in each of the disjoint sets of agents, and the verdicts",
-    meanings=_MEANINGS | {"first_seed": "seed of the first agent", "last_seed": "seed of the last agent"},
+    meanings=_MEANINGS,
 )
-def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
+def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim in each set."""
     columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
-    frames = [frame[columns] for frame in judged_sets(experiment, records)]
-    return pd.concat(frames, ignore_index=True) if frames else None
+    return _default_parts(experiment, records, "agents")[columns]
 
 
 @item(
     "sensitivity",
     "every part of every claim, its state and the verdict, under every reading of the paper",
     where=no_rows,
-    meanings=_MEANINGS | {"reading": "reading of the paper"},
+    meanings=_MEANINGS,
 )
-def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
+def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""
-    if not has_claims(experiment):
-        return None
-    columns = ["claim", "reading", "part", "agents", "value", "low", "high"]
-    columns += ["right_side", "threshold", "state", "verdict"]
-    frames = [
-        judged(experiment, few_agents(experiment, records, name), name).assign(reading=name)[columns]
-        for name in experiment.declared.readings
-    ]
-    return pd.concat(frames, ignore_index=True)
+    first = _all_parts(experiment, records).drop_duplicates(["reading", "claim", "part"])
+    return first[["claim", "reading", *_JUDGED[1:10]]]
 
 
 @sensitivity.figure("Whether the paper's claims hold, by how the paper is read.")
@@ -135,7 +147,7 @@ def _(table: pd.DataFrame) -> Figure:
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
         figure.legend(
-            handles=[Patch(color=_COLOURS[each], label=f"{sign} {each}") for each, sign in _SIGNS.items()],
+            handles=[Patch(color=_COLOURS[name], label=f"{sign} {name}") for name, sign in _SIGNS.items()],
             loc="outside lower center", ncols=3, frameon=False,
             title="number: the value of the claim's weakest part; in brackets: where all parts must lie",
         )  # fmt: skip

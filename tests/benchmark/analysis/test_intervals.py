@@ -51,10 +51,8 @@ def test_ends_of_a_sum_are_as_far_as_the_root_of_summed_squares() -> None:
     reach = 1 - 0.025 ** (1 / 100)  # of the exact interval of all or none of 100
     low, high = combined([1, -1], [1.0, 0.0], [100, 100])
     assert (low, high) == pytest.approx((1 - np.sqrt(2) * reach, 1.0))
-    half = stats.binomtest(50, 100).proportion_ci()
-    low, high = combined([0.5, 0.5], [0.5, 0.5], [100, 100])
-    assert high - 0.5 == pytest.approx(0.5 - low)
-    assert high - 0.5 == pytest.approx((half.high - 0.5) / np.sqrt(2))
+    half = (stats.binomtest(50, 100).proportion_ci().high - 0.5) / np.sqrt(2)
+    assert combined([0.5, 0.5], [0.5, 0.5], [100, 100]) == pytest.approx((0.5 - half, 0.5 + half))
 
 
 def test_p_value_is_the_tail_at_which_the_interval_ends_at_the_value() -> None:
@@ -67,32 +65,26 @@ def test_p_value_is_the_tail_at_which_the_interval_ends_at_the_value() -> None:
     assert p_above([1], [1.0], [1000], 0.0) == 0
 
 
-# Of three scenarios: the chance of success in each
-TRUTHS = [
-    (1.0, 0.9, 1.0),
-    (0.5, 0.5, 0.5),
-    (0.97, 0.5, 1.0),
-    (1.0, 1.0, 1.0),
-]
+THIRDS = [1 / 3] * 3
 
 
 @pytest.mark.parametrize(
-    ("weights", "truth"),
+    ("weights", "truth"),  # the chance of success in each scenario
     [
-        *(([1 / 3] * 3, truth) for truth in TRUTHS),
-        ([1 / 3] * 3 + [-1 / 3] * 3, (1.0, 0.92, 0.99, 1.0, 0.99, 1.0)),  # a difference of such means
+        (THIRDS, (1.0, 0.9, 1.0)),
+        (THIRDS, (0.97, 0.5, 1.0)),
+        ([*THIRDS, *[-1 / 3] * 3], (1.0, 0.92, 0.99, 1.0, 0.99, 1.0)),  # a difference of such means
     ],
 )
 @pytest.mark.parametrize("n", [10, 100])
 def test_mean_over_scenarios_is_covered(weights: list[float], truth: tuple[float, ...], n: int) -> None:
     """One scenario that fails one time in ten is where resampling covers 65 % with ten runs."""
-    found = np.random.default_rng(n).binomial(n, truth, size=(1000, len(truth))) / n
-    value = np.dot(weights, truth)
-    held = 0
-    for row, count in zip(*np.unique(found, axis=0, return_counts=True), strict=True):
+    means = np.random.default_rng(n).binomial(n, truth, size=(1000, len(truth))) / n
+    value, covered = np.dot(weights, truth), 0
+    for row, count in zip(*np.unique(means, axis=0, return_counts=True), strict=True):
         low, high = combined(weights, row, [n] * len(row))
-        held += count * (low - 1e-9 <= value <= high + 1e-9)
-    assert held >= 0.935 * 1000
+        covered += count * (low - 1e-9 <= value <= high + 1e-9)
+    assert covered >= 0.935 * 1000
 
 
 @pytest.mark.parametrize("n", [10, 30, 100])
@@ -104,14 +96,6 @@ def test_bounded_scores_are_covered(n: int) -> None:
     assert np.mean((low <= 0.9 * 0.95) & (high >= 0.9 * 0.95)) >= 0.95
 
 
-def test_students_interval_agrees_with_scipy() -> None:
-    values = np.random.default_rng(0).gamma(4, size=(30, 2))
-    expected = stats.ttest_1samp(values, 0).confidence_interval()
-    _, low, high = student(values)
-    assert low == pytest.approx(expected.low)
-    assert high == pytest.approx(expected.high)
-
-
 def test_simultaneous_intervals_by_hand() -> None:
     values = np.array([[1.0, 0.5], [2, 0.5], [3, 0.5], [4, 0.5]])
     _, low, high = student(values, 0.9, 2)
@@ -119,14 +103,3 @@ def test_simultaneous_intervals_by_hand() -> None:
     reach = 3.182 * np.sqrt(5 / 3) / 2
     assert low == pytest.approx([2.5 - reach, 0.5], abs=1e-3)
     assert high == pytest.approx([2.5 + reach, 0.5], abs=1e-3)
-
-
-def test_simultaneous_intervals_hold_all_means_at_once() -> None:
-    rng = np.random.default_rng(20210803)
-    means = np.linspace(-1, 1, 120)
-    held = 0
-    for _ in range(200):
-        shared = rng.normal(size=(100, 1))  # agents differ in all columns alike
-        _, low, high = student(means + shared + rng.normal(size=(100, 120)), 0.95, 120)
-        held += bool(((low <= means) & (means <= high)).all())
-    assert held >= 0.93 * 200

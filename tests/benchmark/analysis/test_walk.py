@@ -62,11 +62,8 @@ def test_ending_takes_precedence_over_the_horizon() -> None:
     assert walk(S1, everywhere(PING), S1.scenario.ping_limit).ending == "last_wrong_ping"
     assert walk(S1, everywhere(UP), 1).ending == CIRCLE
     assert walk(S1, everywhere(RIGHT), 1).ending == HORIZON
-
-
-def test_walks_into_the_issuer_end_there() -> None:
     model = compile_scenario(load_scenario("S1", {"grid.start": [6, 5]}))  # the issuer's row
-    walked = walk(model, everywhere(RIGHT), 200)
+    walked = walk(model, everywhere(RIGHT), 3)
     assert (walked.cells, walked.ending) == ((77, 78, 79, 80), "issuer_reached")
 
 

@@ -22,7 +22,6 @@ FILES = {
     "file": "",  # which nobody can make a folder, not even root
     "reproduce.toml": "",
     "swept.toml": EXTENDED + '"sweep.rate.low.settings" = { learning_rate = 0.2 }',
-    "table.toml": EXTENDED + "horizon = 100",
 }
 
 
@@ -38,7 +37,6 @@ FILES = {
         ("run reproduce --seeds 7-2000000", "--seeds 7-2000000: "),
         ("run reproduce --results FOLDER/file/results", "/file/results"),
         ("run FOLDER/swept.toml", "sweep"),  # which its report cannot show
-        ("run FOLDER/table.toml --tensorboard logs", "--tensorboard"),  # no algorithm writes logs
         ("speed --smoke --results FOLDER/file/results", "/file/results"),
         ("report", "FOLDER"),  # no results
         ("report nothing.toml", "nothing.toml"),

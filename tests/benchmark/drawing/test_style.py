@@ -16,24 +16,16 @@ def brightness(colour: Any) -> float:
     return float(np.dot(to_rgb(colour), [0.3, 0.59, 0.11]))
 
 
-def test_no_two_variants_look_alike_in_grey_either() -> None:
+def test_no_two_learners_look_alike_in_grey_either() -> None:
     names = [*_KNOWN, *(f"mine_{i}" for i in range(120))]
     styles = {name: learner_style(name, "index", names) for name in names}
     own = [styles[name] for name in names if name.startswith("mine")]
     assert len({(to_rgba(style["color"]), style["marker"]) for style in own}) == 120
-    assert styles["dqn_offset"] == styles["dqn"]  # the same learner with other settings
-    known = [style for name, style in styles.items() if name in _KNOWN and not name.endswith("_offset")]
-    assert len({style["marker"] for style in known}) == len(known)
     assert learner_style("mine_1", "index", ["dqn", "mine_0", "mine_1"]) == styles["mine_1"]
-    for one, other in (("dqn", "dqn_linear"), ("ppo", "ppo_default"), ("dqn_default", "dqn_linear")):
-        colours = [styles[name]["color"] for name in (one, other)]
-        assert abs(brightness(colours[0]) - brightness(colours[1])) > 0.15, (one, other)
-
-
-def test_what_a_learner_observes_shows() -> None:
+    for x, y in (("dqn", "dqn_linear"), ("ppo", "ppo_default"), ("dqn_default", "dqn_linear")):
+        assert abs(brightness(styles[x]["color"]) - brightness(styles[y]["color"])) > 0.15, (x, y)
     looks = [learner_style("dqn", form, []) for form in ("one_hot", "coordinates", "offset_coordinates")]
     assert len({str(look["ls"]) for look in looks}) == len({look["color"] for look in looks}) == 3
-    assert len({look["marker"] for look in looks}) == 1
 
 
 @pytest.mark.parametrize("text", ["$x^2$", r"$\frac$", "a_b, 5 $", r"\$x$"])
@@ -64,7 +56,6 @@ def test_svg_is_small_the_same_and_readable_in_the_dark(tmp_path: Path) -> None:
     assert len(svg) < 8000
     assert not re.findall(r'[ "]-?\d+\.\d{3,}', svg.partition("</style>")[2])
     assert ">0.123456<" in svg  # texts are not rounded
-    assert "'DejaVu Sans', Verdana, sans-serif" in svg
     plain, dark = svg.partition("</style>")[0].split("@media (prefers-color-scheme:dark)")
     rules = [dict(re.findall(r"\.(c\d+)\{([^}]*)\}", part)) for part in (plain, dark)]
 

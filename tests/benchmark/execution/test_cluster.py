@@ -111,7 +111,6 @@ class Machines:
     def drive(self, experiment: Path, results: Path) -> subprocess.Popen[bytes]:
         arguments = ["run", str(experiment), "--results", str(results), "--cluster", self.address]
         driver = self._start("driver.txt", ROOT, "benchmark", *arguments)
-
         until(lambda: n_stored(results) or driver.poll() is not None)
         return driver
 
@@ -180,9 +179,8 @@ def test_module_beside_the_experiment_is_found_by_workers(
     """Though it is nowhere on their path."""
     text = MIXED.replace('"q_learning"', '"beside_cluster:LEARNER"').replace("seeds = 8", "seeds = 1")
     mixed.write_text(text, encoding="utf-8")
-    (tmp_path / "beside_cluster.py").write_text(
-        "from agents.tabular.plain import Q_LEARNING as LEARNER\n", encoding="utf-8"
-    )
+    module = "from agents.tabular.plain import Q_LEARNING as LEARNER\n"
+    (tmp_path / "beside_cluster.py").write_text(module, encoding="utf-8")
     pair.addresses("a", "b")
     assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0
     with Store(tmp_path / "runs.db") as store:
@@ -213,12 +211,8 @@ def test_workers_that_differ_are_refused(
         seen: set[str] = set()
 
         def all_have_had_jobs() -> bool:
-            for future in [executor.submit(job) for _ in range(5)]:
-                if error := future.exception(PATIENCE_S):
-                    assert isinstance(error, InputError)
-                    seen.add(str(error))
-                else:
-                    assert [record.status for record in future.result()] == ["done"] * len(job)
+            errors = [executor.submit(job).exception(PATIENCE_S) for _ in range(5)]
+            seen.update(str(error) for error in errors if error)
             return len(seen) == 3
 
         until(all_have_had_jobs)

@@ -60,15 +60,6 @@ def arrays_of(records: Sequence[Record]) -> dict[str, dict[str, bytes]]:
     }
 
 
-def test_worker_stays_for_the_next_job(runs: list[RunSpecification]) -> None:
-    executor, pids = Processes(1), set()
-    for job in runs[:2]:
-        executor.submit([job]).result()
-        pids.add(tuple(process.pid for process in multiprocessing.active_children()))
-    executor.cancel()
-    assert len(pids) == 1
-
-
 def test_killed_worker_costs_its_run_alone_and_is_tried_again(
     runs: list[RunSpecification], tmp_path: Path
 ) -> None:
@@ -155,44 +146,6 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
     assert f"{len(expected) - stored} runs done, {stored} were done already" in capsys.readouterr().out
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert arrays_of(store.get(sorted(store.statuses()))) == expected
-
-
-LONG: Final = (
-    EXPERIMENT.replace("60000", "100000000")
-    .replace("q_learning_plain", "long_runs:Holding")
-    .replace("index", "one_hot")
-)
-LONG_RUNS: Final = """
-import ctypes
-import os
-from pathlib import Path
-from stable_baselines3 import DQN
-
-class Holding(DQN):
-    def train(self, *arguments, **named):
-        super().train(*arguments, **named)
-        Path(__file__).with_name(f"{os.getpid()}.trains").touch()
-        ctypes.PyDLL(None).sleep(90)
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-def test_workers_end_with_a_killed_driver(tmp_path: Path) -> None:
-    """Also while one holds Python's global lock, so that none of its threads can end it."""
-    (tmp_path / "long.toml").write_text(LONG, encoding="utf-8")
-    (tmp_path / "long_runs.py").write_text(LONG_RUNS, encoding="utf-8")
-    command = [sys.executable, "-m", "benchmark", "run", str(tmp_path / "long.toml"), "--jobs", "1"]
-    with subprocess.Popen(
-        [*command, "--results", str(tmp_path)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as driver:
-        until(lambda: [*tmp_path.glob("*.trains")] or driver.poll() is not None)
-        started = children(driver.pid)
-        driver.kill()
-    killed_s = time.monotonic()
-    (worker,) = (int(path.stem) for path in tmp_path.glob("*.trains"))
-    assert worker in started
-    until(lambda: not any(Path(f"/proc/{pid}/stat").exists() for pid in started))
-    assert time.monotonic() - killed_s < 60
 
 
 def test_second_driver_waits_for_the_first_and_repeats_nothing(

@@ -10,34 +10,26 @@ from benchmark.execution.progress import Display, time_left
 from benchmark.execution.store import Record
 from benchmark.experiments import all_specifications, load_experiment
 
-RUNS = all_specifications(load_experiment("compare_deep_smoke"))
-NET, TABLE = (
-    [run for run in RUNS if (run.variant, run.observation) == learner]
-    for learner in (("dqn_sb3", "one_hot"), ("q_learning", "index"))
-)
+RUNS = all_specifications(load_experiment("reproduce_smoke"))
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
-def test_runs_are_counted_per_learner_or_in_occasional_lines(
+def test_runs_are_counted_in_a_bar_or_in_occasional_lines(
     is_terminal: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [0.0]
     monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
     console = Console(file=(file := io.StringIO()), force_terminal=is_terminal, width=110, color_system=None)
-    with Display("mine", RUNS, {TABLE[0].digest}, console) as display:
-        display.start(NET[:2])
-        display.advance([Record(NET[0].digest, "{}", "failed", {}, {})])
+    with Display("mine", RUNS, {RUNS[9].digest}, console) as display:
+        display.start(RUNS[:2])
+        display.advance([Record(RUNS[0].digest, "{}", "failed", {}, {})])
         display._progress.refresh()
         now[0] = 31.0
-        display.advance([Record(NET[1].digest, "{}", "diverged", {}, {})])
+        display.advance([Record(RUNS[1].digest, "{}", "diverged", {}, {})])
     lines = [" ".join(re.sub("[━╸╺]", "", line).split()) for line in file.getvalue().splitlines()]
     if is_terminal:
-        learners = {(run.variant, run.observation) for run in RUNS}
-        assert any(f"dqn_sb3, one_hot 0/{len(NET)} 1 running, 1 failed" in line for line in lines)
-        last = "\n".join(lines[-len(learners) - 2 :])
-        assert f"dqn_sb3, one_hot 1/{len(NET)} 0 running, 1 failed" in last
-        assert f"q_learning, index 1/{len(TABLE)} 0 running, 0 failed" in last
-        assert f"mine 2/{len(RUNS)} 0 running, 1 failed" in last
+        assert any(f"mine 1/{len(RUNS)} 1 running, 1 failed" in line for line in lines)
+        assert f"mine 2/{len(RUNS)} 0 running, 1 failed" in "".join(lines[-2:])
     else:
         assert len(lines) == 2
         assert all(line.startswith(f"mine: 2 of {len(RUNS)} runs, 1 failed") for line in lines)

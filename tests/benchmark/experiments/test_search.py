@@ -163,10 +163,10 @@ def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str, issue
 
 def test_no_scene_of_the_search_is_reported() -> None:
     scenarios = load_experiment("tuning").scenarios
-    seen = {scenario.essence for scenario in scenarios.values()}
+    seen = {choices.essence_of(scenario) for scenario in scenarios.values()}
     assert len(seen) == 4
     others = [name for name in scenario_names() if name not in scenarios]
-    assert [name for name in others if load_scenario(name).essence in seen] == []
+    assert [name for name in others if choices.essence_of(load_scenario(name)) in seen] == []
 
 
 @pytest.mark.usefixtures("search")

@@ -231,7 +231,7 @@ ENDINGS = {
 def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) -> None:
     """Checks that the left agent walks from the start as Python's walk does."""
     model = population.model
-    taken = walk(model, masks, population.horizon)
+    taken = walk(model, masks, population.run.horizon)
     had_choice = contains(masks)[model.observation[list(taken.states[:-1])]].sum(axis=1) > 1
     opened.page.locator("#walk-again").click()
     opened.walk(len(taken.actions) + 5)
@@ -239,7 +239,7 @@ def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) 
     n_steps = len(taken.actions)
     where = [f"row {row}, column {column}" for row, column in model.position[list(taken.cells)].tolist()]
     assert summary.startswith(f"{n_steps} step{'s' if n_steps > 1 else ''} from {where[0]}.")
-    assert summary.endswith(ENDINGS[taken.ending].format(population.horizon))
+    assert summary.endswith(ENDINGS[taken.ending].format(population.run.horizon))
     lines = opened.panel("left", ".walk tbody").inner_text().splitlines()[::-1]
     cells = [line.split("\t") for line in lines]
     assert [line[1] for line in cells] == where[:-1]
@@ -323,8 +323,9 @@ def explore(everything: Everything, open_page: Open) -> Explore:
 
 def assert_optimum(opened: Opened, population: Records, states: NDArray[np.integer], cell: int) -> None:
     """Checks colours of the left policy map, and the numbers of a cell, against exact dynamic programming."""
-    model, horizon = population.model, population.horizon
-    q = solve(model, population.discount, None if population.discount < 1 else horizon).q[states]
+    model, horizon = population.model, population.run.horizon
+    discount = population.run.settings.discount_factor
+    q = solve(model, discount, None if discount < 1 else horizon).q[states]
     masks = population.agents[0]["greedy"][-1, model.observation[states]]
     is_optimal = np.asarray(~(contains(masks) & ~contains(greedy_masks(q, 1e-9))).any(axis=1))
     can_act = np.asarray(~model.is_over[states] & (masks != ALL_ACTIONS))

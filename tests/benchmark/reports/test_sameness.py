@@ -7,12 +7,7 @@ import pytest
 from benchmark.reports import sameness
 from tests.support import git
 
-SUMMARY = """scenario,algorithm,n,score,score_low,score_high,success,success_low,success_high
-S1,a,10,0.5,0.4,0.6,1,1,1
-S2,a,10,0.2,0.1,0.3,,,
-S2,b,10,0.7,0.6,0.9,0.4,0.2,0.6
-"""
-FILES = {"summary.csv": SUMMARY, "b.csv": "b\n", "cost.csv": "1 s\n", "manifest.json": "{}"}
+FILES = {"a.csv": "a\n", "b.csv": "b\n", "cost.csv": "1 s\n", "manifest.json": "{}"}
 
 
 @pytest.fixture
@@ -48,15 +43,11 @@ def certificate(made: Path, other: Path | None = None) -> sameness.Certificate:
 def test_same_files_are_identical_to_what_is_committed(repository: Path, made: Path) -> None:
     (repository / "results" / "mine" / "b.csv").write_text("changed since\n")
     same = certificate(made)
-    assert (same.is_identical, same.compared, same.measured) == (
-        True,
-        ("b.csv", "summary.csv"),
-        ("cost.csv",),
-    )
+    assert (same.is_identical, same.compared, same.measured) == (True, ("a.csv", "b.csv"), ("cost.csv",))
     assert "2 of 2 files" in str(same)
     against = certificate(made, repository / "results" / "mine")  # against a folder instead of the commit
     assert against.differing == ("b.csv", "manifest.json")
-    assert against.compared == ("b.csv", "manifest.json", "summary.csv")
+    assert against.compared == ("a.csv", "b.csv", "manifest.json")
 
 
 @pytest.mark.usefixtures("repository")
@@ -64,20 +55,8 @@ def test_changed_missing_and_new_files_differ(made: Path) -> None:
     (made / "b.csv").unlink()
     (made / "c.csv").write_text("new")
     other = certificate(made)
-    assert (other.compared, other.differing) == (("b.csv", "c.csv", "summary.csv"), ("b.csv", "c.csv"))
+    assert (other.compared, other.differing) == (("a.csv", "b.csv", "c.csv"), ("b.csv", "c.csv"))
     assert all(part in str(other) for part in ("2 of 3 files", "b.csv, c.csv"))
-
-
-@pytest.mark.usefixtures("repository")
-def test_distance_of_the_summary_by_hand(made: Path) -> None:
-    # Equal: two successes (the third is missing in both). Within its interval: the score in S1.
-    # Outside: the score of b in S2, two half-widths of 0.15 above, and that of a, by one and a half of 0.1.
-    text = SUMMARY.replace("10,0.5,", "10,0.55,").replace("10,0.7,", "10,1,").replace("10,0.2,", "10,0.35,")
-    (made / "summary.csv").write_text(text)
-    counts = ("of 5 numbers", "equal to the published ones: 2;", "within the published interval: 1;",
-              "outside it: 2;", "missing: 0.")  # fmt: skip
-    distance = certificate(made).distance
-    assert [count for count in counts if count not in distance] == []
 
 
 def test_nothing_published_gets_no_certificate(

@@ -9,7 +9,7 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.reports import speed
 from benchmark.reports.document import Document
-from benchmark.reports.speed_rows import Row, Work
+from benchmark.reports.speed import Row, Side
 from tests.support import ROOT
 
 
@@ -25,35 +25,29 @@ def test_the_best_turn_counts_and_by_cpu_time_all_of_a_few_but_never_the_first(
     for clock in ("perf_counter", "process_time"):
         monkeypatch.setattr(f"benchmark.reports.speed.time.{clock}", lambda: now[0])
 
-    def side(*seconds: float) -> Work:
+    def side(*seconds: float) -> Side:
         turns = iter(seconds)
 
-        def work() -> float:
+        def work() -> None:
             now[0] += next(turns)
-            return 12.0
 
-        return work
+        return 12, work
 
-    sides = side(0.1, 4, 2, 3, 6, 12), side(99, 3, 6, 6, 6, 6)
     rows = [
-        Row("by_turns", "units", sides, "it"),
-        Row("matrix_products", "units", (side(1, 2, 1, 1, 2), side(9, 6, 6, 6, 6)), "it", True, products=2.0),
+        Row("by_turns", "units", side(0.1, 4, 2, 3, 6, 12), side(99, 3, 6, 6, 6, 6), "it"),
+        Row("by_cpu_time", "units", side(1, 2, 1, 1, 2), side(9, 6, 6, 6, 6), "it", is_by_cpu_time=True),
     ]
     frame = speed._measured(rows, n_turns=6)
     assert frame["per_second"].tolist() == [6, 8]
     assert frame["baseline"].tolist() == [4, 2]
     assert frame["ratio"].tolist() == [1.5, 4]
-    assert frame["of_limit"].fillna(0).tolist() == [0, 2]
 
 
 def test_an_interrupt_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupt() -> float:
-        os.kill(os.getpid(), signal.SIGINT)
-        return 1.0
-
-    monkeypatch.setattr(speed, "all_rows", lambda *_: [Row("row", "unit", (lambda: 1.0, interrupt), "it")])
+    interrupt = 1.0, lambda: os.kill(os.getpid(), signal.SIGINT)
+    monkeypatch.setattr(speed, "all_rows", lambda *_: [Row("row", "unit", (1.0, int), interrupt, "it")])
     results = tmp_path / "results"
     assert main(["speed", "--smoke", "--results", str(results)]) == 130
     *_, said = capsys.readouterr().err.splitlines()
