@@ -42,7 +42,9 @@ def keys(*roots: type[Table]) -> str:
                 default = field.get("default")
                 shown = "-" if default in (None, "", [], {}) else f"`{json.dumps(default)}`"
                 shown = "required" if key in table.get("required", ()) else shown
-                rows.append([f"`{key}`", accepted(field), shown, " ".join(field["description"].split())])
+                own = tables.get(field.get("$ref", "").rpartition("/")[2], field)["description"]
+                meaning = field.get("description", own.partition("\n\n")[0])
+                rows.append([f"`{key}`", accepted(field), shown, " ".join(meaning.split())])
         grid = tabulate(rows, ["key", "accepted", "default", "meaning"], "github")
         sections += [f'<a id="table-{name}"></a>', f"### {name}", table["description"], grid]
     return "\n\n".join(sections)

@@ -247,6 +247,7 @@ _SPEED: Final = Item(
         "against": "the alternative",
         "baseline": "units per second of the alternative",
         "name": "what is measured",
+        "of_limit": "share of the speed that products of matrices alone would allow, in earlier files",
         "per_second": "units per second of this project",
         "ratio": "`per_second` / `baseline`",
         "unit": "what is counted",

@@ -96,7 +96,7 @@ def test_site_has_page_documents_and_api(built: Path) -> None:
     assert names >= {"results/reproduce/claims.csv", "benchmark/tour.ipynb", "search.js", "CITATION.cff"}
     assert "old.html" not in names
     assert not any(name.startswith("results/mine") for name in names)
-    assert "keeps bumping into a" in (built / "envs.html").read_text(encoding="utf-8")
+    assert "load_scenario" in (built / "envs.html").read_text(encoding="utf-8")
     guide = (built / "envs" / "scenarios" / "README.html").read_text(encoding="utf-8")
     assert "The largest distance that belongs to" in guide
     assert 'href="CONTRIBUTING.html"' in (built / "index.html").read_text(encoding="utf-8")
