@@ -61,7 +61,6 @@ class Opened:
     """A page in a browser, with its messages and requests."""
 
     def __init__(self, browser: Browser, folder: Path, fragment: str, **options: Any) -> None:
-        """Opens the page of a folder of results, and waits for the explorer if scripts run."""
         self.page: Page = browser.new_page(**({"viewport": {"width": 1280, "height": 900}} | options))
         self.page.set_default_timeout(180_000)  # ms; on a loaded machine
         self.messages: list[str] = []
@@ -74,22 +73,18 @@ class Opened:
             self.page.wait_for_selector("#explore:not([hidden])")
 
     def panel(self, side: str, part: str = "") -> Locator:
-        """Returns the explorer's left or right panel, or a part of it."""
         return self.page.locator(f".panel[data-side={side}] {part}")
 
     def choose(self, side: str, *names: str) -> None:
-        """Chooses the scenario, algorithm and observation of a panel."""
         scenario, algorithm, observation = names
         for menu, value in (("scenario", scenario), ("learner", LABELS[algorithm, observation])):
             self.panel(side, f"select[name={menu}]").select_option(value)
 
     def choose_both(self, *names: str) -> None:
-        """Chooses the same in both panels."""
         for side in ("left", "right"):
             self.choose(side, *names)
 
     def to_map(self, place: int) -> None:
-        """Moves the slider to a place."""
         self.page.locator("#step").fill(str(place))
 
     def cell(self, side: str, row: int, column: int) -> Locator:
@@ -98,11 +93,9 @@ class Opened:
         return cells.nth(row * (7 if cells.count() == 35 else 12) + column)
 
     def unfold(self) -> None:
-        """Opens all that is shown on demand."""
         self.page.locator("details").evaluate_all("all => all.forEach((details) => { details.open = true })")
 
     def walk(self, n_steps: int) -> None:
-        """Lets both agents take steps."""
         self.page.locator("#walk-one").evaluate("(button, n) => { while (n--) button.click(); }", n_steps)
 
 
@@ -136,14 +129,8 @@ def learners(made: Path) -> Learners:
     """The stored runs of the experiment, by scenario, algorithm and observation."""
     with Store(made.parent / "runs.db", read_only=True) as store:
         data = load(load_experiment(made.parent / "mine.toml"), store)
-        return {
-            (
-                population.scenario.name,
-                population.learner.variant,
-                population.learner.observation,
-            ): data.records(population)
-            for population in data.experiment.populations
-        }
+        records = [data.records(population) for population in data.experiment.populations]
+    return {(each.scenario, each.run.variant, each.run.observation): each for each in records}
 
 
 @pytest.fixture(scope="session")
@@ -173,7 +160,6 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """A headless Chromium."""
     if CHROMIUM is None:
         pytest.skip("Chromium is not installed, so the page is not tested in a browser: apt install chromium")
     with sync_playwright() as playwright:
@@ -203,5 +189,4 @@ def open_page(browser: Browser, results: Path) -> Iterator[Open]:
 
 @pytest.fixture
 def opened(open_page: Open) -> Opened:
-    """The page in a browser."""
     return open_page()

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -23,7 +22,7 @@ SHOWN = {**dict.fromkeys(NAMES, ""), "score": "", "reached": "steps to 0.5", "re
 
 
 @item("summary", "success and score after training", SHOWN)
-def summary(curves: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def summary(curves: pd.DataFrame) -> Iterator[dict[str, object]]:
     """A table with intervals, and with steps that are never reached."""
     for names, rows in curves.groupby(NAMES, sort=False):
         means = rows.groupby("step")["unbounded_score"].mean()
@@ -37,7 +36,7 @@ def summary(curves: pd.DataFrame) -> Iterator[dict[str, Any]]:
 
 
 @item("curves", "mean score over training")
-def mean_curves(curves: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def mean_curves(curves: pd.DataFrame) -> Iterator[dict[str, object]]:
     """A table that is shown on demand."""
     for names, scores in curves.groupby([*NAMES, "step"], sort=False)["unbounded_score"]:
         keys = dict(zip([*NAMES, "step"], names, strict=True))

@@ -251,27 +251,6 @@ def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) 
         assert [line[2] for line in cells] == [phases[phase] for phase in contexts]
 
 
-def test_script_walks_as_python_does(opened: Opened, learners: Learners) -> None:
-    kinds: dict[tuple[str, bool], list[tuple[tuple[str, str, str], int]]] = {}
-    for key, population in learners.items():
-        greedy = population.agents[0]["greedy"][population.map_indices]
-        for chosen in shown_maps(population):
-            taken = walk(population.model, greedy[chosen], population.run.horizon)
-            had_choice = contains(greedy[chosen])[list(taken.cells[:-1])].sum(axis=1) > 1
-            kinds.setdefault((taken.ending, bool(had_choice.any())), []).append((key, chosen))
-    assert {(CIRCLE, False), ("target_ping", False)} <= set(kinds)
-    for key, chosen in [walked for alike in kinds.values() for walked in alike[:: len(alike) // 2 + 1]]:
-        population, name = learners[key], ".".join(key)
-        place = population.map_indices[chosen]
-        step = population.evaluation_steps[place]
-        opened.page.evaluate(f"location.hash = '#explorer={name}~{name}~{step}~values'")
-        label = f"Map of {LABELS[key[1:]]} in {key[0]}, step {step}, "
-        opened.page.wait_for_function(
-            "label => document.querySelector('.map').ariaLabel.startsWith(label)", arg=label
-        )
-        assert_walks(opened, population, population.agents[0]["greedy"][place])
-
-
 def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, open_page: Open) -> None:
     for key in (("room", *NET), ("S2", *POLICY)):
         population = learners[key]
@@ -311,12 +290,6 @@ SEEN = dict.fromkeys(
 SEEN["Walking"] = "offset"
 
 
-def of_variant(name: str, records: Records, observation: str = "") -> Records:
-    """Returns records as if their run was one of another variant, or another learner."""
-    run = replace(records.run, variant=name, observation=observation or records.run.observation)
-    return replace(records, run=run)
-
-
 @pytest.fixture(scope="module")
 def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everything:
     """A page on scenarios of all kinds, with policies that are optimal but for some observations."""
@@ -330,7 +303,8 @@ def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everythi
         is_drawn = (masks == 0) | (generator.random(len(masks)) < 0.15)
         masks[is_drawn] = generator.integers(1, 32, is_drawn.sum())
         points = np.broadcast_to(masks, (1, 4, len(masks)))
-        populations[name] = of_variant("a-table_b", blank(name, 1, observation=observation, greedy=points))
+        records = blank(name, 1, observation=observation, greedy=points)
+        populations[name] = replace(records, run=replace(records.run, variant="a-table_b"))
     explorer.write([*populations.values()], folder / "mine" / explorer.FILE)
     build.write(folder, "mine")
     return folder / "mine", populations
@@ -384,16 +358,6 @@ def test_every_scenario_is_walked_and_solved_as_in_python(explore: Explore, name
     assert opened.panel("left", ".map .things polygon[points]").count() == n_signs
 
 
-def test_another_draw_of_chance_takes_another_walk(explore: Explore) -> None:
-    opened, _ = explore("MoodyHidden")
-    walks = set()
-    for _ in range(5):
-        opened.walk(30)
-        walks.add(opened.panel("left", ".walk").inner_text())
-        opened.page.locator("#walk-another").click()
-    assert len(walks) > 1
-
-
 def test_the_person_is_moved_by_pointer_keys_and_menus(
     explore: Explore, everything: Everything, open_page: Open
 ) -> None:
@@ -437,31 +401,6 @@ def test_phase_and_wrong_pings_are_chosen(explore: Explore, everything: Everythi
     assert opened.panel("right", "select[name=pings]").input_value() == "3"  # the same room
 
 
-def test_hidden_parts_are_named(explore: Explore) -> None:
-    opened, _ = explore("MoodyHidden", "Anywhere")
-    hidden = [opened.panel(side, ".about").inner_text() for side in ("left", "right")]
-    assert ["It does not see the phase" in text for text in hidden] == [True, False]
-    assert violations(opened, "#explorer") == []
-
-
-def test_first_pair_ends_differently(everything: Everything, open_page: Open, tmp_path: Path) -> None:
-    model = everything[1]["Anywhere"].model
-    masks = np.zeros((2, model.n_observations), dtype=np.uint8)
-    masks[:, model.observation[::-1]] = greedy_masks(solve(model, 1.0, 200).q, 1e-9)[::-1]
-    fails_at = 70  # place in which the first agent PINGs at once, again and again
-    masks[0, model.observation[model.states_of(fails_at)]] = 1 << ACTIONS.index("PING")
-    both = [blank("Anywhere", 1, greedy=np.broadcast_to(mask, (1, 4, len(mask)))) for mask in masks]
-    shown = [of_variant("a-table_b", both[0]), of_variant("dqn", both[1], observation="coordinates")]
-    shutil.copytree(everything[0], tmp_path / "mine")
-    explorer.write(shown, tmp_path / "mine" / explorer.FILE)
-    build.write(tmp_path, "mine")
-    opened = open_page(tmp_path / "mine")
-    chosen = [opened.panel(side, "select[name=learner]").input_value() for side in ("left", "right")]
-    assert chosen == [LABELS[TABLE], LABELS[NET]]
-    row, column = model.scenario.places[fails_at]
-    assert opened.panel("left", "select[name=person]").input_value() == str(row * 12 + column)
-
-
 def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> None:
     shutil.copytree(made, tmp_path / "mine")
     (tmp_path / "mine" / "agents.json.gz").unlink()
@@ -472,46 +411,6 @@ def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> Non
     opened.unfold()
     opened.page.locator("table a.n").first.click()
     assert opened.page.locator("dialog[open] tbody tr").count() > 0
-
-
-def test_maps_of_the_same_size_follow_each_other(opened: Opened) -> None:
-    def places() -> list[str]:
-        titles = [opened.panel(side, ".readout p").first.inner_text() for side in ("left", "right")]
-        return [title.partition(",")[0] + title.partition(",")[2].partition(",")[0] for title in titles]
-
-    opened.cell("left", 4, 6).hover()
-    assert places() == ["Row 4 column 6"] * 2
-    opened.panel("right", ".map").focus()
-    opened.page.keyboard.press("ArrowLeft")
-    assert places() == ["Row 4 column 5"] * 2
-    opened.choose("right", "S2", *TABLE)
-    opened.cell("left", 2, 3).hover()
-    assert places() == ["Row 2 column 3", "Row 0 column 0"]
-    for side, ratio in (("left", 7 / 5), ("right", 12 / 10)):
-        box = opened.panel(side, ".map svg > g:first-child").bounding_box()
-        assert box is not None
-        assert box["width"] / box["height"] == pytest.approx(ratio, rel=0.02)
-
-
-def test_cells_without_preference_are_hatched_and_scores_below_zero_drawn_at_zero(
-    opened: Opened, learners: Learners
-) -> None:
-    opened.choose_both("S2", *TABLE)
-    population = learners["S2", *TABLE]
-    shown = population.map_indices[shown_maps(population)]
-    greedy, scores = population.agents[0]["greedy"][shown], population.unbounded_scores()[0, shown]
-    is_over = population.model.is_over[population.model.fresh_state]
-    for place in (0, 3, 10):
-        opened.to_map(place)
-        n_alike = int((contains(greedy[place]).all(axis=1) & ~is_over).sum())
-        hatch = str(opened.panel("left", ".hatch").get_attribute("d"))
-        assert hatch.count("M") == 3 * n_alike
-        assert (n_alike == (~is_over).sum()) == (place == 0)
-    curve = opened.panel("left", ".curve")
-    lowest = float(str(curve.locator(".anchor").first.get_attribute("y1")))
-    places = curve.locator("circle").evaluate_all("all => all.map((one) => Number(one.getAttribute('cy')))")
-    assert (scores < 0).any()
-    assert [place == lowest for place in places] == (scores <= 0).tolist()
 
 
 def box_of(opened: Opened, selector: str) -> dict[str, float]:
@@ -530,17 +429,6 @@ def test_published_page_answers_at_once_and_is_short(open_page: Open, published:
     assert boxes[-1]["y"] + boxes[-1]["height"] <= 768
     assert boxes[-1]["height"] > 768 * 0.4
     assert opened.page.evaluate("document.documentElement.scrollHeight") < 15_000
-
-
-def test_names_of_rows_stay_in_view_on_a_phone(open_page: Open) -> None:
-    opened = open_page(viewport={"width": 390, "height": 844})
-    opened.unfold()
-    table = opened.page.locator("[data-item=summary]").first
-    table.evaluate("table => { table.parentElement.scrollLeft = 300 }")
-    assert table.evaluate("table => table.parentElement.scrollLeft") == 300
-    box = box_of(opened, "[data-item=summary] tbody td")
-    assert 0 <= box["x"] <= 20
-    assert box["width"] < 390 / 2
 
 
 @pytest.mark.parametrize(
