@@ -15,7 +15,6 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.commands import verify
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import all_specifications, load_experiment
 from benchmark.reports.folder import PICTURES
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute

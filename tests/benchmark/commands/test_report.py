@@ -30,7 +30,7 @@ def with_seeds(*ranges: range) -> Experiment:
     ],
 )
 def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
-    given: str | None, partial: bool, name: str, tmp_path: Path
+    given: str | None, partial: bool, name: str
 ) -> None:
     experiment = with_seeds(range(100))
     seeds = other_seeds(experiment, parse_seeds(given))
