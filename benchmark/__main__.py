@@ -184,7 +184,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(verify, "--seed", "N", "of the draw; the same seed draws the same runs (default: random)", int)
     _add(verify, "--jobs", "N", f"{jobs})", int)
 
-    watch = command("watch", "show an agent learn, in a window or in the terminal")
+    watch = command("watch", "show an agent learn, in a window or as a file")
     _add(watch, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
     about = "a variant of the experiment (default: q_learning)"
     _add(watch, "--algorithm", "NAME", about, default="q_learning")
@@ -192,7 +192,6 @@ def _parser() -> argparse.ArgumentParser:
     _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
     about = "defines the settings; a missing run is trained and stored (default: compare_deep)"
     _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")
-    _add(watch, "--terminal", "", "use the terminal, even if a window can be shown")
     _add(watch, "--save", "FILE", "write an animated .webp or .gif instead of showing it", Path)
 
     summary = "score an agent exactly, and rank it among the published learners"

@@ -114,7 +114,7 @@ COMMANDS: Final[dict[str, list[str]]] = {
     "run": ["--seeds", "--jobs", "--report", "--executor", "--results"],
     "report": ["--seeds", "--partial", "--results"],
     "verify": ["--runs", "--seed", "--jobs", "--results"],
-    "watch": ["--scenario", "--algorithm", "--observation", "--seed", "--experiment", "--save", "--terminal"],
+    "watch": ["--scenario", "--algorithm", "--observation", "--seed", "--experiment", "--save"],
     "assess": ["--agent", "--model", "--algorithm", "--stochastic", "--scenario", "--observation", "--save"],
     "growl": ["--loud"],
 }

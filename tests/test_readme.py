@@ -78,7 +78,7 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
     }
     arguments = [small.get(word, word) for word in words[1:]]
     if "watch" in arguments:
-        arguments += ["--terminal", "--experiment", str(comparison)]
+        arguments += ["--save", f"{directory}/film.webp", "--experiment", str(comparison)]
     if "--help" in arguments:
         with pytest.raises(SystemExit) as ended:
             main(arguments[2:])

@@ -1,22 +1,18 @@
-"""Shows how an agent learns: in a window, in the terminal, or as a file."""
+"""Shows how an agent learns: in a window, or as a file."""
 
 import argparse
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Final
 
 from matplotlib import pyplot as plt
-from matplotlib.backend_bases import Event
-from rich.console import Console
-from rich.live import Live
+from matplotlib.animation import FuncAnimation
 
 from benchmark.analysis.records import load_records
 from benchmark.commands import MOST_SEEDS
 from benchmark.drawing.film import ANIMATIONS, Film, Moment, Screen, film_of, learning, write
 from benchmark.drawing.style import check_file
-from benchmark.drawing.text import to_text
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
 from benchmark.experiments import (
@@ -28,7 +24,7 @@ from benchmark.experiments import (
 from envs import InputError
 from envs.inputs import unknown_name, whole_number
 
-FRAMES_PER_SECOND: Final = 12
+_FRAME_MS: Final = 80
 _WINDOWS: Final = ("macosx", "qtagg", "gtk4agg", "gtk3agg", "tkagg", "wxagg")  # backends of matplotlib
 _PAUSE: Final = 6  # frames for which the end of a walk is shown
 
@@ -97,47 +93,13 @@ def has_window() -> bool:
 
 def in_window(film: Film) -> None:
     """Plays the film in a window until the reader closes it."""
-    screen, shown, frame, is_paused = Screen([[film]]), list(moments(film)), 0, False
-    canvas = screen.figure.canvas
-
-    def go_to(index: int) -> None:
-        nonlocal frame
-        frame = index
-        screen.show([shown[frame]])
-        canvas.draw_idle()
-
-    def play() -> None:
-        if not is_paused and frame < len(shown) - 1:  # the last frame stays
-            go_to(frame + 1)
-
-    def on_key(event: Event) -> None:
-        nonlocal is_paused
-        key = getattr(event, "key", None)
-        if key == " ":
-            is_paused = not is_paused
-        if key in ("left", "right"):
-            index = shown[frame].index + (1 if key == "right" else -1)
-            go_to(next((i for i, moment in enumerate(shown) if moment.index == index), frame))
-
-    go_to(0)
-    print("space: pause, left and right: training, q: quit")
-    canvas.mpl_connect("key_press_event", on_key)
-    timer = canvas.new_timer(round(1000 / FRAMES_PER_SECOND), [(play, (), {})])
-    timer.start()
+    screen, shown = Screen([[film]]), [*moments(film)]
+    # The last frame stays. The animation is kept, or it would not be played.
+    kept = FuncAnimation(
+        screen.figure, lambda i: screen.show([shown[i]]), len(shown), interval=_FRAME_MS, repeat=False
+    )
     plt.show()
-
-
-def in_terminal(film: Film, console: Console) -> None:
-    """Plays the film in the terminal; if the console is no terminal, prints the end of every walk."""
-    if not console.is_terminal:
-        for index in range(len(film.steps)):
-            console.print(to_text(film, film.end(index)))
-        return
-    console.print("Press Ctrl-C to stop.", style="dim")
-    with suppress(KeyboardInterrupt), Live(console=console, auto_refresh=False) as live:
-        for moment in moments(film):
-            live.update(to_text(film, moment), refresh=True)
-            time.sleep(1 / FRAMES_PER_SECOND)
+    del kept
 
 
 def main(options: argparse.Namespace) -> int:
@@ -146,6 +108,8 @@ def main(options: argparse.Namespace) -> int:
     seed = whole_number(options.seed, "--seed", 0, MOST_SEEDS - 1)
     if options.save is not None:
         check_file(options.save, *ANIMATIONS)
+    elif not has_window():
+        raise InputError("watch: no window can be opened here; accepted: --save FILE.")
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     with Store(options.results / "runs.db") as store:
         film = load_film(
@@ -155,8 +119,5 @@ def main(options: argparse.Namespace) -> int:
         write(learning([[film]]), options.save)
         print(f"{film.title}: {options.save}")
         return 0
-    if not options.terminal and has_window():
-        in_window(film)
-    else:
-        in_terminal(film, Console())
+    in_window(film)
     return 0

@@ -1,17 +1,13 @@
 """The command that shows how an agent learns: the run it shows, and how it is played."""
 
 import sys
-from collections.abc import Sequence
-from dataclasses import replace
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
-from matplotlib.backend_bases import FigureCanvasBase, KeyEvent, TimerBase
-from rich.console import Console
+from matplotlib.backend_bases import FigureCanvasBase, TimerBase
 
 from benchmark.__main__ import main
 from benchmark.commands import watch
@@ -44,10 +40,10 @@ def test_any_scenario_can_be_watched(
     monkeypatch.chdir(tmp_path)
     assert not {"Walls", "Hallway"} & {*COMPARED.scenarios}
     for scenario, name, n_rows in (("Walls", "Walls", 10), ("Hallway.toml", "Hallway", 20)):
-        assert main(["watch", "--terminal", "--scenario", scenario]) == 0
+        assert main(["watch", "--scenario", scenario, "--save", "film.webp"]) == 0
         shown = capsys.readouterr()
         assert shown.err == f"training {name}: paper's Q-learning table, seed 0 ...\n"
-        assert shown.out.count("@ agent") == 26
+        assert shown.out == f"{name}: paper's Q-learning table, seed 0: film.webp\n"
         run = watch.specification(COMPARED, scenario, "q_learning", None, 0)
         assert run.scenario.grid.rows == n_rows
         with Store(Path("results") / "runs.db", read_only=True) as store:
@@ -65,40 +61,28 @@ def test_moments_walk_cell_by_cell_at_every_map(film: Film) -> None:
     assert last[-1].ending == "target_ping"
 
 
-def test_terminal_plays_every_moment(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
-    slept: list[float] = []
-    monkeypatch.setattr("time.sleep", slept.append)
-    short = replace(film, steps=film.steps[:2])
-    watch.in_terminal(short, Console(file=StringIO(), force_terminal=True, width=80))
-    assert len(slept) == len(list(watch.moments(short)))
-
-
-def test_window_plays_pauses_and_goes_through_training(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[tuple[int, int]] = []
+def test_window_plays_every_moment_once(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Moment] = []
     timers: list[TimerBase] = []
 
-    def note(_: Screen, moments: Sequence[Moment]) -> None:
-        shown.extend((moment.index, len(moment.cells)) for moment in moments)
-
-    def new_timer(_: FigureCanvasBase, *arguments: Any) -> TimerBase:
-        timers.append(TimerBase(*arguments))
+    def new_timer(_: FigureCanvasBase, **given: Any) -> TimerBase:
+        timers.append(TimerBase(**given))
         return timers[-1]
 
-    def use() -> None:
-        (timer,), canvas = timers, plt.gcf().canvas
-        ((play, _, _),) = timer.callbacks
-        for key in ("", "", " ", "", "right", "", "right", "right", "left", " ", ""):
-            if key:
-                canvas.callbacks.process("key_press_event", KeyEvent("key_press_event", canvas, key))
-            else:
-                play()
+    def watch_to_the_end() -> None:
+        plt.gcf().canvas.draw()
+        shown.clear()  # the first moment is shown before the animation starts, too
+        (timer,) = timers
+        for _ in range(2 * len(expected)):
+            timer._on_timer()
 
-    monkeypatch.setattr(Screen, "show", note)
+    expected = list(watch.moments(film))
+    monkeypatch.setattr(Screen, "show", lambda _, moments: shown.extend(moments))
     monkeypatch.setattr(FigureCanvasBase, "new_timer", new_timer)
-    monkeypatch.setattr(plt, "show", use)
+    monkeypatch.setattr(plt, "show", watch_to_the_end)
     watch.in_window(film)
     plt.close("all")
-    assert shown[1:] == [(0, 1), (0, 2), (0, 3), (1, 1), (2, 1), (3, 1), (2, 1), (2, 2)]
+    assert [(moment.index, moment.cells) for moment in shown] == [(m.index, m.cells) for m in expected]
 
 
 def test_a_window_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,13 +103,12 @@ def test_a_window_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert tried[-1] == "tkagg"
 
 
-def test_no_terminal_gets_the_end_of_every_walk(watched: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--scenario", "S1", "--algorithm", "q_learning", "--results", str(watched)]
-    assert main(["watch", "--terminal", *arguments]) == 0
-    text = capsys.readouterr().out
-    assert "step 10,000, score 1.00  success" in text
-    assert text.count("@ agent") == 26
-    assert "\x1b" not in text
+def test_without_a_window_the_film_is_to_be_saved(
+    monkeypatch: pytest.MonkeyPatch, watched: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(watch, "has_window", lambda: False)
+    assert main(["watch", "--results", str(watched)]) == 2
+    assert capsys.readouterr().err == "error: watch: no window can be opened here; accepted: --save FILE.\n"
 
 
 @pytest.mark.parametrize("experiment", ["when_smoke", "tuning_smoke"])

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from PIL import Image
 
 from benchmark.drawing.film import Film, Moment, Screen, film_of, learning, write
-from benchmark.drawing.text import to_text
 from envs import ACTIONS, compile_scenario, load_scenario
 from envs.model import PING
 from envs.scene import scene_of
@@ -112,34 +111,6 @@ def test_films_are_written_with_a_frame_per_map(film: Film, tmp_path: Path, name
         image.seek(1)
         image.load()
         assert image.info["duration"] == 350
-
-
-def test_text_shows_the_greedy_actions_the_agent_and_walls(film: Film) -> None:
-    end = film.end(25)
-    text = to_text(film, end).plain.splitlines()
-    assert text[1] == "step 10,000, score 1.00  success"
-    rows = "".join(text[2:12])
-    signs = {1 << action: sign for action, sign in enumerate("↑↓←→P")} | {31: "."}
-    expected = [signs.get(mask, "+") for mask in film.greedy[-1].tolist()]
-    expected[end.cells[-1]], expected[6 * 12 + 8] = "@", "*"
-    assert rows[1::3] == "".join(expected)
-    assert (rows[3 * (4 * 12 + 6)], rows[3 * (5 * 12 + 7)]) == ("[", "{")
-    walls = scene_of(compile_scenario(load_scenario("Walls")))
-    lines = to_text(replace(film, scene=walls), Moment(25, (0,))).plain.splitlines()
-    assert [sign == "#" for sign in "".join(lines[2:12])[1::3]] == walls.is_wall.tolist()
-    assert lines[-1].endswith("# wall")
-
-
-def test_text_has_the_colours_of_the_largest_values(film: Film) -> None:
-    values, greedy = np.zeros_like(film.values), film.greedy.copy()
-    values[25, :, 2] = np.repeat([0.0, 1.0], 60)
-    values[25, :60, 3] = -1e-9
-    values[25, 7], values[25, 5], greedy[25, 7] = 0.5, np.nan, 31  # neither has a value
-    text = to_text(replace(film, values=values, greedy=greedy, scale=(0, 1)), Moment(25, (0,)))
-    styles = [str(span.style) for span in text.spans]
-    assert styles[1] == "rgb(255,255,255) on rgb(0,34,77)"  # the ends of cividis
-    assert styles[119] == "rgb(0,0,0) on rgb(253,231,55)"
-    assert styles[7] == styles[5] == "rgb(0,0,0) on rgb(250,250,250)"
 
 
 def test_film_of_an_agent_that_sees_the_offset_is_around_the_issuer() -> None:
