@@ -1,20 +1,23 @@
 """The command `report`: the folder that it writes."""
 
-from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from benchmark.commands import parse_seeds
 from benchmark.commands.report import folder_name, other_seeds
-from benchmark.experiments import Experiment, load_experiment
+from tests.benchmark.reports.conftest import experiment_of
 
-FIRST, *_ = load_experiment("reproduce").populations
-
-
-def with_seeds(*ranges: range) -> Experiment:
-    """Returns the experiment with a population for each of these ranges of seeds."""
-    populations = [replace(FIRST, seeds=seeds) for seeds in ranges]
-    return replace(load_experiment("reproduce"), populations=populations)
+EXPERIMENT = """
+description = "Two tables."
+scenarios = ["S1"]
+horizon = 200
+evaluation_every = 200
+map_every = 200
+settings = { budget = 200 }
+algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 100 }
+algorithms.two = { algorithm = "sarsa", observations = ["index"], seeds = 100 }
+"""
 
 
 @pytest.mark.parametrize(
@@ -30,17 +33,17 @@ def with_seeds(*ranges: range) -> Experiment:
     ],
 )
 def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
-    given: str | None, partial: bool, name: str
+    given: str | None, partial: bool, name: str, tmp_path: Path
 ) -> None:
-    experiment = with_seeds(range(100))
+    experiment = experiment_of(tmp_path / "mine.toml", EXPERIMENT)
     seeds = other_seeds(experiment, parse_seeds(given))
     assert folder_name(experiment, seeds, partial=partial) == name
 
 
-def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_variant() -> None:
-    own, other = range(100), range(100, 200)
-    for ranges, declared in (([other], "100-199"), ([own, own], "0-99"), ([own, other], None)):
-        experiment = with_seeds(*ranges)
-        for text in ("0-99", "100-199", "0-199"):
-            seeds = parse_seeds(text)
-            assert other_seeds(experiment, seeds) == (None if text == declared else seeds)
+def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_variant(tmp_path: Path) -> None:
+    mixed = EXPERIMENT.replace(
+        "seeds = 100 }\nalgorithms.two", "seeds = 100, first_seed = 100 }\nalgorithms.two"
+    )
+    experiment = experiment_of(tmp_path / "mine.toml", mixed)
+    for text in ("0-99", "100-199", "0-199"):
+        assert other_seeds(experiment, parse_seeds(text)) == parse_seeds(text)
