@@ -16,7 +16,8 @@ from agents.contract import (
     check_training,
 )
 from agents.sb3.imported import algorithm_of, is_sb3_class
-from envs.inputs import InputError, imported, unknown_name
+from envs.inputs import InputError, unknown_name
+from envs.packages import imported
 
 __all__ = [
     "ALGORITHMS",

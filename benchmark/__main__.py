@@ -25,7 +25,8 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 
 try:
-    from envs.inputs import EXTRAS, InputError, needed_by
+    from envs.inputs import InputError
+    from envs.packages import EXTRAS, needed_by
 except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs import ACTIONS, ZONES, InputError, Model, Scenario, load_scenario
-from envs.inputs import needed_by, shortened
+from envs.inputs import shortened
 from envs.model import PING
 from envs.observations import compile_seen, observation_table
+from envs.packages import needed_by
 from envs.scenario import ScenarioLike
 from envs.scene import cell_map
 

@@ -58,7 +58,7 @@ def _sentence(module: str, reason: str) -> str:
 def _packages() -> dict[str, str]:
     """Returns the packages that this project names, by module."""
     with suppress(Exception):  # of the core, which is enough then: it is imported first
-        from envs.inputs import EXTRAS, PACKAGES
+        from envs.packages import EXTRAS, PACKAGES
 
         return {name: PACKAGES.get(name, name) for name in (*_CORE, *chain(*EXTRAS.values()))}
     return {name: name for name in _CORE}

@@ -1,20 +1,15 @@
 """Turns TOML tables into checked values, and mistakes into messages of one sentence.
 
 All input is checked here: scenarios, experiments and algorithm settings are subclasses of `Table`,
-and `parse` reads them. A package that is not installed is such a mistake, too.
+and `parse` reads them.
 """
 
 import difflib
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from contextlib import contextmanager
-from importlib import import_module
-from importlib.util import find_spec
-from itertools import chain
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated, Any, ClassVar, Final, NoReturn, Self, TypeVar, get_args, get_origin
 
 from pydantic import (
@@ -40,24 +35,6 @@ _MOST_DIGITS: Final = 4300  # of a number, by default in Python
 _TOO_LARGE: Final = 10**_MOST_DIGITS
 _TOO_LONG: Final = f"too many digits; accepted: at most {_MOST_DIGITS:,}"
 
-# The modules of each extra. They are not read from the metadata of an installation, since a checkout need not
-# be installed; a test compares them with pyproject.toml.
-EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
-    "reproduce": (
-        "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba", "packaging",
-        "pandas", "rich", "scipy", "seaborn", "tabulate",
-    ),
-    "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
-    "docs": ("pdoc",),
-    "cluster": ("distributed",),
-    "render": ("pygame",),
-}  # fmt: skip
-# Names of packages that differ from those of their modules.
-PACKAGES: Final[Mapping[str, str]] = {
-    "PIL": "pillow",
-    "markdown_it": "markdown-it-py",
-    "pygame": "pygame-ce",
-}
 _NAME_RULE: Final = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false, NA, "
     "or device of Windows (con, nul)"
@@ -92,10 +69,6 @@ def _as_line(message: str) -> str:
     if len(line) > _LONGEST_MESSAGE:
         line = f"{line[: _LONGEST_MESSAGE // 2 - 5]} ... {line[-_LONGEST_MESSAGE // 2 :]}"
     return line
-
-
-class MissingPackageError(ModuleNotFoundError, InputError):
-    """A package is not installed. The message says what installs it."""
 
 
 class Table(BaseModel):
@@ -343,74 +316,16 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], oth
 
 def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> str:
     accepted = sorted(accepted)
-    message = f"{source}: unknown {kind} {shortened(name, _LONGEST_NAME)}{_guess(name, accepted)}; accepted: "
+    message = f"{source}: unknown {kind} {shortened(name, _LONGEST_NAME)}{guess(name, accepted)}; accepted: "
     last = f", or {otherwise}" if otherwise else ""
     room = max(_LONGEST_MESSAGE - len(message) - len(last) - 1, _SHORTEST_LIST)
     return f"{message}{shortened(', '.join(accepted), room)}{last}."
 
 
-def _guess(name: str, accepted: Iterable[str]) -> str:
+def guess(name: str, accepted: Iterable[str]) -> str:
+    """Returns a question with the accepted name that is most like another one; empty if none is like it."""
     nearest = difflib.get_close_matches(name[:_LONGEST_NAME], accepted, n=1, cutoff=0.6)
     return f" (did you mean {nearest[0]}?)" if nearest else ""
-
-
-def imported(name: str, source: str, kind: str) -> object:
-    """Imports what the name `module:attribute` of some kind in a source means, or raises an InputError.
-
-    The message recommends only packages of this project's extras: a misspelt name could be any other's.
-    """
-    module, _, attribute = name.partition(":")
-    loaded: ModuleType | None = None
-    try:
-        loaded = import_module(module)
-        return getattr(loaded, attribute)
-    except (Exception, SystemExit) as error:  # a module can raise anything
-        reason: object = "it calls exit" if isinstance(error, SystemExit) else error
-        hint, missing = "", _missing(error)
-        if loaded is not None:
-            hint = _guess(attribute, dir(loaded))
-        elif missing is not None and _installer(missing):
-            hint = _installer(missing)
-        elif missing == module.partition(".")[0]:
-            accepted = "a module of the current folder, of the experiment's folder or of an installed package"
-            hint = f"{_guess(missing, chain(*EXTRAS.values()))}; accepted: {accepted}"
-        raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}.") from error
-
-
-@contextmanager
-def needed_by(what: str) -> Iterator[None]:
-    """Turns the failed import of a package of this project's extras into a MissingPackageError."""
-    try:
-        yield
-    except MissingPackageError:
-        raise
-    except ModuleNotFoundError as error:
-        missing = _missing(error)
-        if missing is None or not _installer(missing):
-            raise
-        raise missing_package(what, missing) from error
-
-
-def missing_package(what: str, module: str) -> MissingPackageError:
-    """Returns the error that something needs a package, given as the module that is not installed."""
-    needed = f"{what} needs the package {PACKAGES.get(module, module)}, which is not installed"
-    return MissingPackageError(f"{needed}{_installer(module)}.", name=module)
-
-
-def _missing(error: BaseException) -> str | None:
-    if not isinstance(error, ModuleNotFoundError) or error.name is None:
-        return None
-    module = error.name.partition(".")[0]
-    # If it is there, another version of it has the missing submodule.
-    return module if find_spec(module) is None else None
-
-
-def _installer(module: str) -> str:
-    for extra, modules in EXTRAS.items():
-        if module in modules:
-            mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"
-            return f"; pip install 'proxemic-benchmark[{extra}]' installs it (in a checkout: make {mark})"
-    return ""
 
 
 def _reasons(error: ErrorDetails) -> list[str]:

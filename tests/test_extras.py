@@ -15,7 +15,7 @@ from typing import Final
 import pytest
 from packaging.utils import canonicalize_name
 
-from envs.inputs import EXTRAS, PACKAGES, needed_by
+from envs.packages import EXTRAS, PACKAGES, needed_by
 from tests.support import PROJECT, ROOT, install, requirements
 
 LAYERS: Final = ("agents", "benchmark", "envs")

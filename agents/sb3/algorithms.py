@@ -9,7 +9,7 @@ from numpy.random import SeedSequence
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
-from envs.inputs import needed_by
+from envs.packages import needed_by
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from pydantic import ConfigDict, create_model, model_validator
 
 from agents.sb3.algorithms import Sb3Algorithm
 from agents.sb3.settings import OUR_SETTINGS, Count, Sb3Settings, Share
-from envs.inputs import InputError, imported
+from envs.inputs import InputError
+from envs.packages import imported
 
 # What this project sets itself, and types of arguments that it understands.
 _SET_HERE: Final = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from envs import Model
-from envs.inputs import InputError, imported
+from envs.inputs import InputError
 from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
+from envs.packages import imported
 
 
 class Output(NamedTuple):

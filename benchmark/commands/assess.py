@@ -5,7 +5,7 @@ import argparse
 from benchmark.assessment import PICTURES, RESULTS, assess
 from benchmark.drawing.style import check_file
 from envs import InputError
-from envs.inputs import imported
+from envs.packages import imported
 
 
 def main(options: argparse.Namespace) -> int:

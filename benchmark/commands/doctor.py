@@ -25,7 +25,8 @@ from benchmark.commands import parse_jobs, parse_seeds
 from benchmark.execution.machine import free_memory, usable_cores
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from envs import InputError
-from envs.inputs import EXTRAS, missing_package, needed_by, shortened
+from envs.inputs import shortened
+from envs.packages import EXTRAS, missing_package, needed_by
 
 if TYPE_CHECKING:
     from benchmark.experiments import RunSpecification

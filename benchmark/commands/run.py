@@ -16,7 +16,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
 from benchmark.reports import draw, load_report
 from envs import InputError
-from envs.inputs import needed_by
+from envs.packages import needed_by
 
 if TYPE_CHECKING:
     from benchmark.execution.executors.cluster import Cluster

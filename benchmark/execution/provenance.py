@@ -16,7 +16,7 @@ import llvmlite.binding
 import numpy as np
 
 from agents import load_algorithm
-from envs.inputs import missing_package
+from envs.packages import missing_package
 
 _PACKAGES: Final = ("gymnasium", "llvmlite", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
 _FEATURES: Final = ("avx", "avx2", "fma", "avx512f")

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any, Final, TypeVar
 
 from benchmark.reports.item import Item, Report
-from envs.inputs import InputError, imported, unknown_name
+from envs.inputs import InputError, unknown_name
+from envs.packages import imported
 
 __all__ = ["REPORTS", "Item", "Report", "load_items", "load_report"]
 

@@ -24,7 +24,7 @@ from benchmark.reports.item import Item, Report
 from benchmark.reports.manifest import manifest_of
 from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
-from envs.inputs import missing_package
+from envs.packages import missing_package
 
 
 class Made(NamedTuple):

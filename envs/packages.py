@@ -1,0 +1,93 @@
+"""Packages that this project may need: which extra brings each, and what is said if one is not installed."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
+from importlib.util import find_spec
+from itertools import chain
+from types import ModuleType
+from typing import Final
+
+from envs.inputs import InputError, guess, shortened
+
+# The modules of each extra. They are not read from the metadata of an installation, since a checkout need not
+# be installed; a test compares them with pyproject.toml.
+EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
+    "reproduce": (
+        "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba", "packaging",
+        "pandas", "rich", "scipy", "seaborn", "tabulate",
+    ),
+    "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
+    "docs": ("pdoc",),
+    "cluster": ("distributed",),
+    "render": ("pygame",),
+}  # fmt: skip
+# Names of packages that differ from those of their modules.
+PACKAGES: Final[Mapping[str, str]] = {
+    "PIL": "pillow",
+    "markdown_it": "markdown-it-py",
+    "pygame": "pygame-ce",
+}
+
+
+class MissingPackageError(ModuleNotFoundError, InputError):
+    """A package is not installed. The message says what installs it."""
+
+
+def imported(name: str, source: str, kind: str) -> object:
+    """Imports what the name `module:attribute` of some kind in a source means, or raises an InputError.
+
+    The message recommends only packages of this project's extras: a misspelt name could be any other's.
+    """
+    module, _, attribute = name.partition(":")
+    loaded: ModuleType | None = None
+    try:
+        loaded = import_module(module)
+        return getattr(loaded, attribute)
+    except (Exception, SystemExit) as error:  # a module can raise anything
+        reason: object = "it calls exit" if isinstance(error, SystemExit) else error
+        hint, missing = "", _missing(error)
+        if loaded is not None:
+            hint = guess(attribute, dir(loaded))
+        elif missing is not None and _installer(missing):
+            hint = _installer(missing)
+        elif missing == module.partition(".")[0]:
+            accepted = "a module of the current folder, of the experiment's folder or of an installed package"
+            hint = f"{guess(missing, chain(*EXTRAS.values()))}; accepted: {accepted}"
+        raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}.") from error
+
+
+@contextmanager
+def needed_by(what: str) -> Iterator[None]:
+    """Turns the failed import of a package of this project's extras into a MissingPackageError."""
+    try:
+        yield
+    except MissingPackageError:
+        raise
+    except ModuleNotFoundError as error:
+        missing = _missing(error)
+        if missing is None or not _installer(missing):
+            raise
+        raise missing_package(what, missing) from error
+
+
+def missing_package(what: str, module: str) -> MissingPackageError:
+    """Returns the error that something needs a package, given as the module that is not installed."""
+    needed = f"{what} needs the package {PACKAGES.get(module, module)}, which is not installed"
+    return MissingPackageError(f"{needed}{_installer(module)}.", name=module)
+
+
+def _missing(error: BaseException) -> str | None:
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return None
+    module = error.name.partition(".")[0]
+    # If it is there, another version of it has the missing submodule.
+    return module if find_spec(module) is None else None
+
+
+def _installer(module: str) -> str:
+    for extra, modules in EXTRAS.items():
+        if module in modules:
+            mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"
+            return f"; pip install 'proxemic-benchmark[{extra}]' installs it (in a checkout: make {mark})"
+    return ""
