@@ -200,7 +200,6 @@ def _sweep(
 
 
 def _softmax(logits: NDArray[np.float64]) -> Policy:
-    """Returns probabilities, (O, A), from logits whose largest in each row is 0."""
     weights = np.exp(logits)
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 

@@ -60,6 +60,5 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
 
 
 def _kinds(scene: Scene) -> list[str]:
-    """Returns what every cell is, (C,): its zone, or "wall"."""
     walls = scene.is_wall.tolist()
     return ["wall" if is_wall else zone for zone, is_wall in zip(scene.zone, walls, strict=True)]

@@ -123,7 +123,6 @@ def exploration_rate(constants: Constants, taken: int) -> float:
 
 @compiled
 def _advance(agent: Dqn, until: int) -> None:
-    """Trains an agent until so many steps are done."""
     constants, walk = agent.constants, agent.walk
     while walk.taken[0] < until:
         for _ in range(constants.train_freq):

@@ -164,7 +164,6 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 
 @compiled
 def _advance(agent: Ppo, until: int) -> None:
-    """Trains an agent until so many steps are done."""
     while agent.walk.taken[0] < until:
         agent.policy.is_known[:] = False
         agent.values.is_known[:] = False
@@ -226,7 +225,6 @@ def _estimate_advantages(agent: Ppo) -> None:
 
 @inlined
 def _learn(agent: Ppo) -> None:
-    """Makes the gradient steps on a rollout."""
     batch, constants, order = agent.batch, agent.constants, agent.rollout.order
     for _ in range(constants.n_epochs):
         for i in range(len(order)):

@@ -79,7 +79,6 @@ def _words(stream: NDArray[np.uint64]) -> Stream:
 
 @inlined
 def _restart(walk: Walk, e: int) -> None:
-    """Starts an episode."""
     walk.state[e], stream = draw_start(walk.process.starts, _words(walk.stream))
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
     walk.steps[e] = 0

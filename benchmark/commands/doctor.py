@@ -135,7 +135,6 @@ def _cache() -> Finding:
 
 
 def _machine(results: Path) -> Iterator[Finding]:
-    """Yields what the machine has to offer."""
     cores, load, memory = usable_cores(), os.getloadavg()[0], free_memory()
     text = f"{cores} of {os.cpu_count()} may be used here, with a load average of {load:.1f}"
     yield _finding("cores", text, "other programs slow down runs" * (load > cores))
@@ -159,7 +158,6 @@ def _disk(results: Path) -> tuple[Path, int]:
 
 
 def _store(path: Path) -> Iterator[Finding]:
-    """Yields whether the store is sound."""
     try:
         with Store(path, read_only=True) as store:
             if structure := store.problem():

@@ -41,7 +41,6 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _rewrite(options: argparse.Namespace) -> int:
-    """Writes the texts of all results and the page, from the tables that are there."""
     if options.partial or options.seeds is not None:
         raise InputError("--partial, --seeds: accepted only together with an experiment.")
     if folders := sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}")):

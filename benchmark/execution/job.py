@@ -75,7 +75,6 @@ def _times(job: Job, started: float) -> dict[str, object]:
 
 
 def _train(job: Job, model: Model, schedule: Schedule) -> Training:
-    """Trains the agents of a job, and checks what training returns."""
     first, seeds = job[0], [run.seed_sequence for run in job]
     algorithm = load_algorithm(first.algorithm)
     training = algorithm.train(model, first.settings, first.observation, seeds, schedule)

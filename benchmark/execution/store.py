@@ -339,7 +339,6 @@ class Store:
         return -1
 
     def _salvage(self) -> None:
-        """Replaces a damaged file by one with its intact records, and keeps a copy of it."""
         self._connection.execute("PRAGMA writable_schema = ON")  # else a truncated file cannot be read
         self._check_version()
         self._connection.execute("BEGIN EXCLUSIVE")  # waits for other drivers
@@ -369,7 +368,6 @@ class Store:
 
     @contextmanager
     def _input_errors(self) -> Iterator[None]:
-        """Turns an error of SQLite into an `InputError`."""
         try:
             yield
         except sqlite3.Error as error:

@@ -330,7 +330,6 @@ class _Loading:
         return Population(condition, scenario, learner, run, seeds)
 
     def _scenario(self, path: str, condition: Condition) -> Scenario:
-        """Returns a scenario under a condition."""
         changes = condition.scenario_changes(Path(path).stem)
         key = json.dumps([path, changes], default=str)
         if key not in self.scenarios:
@@ -404,7 +403,6 @@ def _check_scenarios(declared: Declaration, path: Path) -> None:
 
 
 def _check_titles(learners: Iterable[Learner], where: str) -> None:
-    """Checks that readers can tell all learners apart."""
     first: dict[str, str] = {}
     for learner in learners:
         other = first.setdefault(learner.title, learner.name)

@@ -365,7 +365,6 @@ class Declaration(Table):
         return variant.seeds, *self.schedule(name), (self.settings | variant.settings).get("budget")
 
     def _check_searched(self, name: str) -> None:
-        """Checks what a search tries of one variant."""
         variant, where = self.algorithms[name], f"algorithms.{name}"
         is_equal = self._effort(name) == self._effort(next(iter(self.algorithms)))
         require(is_equal, where, "the seeds, schedule and budget of all others")
@@ -380,7 +379,6 @@ class Declaration(Table):
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
 
     def _check_grids(self) -> None:
-        """Checks that grids name learners."""
         if not self.grids:
             return
         is_alone = not self.sweep and self.search is None and len(self.readings) == 1
@@ -408,7 +406,6 @@ class Declaration(Table):
         _check_axes("sweep", keys)
 
     def _check_number(self) -> None:
-        """Checks how many conditions there are."""
         n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
         n_conditions *= sum(len(grid.points) for grid in self.grids.values()) or 1
         n_conditions *= 1 if self.search is None else self.search.trials + 1
@@ -527,7 +524,6 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
 
 
 def _path(experiment: str | Path) -> Path:
-    """Returns the file of an experiment."""
     path, names = Path(experiment), experiment_names()
     shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
     if path.suffix == ".toml":

@@ -236,12 +236,10 @@ class _Part:
 
 
 def _slug(text: str) -> str:
-    """Returns a text's letters and digits, for an id or a class."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
 def _render(parts: Sequence[_Part]) -> str:
-    """Returns the page."""
     templates = templates_in(_TEMPLATES, is_html=True)
     templates.filters |= {"slug": _slug, "signed": lambda number: f"{number:.3g}".replace("-", "−")}
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
@@ -335,7 +333,6 @@ def _index(results: Path) -> str:
 
 
 def _finding(path: Path) -> str:
-    """Returns the first paragraph of what was found, or else the description of the experiment."""
     folder, text = Folder(path), ""
     with suppress(InputError), folder.reading():  # a folder of a user may be damaged, or lack its code
         text = paragraph(folder.manifest["description"])

@@ -87,7 +87,6 @@ def _page(name: str, site: Path) -> Path:
 
 
 def _modules(package: str) -> list[str]:
-    """Lists a package and all modules inside, also those that its `__all__` does not name."""
     inside = walk_packages(import_module(package).__path__, f"{package}.")
     return [package, *(module.name for module in inside if not module.name.endswith("__main__"))]
 

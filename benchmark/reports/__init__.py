@@ -56,7 +56,6 @@ def load_items(report: Report, declared: Mapping[str, Any], source: str) -> tupl
 
 
 def _of_class(name: str, source: str, kind: str, cls: type[_T]) -> _T:
-    """Returns what `module:attribute` names."""
     named = imported(name, source, kind)
     if not isinstance(named, cls):
         article, accepted = "an" if kind == "item" else "a", f"a {cls.__module__}.{cls.__name__}"

@@ -182,7 +182,6 @@ def _sight(model: Model) -> dict[str, object]:
 
 
 def _listed(values: NDArray[np.float64]) -> list[float | None]:
-    """Returns numbers for JSON, which has no NaN."""
     return [None if math.isnan(value) else round(value, 6) for value in values.tolist()]
 
 
@@ -195,5 +194,4 @@ def _integers(maps: NDArray[np.floating]) -> list[int]:
 
 
 def _characters(masks: NDArray[np.uint8]) -> str:
-    """Returns masks of actions as one character each."""
     return (masks.ravel() + np.uint8(_FIRST_MASK)).tobytes().decode("ascii")

@@ -42,7 +42,6 @@ def alone(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Waits until no other process has locked a folder, and locks it."""
     with ExitStack() as stack:
         with _input_errors(folder):
             descriptor = os.open(folder, os.O_RDONLY)
@@ -121,7 +120,6 @@ def _take_over(folder: Path, made: Path, is_stale: Callable[[str], bool]) -> Non
 
 
 def _remove(path: Path) -> None:
-    """Removes a file or a folder, if it is there."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -131,7 +129,6 @@ def _remove(path: Path) -> None:
 
 @contextmanager
 def _input_errors(path: Path) -> Iterator[None]:
-    """Turns an error of the system into an `InputError`."""
     try:
         yield
     except OSError as error:

@@ -65,7 +65,6 @@ def _variants(
 
 
 def _made_by(provenance: Sequence[Provenance]) -> dict[str, object]:
-    """Returns what made the runs, and when."""
     keys = {"commits": "commit", "machines": "machine", "processors": "processor", "versions": "versions"}
     # Records that were made before the processor was noted do not have it.
     texts = {

@@ -143,7 +143,6 @@ def _published_ids(name: str) -> dict[str, str]:
 
 
 def _id(path: Path) -> str:
-    """Returns git's id of a file's content."""
     content = path.read_bytes()
     return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
 

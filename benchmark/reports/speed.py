@@ -159,7 +159,6 @@ def _kernel(model: Model, n_agents: int, steps: int, record_every: int = 1, thre
 
 
 def _training(model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int) -> Side:
-    """Trains nets."""
     algorithm, budget = load_algorithm(name), declared["budget"]
     settings, seeds = parse(algorithm.settings, declared, str(_NETS)), _seeds(n_agents)
     return n_agents * budget, partial(algorithm.train, model, settings, observation, seeds, Schedule(budget))
@@ -170,7 +169,6 @@ def _seeds(n: int) -> list[SeedSequence]:
 
 
 def _stepping(mode: str, times: int) -> Side:
-    """Steps 1,000 environments with random actions."""
     envs = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode, max_episode_steps=-1)
     envs.reset()
     actions = np.random.default_rng(0).integers(0, N_ACTIONS, (times, 1000))
@@ -212,7 +210,6 @@ def _loop(steps: int) -> None:
 
 
 def _play(episodes: int) -> None:
-    """Simulates episodes of the random policy."""
     env = gymnasium.make(_ENV, max_episode_steps=200)
     rng = random.Random(0)
     for _ in range(episodes):

@@ -80,7 +80,6 @@ def _(experiment: Experiment) -> Figure:
 
 
 def _models(populations: Iterable[Population]) -> dict[str, Model]:
-    """Returns each scenario as the last learner sees it."""
     return {
         population.scenario.name: compile_seen(population.scenario, population.learner.observation)
         for population in populations

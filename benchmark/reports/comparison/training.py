@@ -169,7 +169,6 @@ def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, pat
 
 
 def _film(population: Population, records: RecordsOf) -> film.Film:
-    """Returns the film of a population's typical agent."""
     own = records(population)
     agent = typical_agent(own)
     title = f"{population.scenario.name}: {population.learner.title}, seed {own.seeds[agent]} (median)"
@@ -183,7 +182,6 @@ def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path:
 
 
 def _drawn(runs: pd.DataFrame, experiment: Experiment) -> list[Population]:
-    """Lists the populations, but for those of reference implementations."""
     return [
         experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
         for names, learner, rows in populations(runs, experiment)

@@ -87,7 +87,6 @@ def _leading(kinds: Mapping[str, str]) -> dict[str, str]:
 
 
 def _draw(tables: Frames, experiment: Experiment, kinds: Mapping[str, str]) -> Figure | None:
-    """Draws grids side by side."""
     if not kinds:
         return None
     widths = [_DRAWN[kind][1] for kind in kinds.values()]
@@ -126,7 +125,6 @@ def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.Da
 
 
 def _draw_lines(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
-    """Draws steps against the values of an axis."""
     report, solved = experiment.report, experiment.declared.solved
     assert report is not None
     assert solved is not None
@@ -235,7 +233,6 @@ def _sign(row: pd.Series, point: str, pairs: pd.DataFrame) -> tuple[str, float]:
 
 
 def _draw_legend(axis: Axes, image: QuadMesh, experiment: Experiment, used: set[str]) -> None:
-    """Draws what colours and signs mean below a square."""
     assert experiment.report is not None
     bar = axis.figure.colorbar(image, ax=axis, location="bottom", aspect=30, pad=0.02)
     net, table = (experiment.learners[side].title for side in experiment.report.contrasts[0])

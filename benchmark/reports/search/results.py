@@ -323,7 +323,6 @@ def _names(learner: Learner) -> Row:
 
 
 def _of(frame: pd.DataFrame, learner: Learner) -> pd.DataFrame:
-    """Returns the rows of a learner."""
     is_own = frame["algorithm"] == learner.variant
     return frame[is_own & (frame["observation"] == learner.observation)]
 
