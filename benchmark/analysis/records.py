@@ -157,7 +157,7 @@ def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float,
     """
     starts = every_cell(model) if start == "every_cell" else from_starts(model)
     random = evaluate(model, uniform_policy(model), horizon, starts)
-    grid, both = (starts @ solve(model, 1.0, horizon, issuer_rewards=each).value for each in (False, True))
+    grid, both = (starts @ solve(model, 1.0, horizon, issuer_rewards=added).value for added in (False, True))
     return {
         "grid_return": (float(random.grid_return), float(grid)),
         "scenario_return": (float(random.scenario_return), float(both)),

@@ -54,7 +54,7 @@ def _rewrite(options: argparse.Namespace) -> int:
 
 
 def _write_texts(folder: Path) -> None:
-    """Writes the texts of a folder of results; those of a user's experiment stay if its code is not found."""
+    """Writes the texts of a folder of results; those of a user's experiment stay if its code cannot be imported."""
     try:
         document.write(folder)
     except InputError as error:
@@ -69,14 +69,14 @@ def _write_chosen(experiment: Experiment, store: Store) -> None:
     A file that differs in measured times alone stays as it is.
     """
     file = chosen_file(experiment.path)
-    found = Choices(search=digest_of_search(experiment.declared), learners=chosen(experiment, store))
+    now = Choices(search=digest_of_search(experiment.declared), learners=chosen(experiment, store))
     measured = {"learners": {"__all__": {"cpu_time_s"}}}
     is_same = False
     with suppress(InputError):  # there is none, or it is damaged
         before = read_chosen(experiment.path, "")
-        is_same = before.model_dump(exclude=measured) == found.model_dump(exclude=measured)
+        is_same = before.model_dump(exclude=measured) == now.model_dump(exclude=measured)
     if not is_same:
-        files.write_text(file, found.model_dump_json(indent=1) + "\n")
+        files.write_text(file, now.model_dump_json(indent=1) + "\n")
     print(f"{experiment.name}: the chosen settings are in {file}{', as before' * is_same}.")
 
 

@@ -33,7 +33,7 @@ def main(options: argparse.Namespace) -> int:
     experiments = [load_experiment(name) for name in names]
     n_problems = 0
     with tempfile.TemporaryDirectory() as scratch:  # elsewhere, as the folder may be read-only
-        for problem in _found(experiments, options, Path(scratch)):
+        for problem in _all_problems(experiments, options, Path(scratch)):
             print(problem, file=sys.stderr)
             n_problems += 1
     if n_problems:
@@ -41,7 +41,9 @@ def main(options: argparse.Namespace) -> int:
     return 1 if n_problems else 0
 
 
-def _found(experiments: list[Experiment], options: argparse.Namespace, scratch: Path) -> Iterator[object]:
+def _all_problems(
+    experiments: list[Experiment], options: argparse.Namespace, scratch: Path
+) -> Iterator[object]:
     try:
         with Store(options.results / "runs.db", read_only=True) as store, files.alone(options.results):
             yield from _problems(experiments, store, options, scratch)
@@ -120,11 +122,11 @@ def _difference(before: Record, after: Record) -> str:
     names = sorted({*before.arrays, *after.arrays})
     differing = [name for name in names if bits(before, name) != bits(after, name)]
     old, new = (
-        {**each.provenance["versions"], "machine": each.provenance["machine"]} for each in (before, after)
+        {**made["versions"], "machine": made["machine"]} for made in (before.provenance, after.provenance)
     )
     others = [f"{key} {old[key]}, here {new.get(key)}" for key in old if old[key] != new.get(key)]
-    made = f" (recorded with {'; '.join(others)})" if others else ""
-    return f"differs in {', '.join(differing)}{made}" if differing else ""
+    recorded = f" (recorded with {'; '.join(others)})" if others else ""
+    return f"differs in {', '.join(differing)}{recorded}" if differing else ""
 
 
 def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) -> Iterator[str]:

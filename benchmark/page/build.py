@@ -165,7 +165,7 @@ class _Part:
             style = learner_style(variant, observation, [*self.folder.manifest["algorithms"]])
             looks[learner] = {
                 "name": title,
-                "told": self.folder.told(learner),
+                "phrase": self.folder.phrase(learner),
                 "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
                 "dash": "" if style["ls"] == "-" else " ".join(f"{4 * n:g}" for n in style["ls"][1]),
             }

@@ -68,7 +68,7 @@ class Folder:
         """Returns what readers call a learner, or a side of a contrast, see `titled`."""
         return titled(side, self.titles)
 
-    def told(self, side: str) -> str:
+    def phrase(self, side: str) -> str:
         """Returns the same for a sentence, in which a table has an article."""
         title = self.title(side)
         return f"the {title}" if re.search(r"\btable\b", title) else title

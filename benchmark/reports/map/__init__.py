@@ -18,7 +18,7 @@ def headline(folder: Folder) -> str:
     for _, row in table[table["grid"] == grid].iterrows():
         ended = [verdict for verdict in VERDICTS if row[verdict]]
         counts = [f"{verdict} at {link(str(row[verdict]), 'verdicts', row)}" for verdict in ended]
-        x, y = (folder.told(row[side]) for side in "xy")
+        x, y = (folder.phrase(row[side]) for side in "xy")
         parts.append(f"{x} compared with {y}: {', '.join(counts)}")
     return f"Over the points of the grid `{grid}`, {'; '.join(parts)}."
 

@@ -36,7 +36,7 @@ def headline(folder: Folder) -> str:
         if len(rows):
             best = rows.iloc[int(rows["chosen"].argmax())]
             default, chosen = (link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen"))
-            learner = folder.told(f"{best['algorithm']}, {best['observation']}")
+            learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
             parts.append(f"from {default} to {chosen} for the best {kind}, {learner}")
     return (
         f"With the best of the defaults and {search['trials']} trials, success averaged over training goes "

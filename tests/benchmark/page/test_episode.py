@@ -18,11 +18,11 @@ def test_steps_are_those_of_the_scenario_and_values_those_of_q_learning() -> Non
         row, column = divmod(step.after, 12)
         distance = max(abs(row - 6), abs(column - 8))
         assert step.zone == {1: "uncomfortable", 2: "target"}.get(distance, "outside")
-    told = [
+    steps_told = [
         (step.action, step.event, step.reward, step.was, step.value) for step in episode.highlights(steps)
     ]
     # All values begin at 0, and no action is repeated in its cell, so each becomes 0.6 * (reward + 0.9 * 0).
-    assert [each[:4] for each in told] == [
+    assert [step[:4] for step in steps_told] == [
         ("DOWN", "move", -0.1, 0.0),
         ("PING", "wrong_ping", -0.4, 0.0),
         ("RIGHT", "move", -0.1, 0.0),
@@ -30,7 +30,7 @@ def test_steps_are_those_of_the_scenario_and_values_those_of_q_learning() -> Non
         ("PING", "wrong_ping", -0.4, 0.0),
         ("PING", "target_ping", 1.0, 0.0),
     ]
-    assert [each[4] for each in told] == pytest.approx([-0.06, -0.24, -0.06, -0.48, -0.24, 0.6])
+    assert [step[4] for step in steps_told] == pytest.approx([-0.06, -0.24, -0.06, -0.48, -0.24, 0.6])
     assert len({(step.before, step.action) for step in steps}) == len(steps)
 
 

@@ -91,7 +91,7 @@ if (box) {
       const code = chosen.permuted ? `, the coordinates of ${100 * chosen.permuted} % of the places permuted` : "";
       const row = contrasts.find((each) => isPlain(each, first) && isChosen(each));
       if (!row) return [`With ${where}${code}: no declared contrast.`];
-      const [x, y] = [row.x, row.y].map((name) => looks[name].told);
+      const [x, y] = [row.x, row.y].map((name) => looks[name].phrase);
       const words = { faster: `${x} needs fewer steps than ${y}`, slower: `${x} needs more steps than ${y}`,
         "equally fast": `${x} and ${y} need equally many steps`, "neither learns": `neither ${x} nor ${y} learns`,
         "budget too short": `the smaller budget is too short for ${x} and ${y}`,
