@@ -54,7 +54,7 @@ def _rewrite(options: argparse.Namespace) -> int:
 
 
 def _write_texts(folder: Path) -> None:
-    """Writes the texts of a folder of results; those of a user's experiment stay if its code cannot be imported."""
+    """Writes the texts of a folder of results; those of a user's experiment without its code stay."""
     try:
         document.write(folder)
     except InputError as error:
