@@ -108,9 +108,9 @@ def main(options: argparse.Namespace) -> int:
     seed = whole_number(options.seed, "--seed", 0, MOST_SEEDS - 1)
     if options.save is not None:
         check_file(options.save, *ANIMATIONS)
-    elif not has_window():
-        raise InputError("watch: no window can be opened here; accepted: --save FILE.")
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
+    if options.save is None and not has_window():
+        raise InputError("watch: no window can be opened here; accepted: --save FILE.")
     with Store(options.results / "runs.db") as store:
         film = load_film(
             watched, store, experiment.learners[f"{watched.variant}, {watched.observation}"].title
