@@ -1,6 +1,7 @@
 """The command that shows how an agent learns: the run it shows, and how it is played."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ def test_any_scenario_can_be_watched(
     text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
     (tmp_path / "Hallway.toml").write_text(text.replace("rows = 10", "rows = 20"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(watch, "write", lambda *_: None)  # it takes seconds, and is tested with films
     assert not {"Walls", "Hallway"} & {*COMPARED.scenarios}
     for scenario, name, n_rows in (("Walls", "Walls", 10), ("Hallway.toml", "Hallway", 20)):
         assert main(["watch", "--scenario", scenario, "--save", "film.webp"]) == 0
