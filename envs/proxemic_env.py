@@ -2,7 +2,6 @@
 
 import operator
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Any, Final
 
 import gymnasium
@@ -114,23 +113,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
         self._observations: list[Observation] = table.tolist() if table.ndim == 1 else list(table)  # (O,)
         self._observed = self.model.observation.tolist()  # (S,)
-        self.s = self.model.start  # the hidden state, called `s` as in toy-text; it may be set
+        self.s = self.model.start  # the hidden state; it may be set
         self._event = 0
-
-    @cached_property
-    def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:  # noqa: N802
-        """`P[s][a] = [(probability, next state, mean reward, terminated)]` over the hidden states."""
-        model = self.model
-        reward = (model.grid_reward + model.issuer_reward).tolist()
-        chances, following = model.probability.tolist(), model.next_state.tolist()
-        ends, n = model.terminated.tolist(), model.n_outcomes
-        return {
-            s: {
-                a: [(chances[s][a][k], following[s][a][k], reward[s][a], ends[s][a]) for k in range(n)]
-                for a in range(len(ACTIONS))
-            }
-            for s in range(len(reward))
-        }
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -147,11 +131,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
         Raises:
           InputError: `action` is not one of 0 to 4.
+          TypeError: It is not an integer.
         """
-        try:
-            index = operator.index(action)
-        except TypeError:
-            index = -1
+        index = operator.index(action)
         if not 0 <= index < len(ACTIONS):
             raise InputError(f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1}.")
         model, at = self.model, (self.s, index)

@@ -1,11 +1,9 @@
 """A batch of envs over one `Model`: array look-ups instead of a Python object per env."""
 
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Final, SupportsIndex
+from typing import Any, Final
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import seeding
@@ -13,12 +11,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from envs import render
 from envs.inputs import InputError
 from envs.model import ACTIONS, PING, draw_issuer_reward
 from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
-from envs.scene import scene_of
 
 _INFO: Final = {
     "event": np.int64,
@@ -38,8 +34,12 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     """N proxemic envs that step together; `ProxemicEnv` describes them.
 
     `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. It returns what
-    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions, in all three autoreset modes.
+    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions: when an episode has ended, the
+    next step resets its env and ignores the action. For images and other modes of autoreset,
+    `vectorization_mode="sync"` makes that env.
     """
+
+    metadata: dict[str, object] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -48,8 +48,6 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         observation: str = "index",
         overrides: Mapping[str, object] | None = None,
         max_episode_steps: int | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        render_mode: str | None = None,
     ) -> None:
         """Compiles the scenario.
 
@@ -59,32 +57,18 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
           observation: See there.
           overrides: See there.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
-          autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
-          render_mode: `"rgb_array"` or None; others with `vectorization_mode="sync"`.
 
         Raises:
           InputError: An argument is not accepted.
         """
-        self.num_envs = n = _positive("num_envs", num_envs, "a whole number, at least 1")
         self._limit: int = np.iinfo(np.int64).max
         if max_episode_steps not in (None, -1):
-            accepted = "at least 1, or None or -1 for no limit"
-            self._limit = _positive("max_episode_steps", max_episode_steps, accepted)
-        if render_mode not in (None, "rgb_array"):
-            accepted = 'rgb_array or None; others with vectorization_mode = "sync"'
-            raise InputError(f"render_mode = {render_mode!r}; accepted for a batch: {accepted}.")
-        self.render_mode = render_mode
-        try:
-            self._mode = AutoresetMode(autoreset_mode)
-        except ValueError:
-            accepted = ", ".join(mode.value for mode in AutoresetMode)
-            raise InputError(f"autoreset_mode = {autoreset_mode}; accepted: {accepted}.") from None
+            self._limit = max_episode_steps
+        for name, number in (("num_envs", num_envs), ("max_episode_steps", self._limit)):
+            if number < 1:
+                raise InputError(f"{name} = {number}; accepted: a whole number, at least 1.")
+        self.num_envs = n = num_envs
         self.model = compile_seen(load_scenario(scenario, overrides), observation)
-        self.metadata = {
-            "autoreset_mode": self._mode,
-            "render_modes": ["rgb_array"],
-            "render_fps": render.FRAMES_PER_SECOND,
-        }
         self._table = observation_table(self.model, observation)
         self.single_observation_space = observation_space(self._table)
         self.single_action_space = spaces.Discrete(len(ACTIONS))
@@ -104,7 +88,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
         self._state = np.full(n, model.start, dtype=np.intp)
         self._steps = np.zeros(n, dtype=np.int64)
-        self._over = np.zeros(n, dtype=np.bool_)  # episodes that wait for a reset; none in SameStep
+        self._over = np.zeros(n, dtype=np.bool_)  # episodes that the next step resets
 
         self._starts = model.starts.astype(np.intp)
         self._generators = [seeding.np_random()[0] for _ in range(n)]
@@ -113,27 +97,29 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self,
         *,
         seed: int | np.integer | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002
     ) -> tuple[Observations, Info]:
-        """Starts episodes; returns observations, (N, ...), and the info of the envs that were reset.
+        """Starts an episode in every env; returns observations, (N, ...), and the info.
 
         Args:
           seed: Seeds env i with `seed + i`, or with the item i of a sequence; with None it is not seeded.
-          options: With `{"reset_mask": mask}`, (N,) bool, only these envs are reset and seeded.
+          options: Not used; there is no `reset_mask`.
 
         Raises:
-          InputError: The mask or the number of seeds does not fit.
+          InputError: The number of seeds does not fit.
         """
-        mask = self._checked_mask((options or {}).get("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
-        envs = np.flatnonzero(mask)
-        seeds = self._seeds(seed)
-        for i in envs.tolist():
-            if seeds[i] is not None:
-                self._generators[i] = seeding.np_random(seeds[i])[0]
-        self._over[envs] = False
+        seeds = [None] * self.num_envs if seed is None else seed
+        if isinstance(seeds, int | np.integer):
+            seeds = [int(seeds) + i for i in range(self.num_envs)]
+        if len(seeds) != self.num_envs:
+            raise InputError(f"seed: {len(seeds)} seeds; accepted: {self.num_envs}, one per env.")
+        for i, its_seed in enumerate(seeds):
+            if its_seed is not None:
+                self._generators[i] = seeding.np_random(its_seed)[0]
+        self._over[:] = False
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
-        self._begin(envs, info)
-        return self.observe(), _with_masks(info, mask)
+        self._begin(np.arange(self.num_envs), info)
+        return self.observe(), _with_masks(info)
 
     def step(
         self, actions: Actions
@@ -145,14 +131,10 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
         Returns:
           Observations (N, ...), rewards (N,), terminated (N,), truncated (N,), and the info of
-          `ProxemicEnv` as arrays (N,), each with a mask `_name` of the envs that it holds for. When an
-          episode has ended, the next step resets its env and ignores the action (NextStep); or the same
-          step resets it, and the info has `final_obs` and `final_info` (SameStep); or the env waits for
-          `reset` with a `reset_mask` (Disabled).
+          `ProxemicEnv` as arrays (N,), each with a mask `_name` of the envs that it holds for: all.
 
         Raises:
-          InputError: The actions have the wrong shape or type, one of them is not in 0 to 4, or an
-            episode is over and autoreset is disabled.
+          InputError: The actions have the wrong shape or type, or one of them is not in 0 to 4.
         """
         actions = np.asarray(actions)
         n = self.num_envs
@@ -161,10 +143,6 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         if actions.min() < 0 or actions.max() >= len(ACTIONS):
             raise InputError(f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {PING}.")
         fresh = np.flatnonzero(self._over)
-        if len(fresh) and self._mode is AutoresetMode.DISABLED:
-            raise InputError(
-                f"actions: the episodes of envs {fresh.tolist()} are over; accepted: a reset first."
-            )
         going = np.flatnonzero(~self._over)  # an env that is about to be reset takes no draws for its step
         taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
             actions.astype(np.intp), partial(self._draw, going)
@@ -176,28 +154,12 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             "grid_reward": grid_reward,
             "issuer_reward": issuer_reward,
         }
-        if len(fresh):  # NextStep: these envs are reset instead
+        if len(fresh):  # these envs are reset instead
             terminated[fresh] = truncated[fresh] = False
             self._begin(fresh, info)
         rewards = grid_reward + issuer_reward
-        ended = terminated | truncated
-        final: Info = {}
-        if self._mode is not AutoresetMode.SAME_STEP:
-            self._over = ended
-        elif ended.any():
-            final = self._final(info, ended)
-            self._begin(np.flatnonzero(ended), info)
-        info = _with_masks(info, np.ones(self.num_envs, dtype=np.bool_)) | final
-        return self.observe(), rewards, terminated, truncated, info
-
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Returns an image of every env, (H, W, 3) uint8, as `SyncVectorEnv` does; None without a mode."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make_vec takes.")
-            return None
-        context, cell = self.model.context[self._state].tolist(), self.model.cell[self._state].tolist()
-        states = zip(context, cell, strict=True)
-        return tuple(render.to_image(scene_of(self.model, where), agent) for where, agent in states)
+        self._over = terminated | truncated
+        return self.observe(), rewards, terminated, truncated, _with_masks(info)
 
     def advance(
         self, actions: Actions, draw: Draw
@@ -238,48 +200,13 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         uniform[envs] = [self._generators[i].random() for i in envs.tolist()]
         return uniform
 
-    def _final(self, info: Info, ended: NDArray[np.bool_]) -> Info:
-        observations = self.observe()
-        final_obs = np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(ended).tolist():
-            # An index is a Python integer, as `ProxemicEnv` returns it.
-            final_obs[i] = observations[i].copy() if observations.ndim > 1 else int(observations[i])
-        final_info = {name: np.where(ended, values, np.zeros_like(values)) for name, values in info.items()}
-        return _with_masks({"final_obs": final_obs, "final_info": _with_masks(final_info, ended)}, ended)
-
     def _begin(self, envs: NDArray[np.intp], info: Info) -> None:
         self.restart(envs, lambda: self._draw(envs)[envs])
         for name in _INFO:
             info[name][envs] = 0
         info["zone"][envs] = self._zone[self._state[envs]]
 
-    def _checked_mask(self, mask: object) -> NDArray[np.bool_]:
-        given = np.asarray(mask)
-        if given.shape != (self.num_envs,) or given.dtype != np.bool_ or not given.any():
-            accepted = f"a bool array of shape ({self.num_envs},) that selects an env"
-            raise InputError(f"reset_mask: {given.dtype} {given.shape}; accepted: {accepted}.")
-        return given
 
-    def _seeds(self, seed: int | np.integer | Sequence[int | None] | None) -> Sequence[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return range(int(seed), int(seed) + self.num_envs)
-        if len(seed) != self.num_envs:
-            raise InputError(f"seed: {len(seed)} seeds; accepted: {self.num_envs}, one per env.")
-        return [None if item is None else operator.index(item) for item in seed]
-
-
-def _positive(name: str, value: SupportsIndex | None, accepted: str) -> int:
-    try:
-        number = operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        number = 0
-    if number < 1:
-        raise InputError(f"{name} = {value!r}; accepted: {accepted}.")
-    return number
-
-
-def _with_masks(info: Info, mask: NDArray[np.bool_]) -> Info:
+def _with_masks(info: Info) -> Info:
     """Returns an info with a mask of the envs that each entry holds for, as Gymnasium names them."""
-    return info | {f"_{name}": mask.copy() for name in info}
+    return info | {f"_{name}": np.ones(len(values), dtype=np.bool_) for name, values in info.items()}

@@ -19,7 +19,7 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, env: ProxemicVectorEnv) -> None:
-        """Wraps a batch of envs; whatever its mode, an env is reset in the step that ends its episode."""
+        """Wraps a batch of envs; here, an env is reset in the step that ends its episode."""
         self.env = env
         self.disagreements = 0  # wrong PINGs of all envs since the last reset
         self._is_disagreement = env.model.is_wrong_ping.ravel()

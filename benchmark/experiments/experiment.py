@@ -25,7 +25,7 @@ from benchmark.experiments.schema import (
 )
 from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
-from envs.inputs import check_all, in_either_case, override, parse, unknown_name
+from envs.inputs import check_all, override, parse, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
 
 MOST_RUNS: Final = 500_000  # of an experiment
@@ -392,8 +392,6 @@ def _check_scenarios(declared: Declaration, path: Path) -> None:
     names, where = [scenario.name for scenario in scenarios], f"{path}: scenarios"
     if repeated := [name for name in names if names.count(name) > 1]:
         raise InputError(f"{where}: {repeated[0]} is named twice.")
-    if pair := in_either_case(names):
-        raise InputError(f"{where}: {' and '.join(pair)}: accepted: names that differ in more than case.")
     first: dict[str, str] = {}
     for scenario in scenarios:
         other = first.setdefault(scenario.model_dump_json(exclude={"name", "description"}), scenario.name)

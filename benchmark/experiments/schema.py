@@ -27,7 +27,6 @@ from envs.inputs import (
     Table,
     check_all,
     check_file_name,
-    in_either_case,
     is_name,
     override,
     parse,
@@ -325,18 +324,10 @@ class Declaration(Table):
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
         check_all(
-            self._check_names, self._check_schedules, self._check_search, self._check_grids,
-            self._check_sweep, self._check_number,
+            self._check_schedules, self._check_search, self._check_grids, self._check_sweep,
+            self._check_number,
         )  # fmt: skip
         return self
-
-    def _check_names(self) -> None:
-        """Checks that names differ, whatever their case."""
-        tables = {"algorithms": [*self.algorithms], "readings": [*self.readings], "sweep": [*self.sweep]}
-        tables |= {f"sweep.{axis}": [*conditions] for axis, conditions in self.sweep.items()}
-        for table, names in tables.items():
-            pair = in_either_case(names) or ()
-            require(not pair, f"{table}: {' and '.join(pair)}", "names that differ in more than case")
 
     def _check_schedules(self) -> None:
         """Checks where and when policies are evaluated and mapped."""

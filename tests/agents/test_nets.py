@@ -154,9 +154,7 @@ def stock_agent(name: str, settings: Any, observation: str, model: Model, seed: 
     """Returns an agent of Stable-Baselines3 that computes in float64, and the random numbers of ours."""
     method = algorithms.DQN if name == "compiled_dqn" else algorithms.PPO
     limit = settings.time_limit
-    env = ProxemicVectorEnv(
-        settings.n_envs, model.scenario, observation, max_episode_steps=limit, autoreset_mode="SameStep"
-    )
+    env = ProxemicVectorEnv(settings.n_envs, model.scenario, observation, max_episode_steps=limit)
     vec_env: Any = ExactVecEnv(env)
     vec_env._generator = chance = Chance(sequences([seed])[0], env, limit)
     stock: Any = make_agent(method.load(), settings, vec_env)

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from envs import ACTIONS, EVENTS, ZONES, ProxemicEnv, compile_scenario, load_scenario
+from envs import ACTIONS, EVENTS, ZONES, compile_scenario, load_scenario
 from envs.model import MOVES, PING
 from envs.observations import compile_seen, observation_table
 
@@ -40,17 +40,6 @@ def test_fresh_states_have_no_wrong_ping() -> None:
     wrong = model.event[model.fresh_state, ACTIONS.index("PING")] == EVENTS.index("wrong_ping")
     assert (model.wrong_pings[model.fresh_state, ACTIONS.index("PING")][wrong] == 1).all()
     assert wrong.sum() == 12 * 13 - 16 - 1  # every cell but the target region's and the issuer's
-
-
-@pytest.mark.parametrize("name", ["S3", "Moody"])
-def test_transition_table_has_what_the_model_has(name: str) -> None:
-    env = ProxemicEnv(name)
-    model, reward = env.model, env.model.grid_reward + env.model.issuer_reward
-    for state, actions in env.P.items():
-        for action, outcomes in actions.items():
-            pairs = zip(model.probability[state, action], model.next_state[state, action], strict=True)
-            facts = reward[state, action], model.terminated[state, action]
-            assert outcomes == [(*pair, *facts) for pair in pairs]
 
 
 def test_models_are_shared_read_only_and_pickle_small() -> None:

@@ -88,7 +88,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"others": [person([2, 8])] * 2}, "others.0.position = [2, 8]"),
     ({"others": [person([0, 1])]}, "another person"),
     # Texts that could take over a terminal
-    ({"description": "\x1b]0;x"}, 'description = "\\u001b]0;x"'),
+    ({"phases": [phase("\x1b]0;x", steps=1)]}, 'phases.0.name = "\\u001b]0;x"'),
     ({"phases": [phase("a\nb", steps=1)]}, 'phases.0.name = "a\\nb"'),
 ]
 
@@ -111,7 +111,7 @@ SHIPPED = (SCENARIO_DIRECTORY / "S1.toml").read_text()
     [
         ("nothing.toml", None, "No such file"),
         ("broken.toml", b"grid = [", "not valid TOML"),
-        ("bytes.toml", b"\xff\xfe", "not UTF-8"),
+        ("bytes.toml", b"\xff\xfe", "not valid TOML: 'utf-8' codec"),
         ("mine.toml", SHIPPED.replace("ping_limit = 5", "").encode(), "ping_limit is missing"),
         ("my scene.toml", SHIPPED.encode(), "named after the file"),
     ],
