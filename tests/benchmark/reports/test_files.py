@@ -58,28 +58,6 @@ def test_failure_leaves_everything_as_it_was(folder: Path, error: BaseException)
     assert content(folder.parent) == before
 
 
-def test_folder_with_the_name_of_a_file_is_left_alone(folder: Path) -> None:
-    (folder / "b.csv").unlink()
-    (folder / "b.csv").mkdir()
-    (folder / "b.csv" / "mine.txt").write_text("mine")
-    before = content(folder.parent)
-    with pytest.raises(InputError, match=r"b\.csv: cannot be written: it is a folder; move it away\."):
-        replace(folder, "a.csv", "b.csv")
-    assert content(folder.parent) == before
-
-
-def test_link_to_a_folder_stays_one_and_leftovers_where_it_leads_are_removed(
-    folder: Path, tmp_path: Path
-) -> None:
-    (tmp_path / "linked").mkdir()
-    (tmp_path / "linked" / "mine").symlink_to(folder)
-    (folder.parent / ".mine.making").mkdir()
-    replace(tmp_path / "linked" / "mine", "a.csv")
-    assert (tmp_path / "linked" / "mine").is_symlink()
-    assert content(folder)["a.csv"] == "new a.csv"
-    assert [path.name for path in folder.parent.iterdir()] == ["mine"]
-
-
 def test_leftovers_are_removed_and_a_folder_in_between_comes_back(folder: Path) -> None:
     (folder.parent / ".mine.making").mkdir()
     (folder.parent / ".mine.making" / "a.csv").write_text("half")
