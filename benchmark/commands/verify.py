@@ -2,11 +2,9 @@
 
 import argparse
 import secrets
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -133,9 +131,6 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) 
     """Draws an experiment again; yields what differs from its folder, measured times included."""
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
-    made.mkdir()
-    with suppress(OSError):  # it notes what earlier reports showed, which the store does not know
-        shutil.copy(folder / MANIFEST, made)
     draw.draw(experiment, draw.report_of(experiment), store, made)
     certificate = sameness.compare(made, experiment.name, (), folder)
     if certificate is None or certificate.is_identical:

@@ -22,7 +22,7 @@ from benchmark.reports.data import Data, load
 from benchmark.reports.folder import MANIFEST
 from benchmark.reports.item import Item, Report
 from benchmark.reports.manifest import manifest_of
-from benchmark.reports.sameness import STAMP, Certificate
+from benchmark.reports.sameness import Certificate
 from envs import InputError
 from envs.packages import missing_package
 
@@ -65,10 +65,10 @@ def draw(
     inputs, name = _inputs(data, seeds), directory.name
     patterns = [pattern for item in report.items if item.is_measured for pattern in item.patterns()]
     measured = (*patterns, "README.md") if patterns else ()  # README repeats the sentences
-    if sameness.is_up_to_date(directory / STAMP, inputs):
+    if sameness.is_up_to_date(directory, inputs):
         return Made(is_new=False, certificate=sameness.compare(directory, name, measured))
     with files.alone(directory.parent), files.replaced(directory, _was_made(directory, report)) as aside:
-        manifest = json.dumps(manifest_of(data, seeds, directory / MANIFEST), indent=2)
+        manifest = json.dumps(manifest_of(data, seeds), indent=2)
         (aside / MANIFEST).write_text(f"{manifest}\n", encoding="utf-8")
         frames = tables_of(report.items, data)
         for table, frame in frames.items():
@@ -81,7 +81,7 @@ def draw(
         if certificate is not None and certificate.is_identical and not measured:
             published = sameness.published_file(name, MANIFEST)
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
-        sameness.write_stamp(aside / STAMP, inputs, list(aside.iterdir()))
+        sameness.write_stamp(aside, inputs)
     return Made(is_new=True, certificate=certificate)
 
 
@@ -112,7 +112,7 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
 def _was_made(directory: Path, report: Report) -> Callable[[str], bool]:
     """Returns whether a file of this name was made before, or may have been; no other is removed."""
     made = [pattern for item in report.items for pattern in item.patterns()]
-    patterns = [*sameness.stamped(directory / STAMP), *made]
+    patterns = [*sameness.stamped(directory), *made]
     return lambda name: any(fnmatchcase(name, pattern) for pattern in patterns)
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from benchmark.reports import files
-from envs import InputError
 from tests.support import ROOT
 
 
