@@ -145,7 +145,7 @@ def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
     try:
         texts = {path: text for name in pages for path, text in page.texts(results, name)}
         if (results / page.SPEED / MANIFEST).is_file():  # which no experiment makes
-            texts[results / page.SPEED / "README.md"] = document.readme(results / page.SPEED)
+            texts[results / page.SPEED / "README.md"] = document.Document(results / page.SPEED).readme()
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
             texts[sameness.REPOSITORY / "README.md"] = document.front(results)
     except InputError as error:  # a table of one of them is damaged

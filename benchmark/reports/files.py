@@ -8,7 +8,7 @@ import fcntl
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -53,15 +53,11 @@ def _lock(descriptor: int, folder: Path) -> None:
 
 
 @contextmanager
-def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
+def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
     """Yields an empty folder that takes a folder's place at the end, unless there is an exception.
 
-    Files and folders in the old one that are not made anew stay, unless they are stale. The caller must be
-    `alone` in the folder around it.
-
-    Args:
-      folder: Need not exist.
-      is_stale: Whether a file of this name was made before, and is removed if it is not made again.
+    What the old one has besides stays, except files with stale names: these were made before. The caller must
+    be `alone` in the folder around it.
 
     Raises:
       InputError: Something cannot be written.
@@ -69,7 +65,7 @@ def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
 
     def outdated(directory: str, names: list[str]) -> list[str]:
         files = [name for name in names if directory == str(folder) and not (folder / name).is_dir()]
-        return [name for name in files if (made / name).exists() or is_stale(name)]
+        return [name for name in files if (made / name).exists() or name in stale]
 
     folder = folder.resolve()  # a link to a folder stays one
     made, before = (folder.with_name(f".{folder.name}{end}") for end in (_MAKING, _BEFORE))

@@ -6,12 +6,11 @@ Functions of tables and figures are called with those arguments that they name: 
 The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
 """
 
-import html
 import inspect
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -21,7 +20,7 @@ from matplotlib.figure import Figure
 
 from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.style import save_figure
-from benchmark.drawing.tables import decimals_of, inert, link, plain, show
+from benchmark.drawing.tables import decimals_of, inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.data import Data
 from benchmark.reports.folder import PICTURES, Folder
@@ -36,23 +35,30 @@ _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say wh
 
 @dataclass(eq=False)
 class Item:
-    """A table, a figure, or both; or a file of another form. Made by `item`, `drawing` or `writing`."""
+    """A table, a figure, or both; or a file of another form. Decorates the function that computes the table.
+
+    `drawing` and `writing` make items without a table.
+    """
 
     name: str  # the stem of its files
     description: str  # what its files hold
-    compute: Callable[..., Rows] | None = None
     columns: Mapping[str, str] | None = None  # that readers see, with labels ("": the name); by default all
-    meanings: Mapping[str, str] = field(
-        default_factory=dict
-    )  # of columns that do not mean the same everywhere
+    _: KW_ONLY
+    meanings: Mapping[str, str] | None = None  # of columns that do not mean the same everywhere
     where: Show | None = None  # chooses the rows that readers see
     is_measured: bool = False  # whether it holds measured times or memory, which differ every time
     best: str = ""  # the column by which readers see rows sorted, the largest first; "-": the smallest
+    compute: Callable[..., Rows] | None = None
     file: str = ""  # of another form
     write: Callable[..., None] | None = None
     caption: str = ""  # of the figure
     draw: Draw | None = None
     show: Show | None = None  # returns what readers see, if not the chosen columns
+
+    def __call__(self, compute: Callable[..., Rows]) -> "Item":
+        """Takes the function of the table."""
+        self.compute = compute
+        return self
 
     def figure(self, caption: str) -> Callable[[Draw], Draw]:
         """Decorates what draws the figure; it may return None."""
@@ -95,13 +101,13 @@ class Item:
         if self.write is not None:
             called(self.write, data, path=directory / self.file)
 
-    def patterns(self) -> tuple[str, ...]:
-        """Lists the names that its files can have, as patterns."""
+    def files(self) -> tuple[str, ...]:
+        """Lists the names that its files can have."""
         return (self.file,) if self.file else tuple(f"{self.name}.{end}" for end in ("csv", *PICTURES))
 
     def meaning(self, column: str) -> str | None:
         """Returns what a column of its table means; None if nothing says so."""
-        return _meaning(column, _SHARED | dict(self.meanings))
+        return _meaning(column, {**_SHARED, **(self.meanings or {})})
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
@@ -132,26 +138,13 @@ class Item:
         return pd.concat(rows.sort_values(by, ascending=is_ascending, kind="stable") for _, rows in parts)
 
 
+item: Final = Item  # as a decorator
+
+
 def called(function: Callable[..., T], data: Data, **more: object) -> T:
     """Calls a function with those arguments that it names, see the module's docstring."""
     names = inspect.signature(function).parameters
     return function(**{name: more[name] if name in more else getattr(data, name) for name in names})
-
-
-def item(
-    name: str,
-    description: str,
-    columns: Mapping[str, str] | None = None,
-    *,
-    meanings: Mapping[str, str] | None = None,
-    where: Show | None = None,
-    is_measured: bool = False,
-    best: str = "",
-) -> Callable[[Callable[..., Rows]], Item]:
-    """Makes an item of the function that computes its table; the arguments are explained in `Item`."""
-    return lambda function: Item(
-        name, description, function, columns, meanings or {}, where, is_measured, best
-    )
 
 
 def labelled_columns(labels: Mapping[str, str], names: str) -> dict[str, str]:
@@ -211,15 +204,6 @@ def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> 
     is_open = low is None or high is None or math.isnan(low) or math.isinf(low)
     ends = "" if is_open else f" [{show(low, decimals)}, {show(high, decimals)}]"
     return link(text, table, row) + ends
-
-
-def as_written(entry: str) -> str:
-    """Returns an entry of a table without links, and as its text was before it was escaped.
-
-    >>> as_written("a &#60;b>"), as_written("[0.63](summary.csv#row=13) [0.5, 0.7]")
-    ('a <b>', '0.63 [0.5, 0.7]')
-    """
-    return html.unescape(plain(entry))
 
 
 # What columns of any table mean.

@@ -12,7 +12,6 @@ import platform
 import subprocess
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Final
@@ -51,17 +50,14 @@ class Certificate:
 def compare(
     folder: Path, name: str, measured: Collection[str], other: Path | None = None
 ) -> Certificate | None:
-    """Compares a folder with another one.
+    """Compares an experiment's folder with another one; returns None if there is no other one.
 
     Args:
       folder: What was made.
       name: The experiment's name.
-      measured: Names of files that hold measured times, as patterns.
+      measured: Names of files that hold measured times.
       other: A folder made from the same store, in which only files count that were made for it. By default it
         is the folder of the last commit, and manifests, which say who made the files and when, do not count.
-
-    Returns:
-      The certificate; None if there is no other folder.
     """
     made = _ids(folder)
     if other is None:
@@ -74,7 +70,7 @@ def compare(
     if not expected:
         return None
     files = sorted(made | expected)
-    apart = tuple(file for file in files if any(fnmatchcase(file, pattern) for pattern in measured))
+    apart = tuple(file for file in files if file in measured)
     compared = tuple(file for file in files if file not in apart)
     differing = tuple(file for file in compared if made.get(file) != expected.get(file))
     return Certificate(name, compared, differing, apart, where)

@@ -27,7 +27,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def replace(folder: Path, *names: str) -> None:
-    with files.alone(folder.parent), files.replaced(folder, lambda name: name.endswith(".csv")) as made:
+    with files.alone(folder.parent), files.replaced(folder, {"a.csv", "b.csv"}) as made:
         for name in names:
             (made / name).write_text(f"new {name}")
 
@@ -44,7 +44,7 @@ def test_new_files_replace_old_ones_and_others_stay(folder: Path) -> None:
 
 
 def replace_with_half(folder: Path, error: BaseException) -> None:
-    with files.alone(folder.parent), files.replaced(folder, lambda _: True) as made:
+    with files.alone(folder.parent), files.replaced(folder, ()) as made:
         (made / "a.csv").write_text("half")
         raise error
 
@@ -79,7 +79,7 @@ def test_reader_never_sees_a_mixture(folder: Path) -> None:
     """A process that replaces the folder again and again is killed at some moment, several times."""
     code = """
 for i in range(1_000_000):
-    with files.alone(folder.parent), files.replaced(folder, lambda _: True) as made:
+    with files.alone(folder.parent), files.replaced(folder, ()) as made:
         for j in range(20):
             (made / f"{j}.csv").write_text(f"{i}")
     print(i, flush=True)
