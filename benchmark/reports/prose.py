@@ -7,6 +7,7 @@ repository includes it and those after it. Results of other seeds, or of some of
 """
 
 import re
+from functools import cache
 from typing import Final
 
 import pandas as pd
@@ -71,12 +72,12 @@ class _Lookups:
     """The functions that a text has. A learner is given by its name, as in "ppo, coordinates"."""
 
     def __init__(self, folder: Folder) -> None:
-        self._folder = folder
+        self._frame = cache(folder.frame)
         self.failed: list[str] = []
 
     def rows(self, table: str, **where: object) -> pd.DataFrame:
         """Returns the rows of a table with these values; of a list, with any of its values."""
-        frame = self._folder.frame(table)
+        frame = self._frame(table)
         if "learner" in where and "learner" not in frame:
             frame = frame.assign(learner=frame["algorithm"] + ", " + frame["observation"])
         for key, value in where.items():
