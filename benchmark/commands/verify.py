@@ -133,11 +133,12 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) 
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
     draw.draw(experiment, draw.report_of(experiment), store, made)
     certificate = sameness.compare(made, experiment.name, (), folder)
-    if certificate is None or certificate.is_identical:
-        print(certificate)
+    assert certificate is not None  # both folders have a manifest
+    if certificate.is_identical:
+        print(certificate.text)
     else:
         again = f"'report {experiment.argument}' makes them from the stored runs"
-        yield f"{certificate}\n{experiment.name}: {again}."
+        yield f"{certificate.text}\n{experiment.name}: {again}."
 
 
 def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:

@@ -9,6 +9,7 @@ The folder of results, its README, the page and the certificate iterate over ite
 import inspect
 import math
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -30,6 +31,10 @@ Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Es
 Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
+# What columns mean, whichever table they are in.
+_COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(
+    Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
+)
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
@@ -107,7 +112,7 @@ class Item:
 
     def meaning(self, column: str) -> str | None:
         """Returns what a column of its table means; None if nothing says so."""
-        return _meaning(column, {**_SHARED, **(self.meanings or {})})
+        return _meaning(column, {**_COLUMNS["columns"], **(self.meanings or {})})
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
@@ -206,56 +211,15 @@ def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> 
     return link(text, table, row) + ends
 
 
-# What columns of any table mean.
-_SHARED: Final[dict[str, str]] = {
-    "algorithm": "variant: an algorithm with settings, as the experiment names it",
-    "budget": "environment steps of training",
-    "condition": "named changes of scenario and settings",
-    "learner": "variant and form of observation",
-    "n": "runs",
-    "observation": "form of observation",
-    "scenario": "scenario",
-    "success": "probability that an episode ends with a PING in the target region",
-    "score": "return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]",
-    "step": "environment steps of training so far",
-    "unbounded_score": "score that may lie outside [0, 1]: the return, with 0 for the random and 1 for the "
-    "optimal policy",
-    "x": "the learner, scenario or condition that is compared",
-    "y": "what it is compared with",
-}
-# What a name is made of besides that of another column, `{name}`, which means `{base}`; and what it means.
-_AFFIXES: Final[Mapping[str, str]] = {
-    "(.+)_low": "lower end of the 95 % interval of `{name}`",
-    "(.+)_high": "upper end of the 95 % interval of `{name}`",
-    "(.+)_low_90": "lower end of the 90 % interval of `{name}`",
-    "(.+)_high_90": "upper end of the 90 % interval of `{name}`",
-    "every_cell_(.+)": "{base}, of episodes that start in any cell",
-    "(.+)_x|x_(.+)": "{base}, of x",
-    "(.+)_y|y_(.+)": "{base}, of y",
-    "(.+)_difference": "`{name}` of x minus that of y",
-    "(.+)_p_different": "p-value of no difference in `{name}`, adjusted as declared",
-    "(.+)_p_equivalent": "p-value of a difference in `{name}` of at least the margin, adjusted as declared",
-    "(.+)_verdict": "verdict on x, by `{name}`",
-    "(.+)_margin": "difference in `{name}` that is too small to matter",
-    "(.+)_largest": "largest difference in `{name}` in a scenario, x minus y",
-    "(.+)_except": "scenarios that contradict the verdict by `{name}`, or for which it is not shown "
-    "separately",
-    "(.+)_random": "{base}, by the random policy",
-    "(.+)_optimal": "{base}, by the optimal policy",
-    "(.+)_learned": "{base}, by the greedy policy after training, mean over agents",
-    "(.+)_regret": "`{name}_optimal` minus `{name}_learned`",
-}
-
-
 def _meaning(column: str, known: Mapping[str, str]) -> str | None:
     """Returns what a column means; `*` is any other column.
 
-    >>> _meaning("every_cell_success_low", _SHARED)
+    >>> _meaning("every_cell_success_low", _COLUMNS["columns"])
     'lower end of the 95 % interval of `every_cell_success`'
     """
     if column in known:
         return known[column]
-    for pattern, text in _AFFIXES.items():
+    for pattern, text in _COLUMNS["affixes"].items():
         if match := re.fullmatch(pattern, column):
             name = next(filter(None, match.groups()))
             if base := _meaning(name, {key: known[key] for key in known if key != "*"}):

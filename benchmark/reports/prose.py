@@ -19,7 +19,7 @@ from benchmark.reports.templates import templates_in
 from envs import InputError
 from envs.words import listed
 
-_TITLE: Final = re.compile(r"\*\*(.+?)\.\*\* ")
+_TITLE: Final = re.compile(r"^\*\*(.+?)\.\*\* ", re.MULTILINE)
 
 
 class ClaimError(InputError):
@@ -52,20 +52,10 @@ def written(folder: Folder) -> str | None:
 
 
 def paragraphs(folder: Folder, title: str = "") -> str:
-    """Returns the paragraphs of a folder's text below a title, by default above all, as one without links.
-
-    Raises:
-      InputError: There is no such title, or see `written`.
-    """
-    chosen, current = [], ""
-    for paragraph in (written(folder) or "").split("\n\n"):
-        start = _TITLE.match(paragraph)
-        current = start[1] if start else current
-        if current == title:
-            chosen.append(tables.plain(paragraph))
-    if not "".join(chosen):
-        raise InputError(f"{folder.path}: its text has no paragraph {title or 'without a title'}.")
-    return " ".join(chosen)
+    """Returns the paragraphs of a folder's text below a title, by default above all, as one without links."""
+    first, *others = _TITLE.split(tables.plain(written(folder) or ""))
+    titled = {name: f"**{name}.** {text}" for name, text in zip(others[::2], others[1::2], strict=True)}
+    return " ".join(({"": first} | titled)[title].split())
 
 
 class _Lookups:

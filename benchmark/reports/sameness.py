@@ -11,10 +11,9 @@ import json
 import platform
 import subprocess
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from benchmark.execution.provenance import digest_of_code
 from benchmark.reports.folder import MANIFEST
@@ -23,28 +22,11 @@ _STAMP: Final = ".stamp"
 REPOSITORY: Final = Path(__file__).parents[2]
 
 
-@dataclass(frozen=True)
-class Certificate:
+class Certificate(NamedTuple):
     """What comparing a folder with another one gave."""
 
-    name: str
-    compared: tuple[str, ...]
-    differing: tuple[str, ...]  # of these: other bytes, missing, or not published
-    measured: tuple[str, ...]  # hold measured times; not compared
-    other: str  # what was compared with, in words
-
-    @property
-    def is_identical(self) -> bool:
-        """Whether every compared file is identical."""
-        return not self.differing
-
-    def __str__(self) -> str:
-        n = len(self.compared)
-        apart = f"; files with measured times, not compared: {len(self.measured)}" if self.measured else ""
-        if self.is_identical:
-            return f"{self.name}: identical to {self.other} ({n} of {n} files{apart})."
-        files = f"{len(self.differing)} of {n} files: {', '.join(self.differing)}"
-        return f"{self.name}: different from {self.other}: {files}{apart}."
+    is_identical: bool
+    text: str
 
 
 def compare(
@@ -69,11 +51,14 @@ def compare(
         expected = {file: blob for file, blob in _ids(other).items() if file in known}
     if not expected:
         return None
-    files = sorted(made | expected)
-    apart = tuple(file for file in files if file in measured)
-    compared = tuple(file for file in files if file not in apart)
-    differing = tuple(file for file in compared if made.get(file) != expected.get(file))
-    return Certificate(name, compared, differing, apart, where)
+    compared = sorted({*made, *expected} - {*measured})
+    differing = [file for file in compared if made.get(file) != expected.get(file)]
+    n, n_apart = len(compared), len({*made, *expected} & {*measured})
+    apart = f"; files with measured times, not compared: {n_apart}" if n_apart else ""
+    if not differing:
+        return Certificate(True, f"{name}: identical to {where} ({n} of {n} files{apart}).")
+    files = f"{len(differing)} of {n} files: {', '.join(differing)}{apart}"
+    return Certificate(False, f"{name}: different from {where}: {files}.")
 
 
 def published_file(name: str, file: str) -> bytes | None:
