@@ -30,11 +30,7 @@ class Document:
     """The document of a folder of results."""
 
     def __init__(self, path: Path) -> None:
-        """Finds the report and the items that a folder of results was made of.
-
-        Raises:
-          InputError: The manifest is damaged, or one of them cannot be imported.
-        """
+        """Finds the report and its items; raises an InputError if something is damaged or missing."""
         self.folder = Folder(path)
         declared, source = self.folder.manifest["report"], str(path / MANIFEST)
         with self.folder.reading():
@@ -44,10 +40,7 @@ class Document:
 
     @cached_property
     def headline(self) -> str | None:
-        """The finding in Markdown: as it is written by hand, or else the sentence that the report makes.
-
-        Its numbers are links to the rows that they come from, see `tables.link`.
-        """
+        """The finding in Markdown: as it is written by hand, or else the sentence that the report makes."""
         try:
             return prose.written(self.folder) or self.report.headline(self.folder)
         except prose.ClaimError:
@@ -64,20 +57,22 @@ class Document:
             return pd.DataFrame()
         return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
 
-    def render(self, place: Callable[[Item, bool], str], template: Path | None = None, **more: object) -> str:
+    def render(
+        self, insert: Callable[[Item, bool], str], template: Path | None = None, **more: object
+    ) -> str:
         """Returns the document as Markdown.
 
-        `place` returns what stands for an item, given whether it is shown on demand alone. The template is by
-        default that of the report; `more` is what it needs besides.
+        `insert` returns what stands for an item, given whether it is shown on demand alone. The template is
+        by default that of the report; `more` is what it needs besides.
         """
         own = [item.name for item in self.report.items]
         named = {item.name: item for item in self.items}
 
         def show(name: str, *, is_folded: bool = False) -> str:
-            return place(named[name], is_folded) if self.has(name) else ""
+            return insert(named[name], is_folded) if self.has(name) else ""
 
         def others() -> str:
-            return "\n\n".join(place(item, False) for item in self.items if item.name not in own)
+            return "\n\n".join(insert(item, False) for item in self.items if item.name not in own)
 
         template = template or self.report.document
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
@@ -88,7 +83,7 @@ class Document:
     def readme(self) -> str:
         """Returns README of the folder; raises an InputError if it cannot be made."""
 
-        def place(item: Item, is_folded: bool) -> str:
+        def insert(item: Item, is_folded: bool) -> str:
             if is_folded:
                 return ""
             file, frame = self.folder.figure(item.name), self.shown(item)
@@ -99,7 +94,7 @@ class Document:
             return "\n\n".join(parts)
 
         with self.folder.reading():
-            return self.render(place, _FRAME, body=self.render(place)) + "\n"
+            return self.render(insert, _FRAME, body=self.render(insert)) + "\n"
 
     @property
     def learners(self) -> str:
@@ -111,9 +106,8 @@ class Document:
             sources = [f"search `{search}`" if search else "declared"]
             sources += [f"{key} declared" for key in declared["changed"]]
             for observation in declared["settings"]:
-                name = f"{variant}, {observation}"
-                row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`"}
-                row |= {"policy": declared["policy"]}
+                name, policy = f"{variant}, {observation}", declared["policy"]
+                row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`", "policy": policy}
                 if not manifest["search"]:
                     row |= {"settings": "; ".join(sources), "runs": f"{declared['runs']}{plus}"}
                 rows.append(row)

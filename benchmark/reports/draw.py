@@ -21,7 +21,6 @@ from benchmark.reports.data import Data, load
 from benchmark.reports.folder import MANIFEST
 from benchmark.reports.item import Item, Report
 from benchmark.reports.manifest import manifest_of
-from benchmark.reports.sameness import Certificate
 from envs import InputError
 from envs.packages import missing_package
 
@@ -30,7 +29,7 @@ class Made(NamedTuple):
     """What became of a folder of results."""
 
     is_new: bool  # else it was up to date
-    certificate: Certificate | None  # None if nothing comparable is published
+    certificate: sameness.Certificate | None  # None if nothing comparable is published
 
 
 def draw(

@@ -133,9 +133,8 @@ def _learner(records: Records) -> dict[str, object]:
 def _scene(model: Model) -> dict[str, object]:
     """Returns what a scenario looks like and what follows each action, whatever is observed of it.
 
-    `views` has a map for each position of the issuer and phase. Few states differ in their rewards and in how
-    much an action changes their number, so each refers to one of some `kinds`. `change` and `probability` of
-    outcomes are flattened (kinds, A, K) lists, the others (kinds, A).
+    `views` has a map for each position of the issuer and phase. What follows is the same in many states, so
+    each refers to one of some `kinds`: flattened (kinds, A, K) lists of outcomes, (kinds, A) of others.
     """
     scenario = model.scenario
     views = [scene_of(model, context) for context in range(model.n_places * len(scenario.stages))]

@@ -85,11 +85,7 @@ def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a file, whole or not at all. The caller must be `alone` in its folder.
-
-    Raises:
-      InputError: It cannot be written.
-    """
+    """Writes a file, whole, or raises an InputError. The caller must be `alone` in its folder."""
     made = path.with_name(f".{path.name}{_MAKING}")
     try:
         with _input_errors(path):

@@ -97,7 +97,7 @@ def titled(side: str, titles: Mapping[str, str]) -> str:
 
 
 def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
-    """Returns a table with a column of learners, and with the titles of learners."""
+    """Returns a table with a column of learners, if it can have one, and with their titles."""
     frame = frame.copy()
     if {"algorithm", "observation"} <= {*frame} and "learner" not in frame:
         learners = frame["algorithm"] + ", " + frame["observation"]

@@ -3,7 +3,6 @@
 Functions of tables and figures are called with those arguments that they name: `runs` and `curves` (see
 `benchmark.analysis.frames`), `experiment`, `records`, which returns the `Records` of a population, and
 `is_partial`, whether runs are missing; a figure also with `table` (its own) and `tables` (all, by name).
-The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
 """
 
 import inspect
@@ -40,10 +39,7 @@ _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say wh
 
 @dataclass(eq=False)
 class Item:
-    """A table, a figure, or both; or a file of another form. Decorates the function that computes the table.
-
-    `drawing` and `writing` make items without a table.
-    """
+    """A table, a figure, or both; or a file of another form. A decorator of the table's function."""
 
     name: str  # the stem of its files
     description: str  # what its files hold

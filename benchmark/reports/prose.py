@@ -14,7 +14,7 @@ import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.experiments import EXPERIMENT_DIRECTORY
-from benchmark.reports.folder import Folder
+from benchmark.reports.folder import Folder, with_titles
 from benchmark.reports.templates import templates_in
 from envs import InputError
 from envs.words import listed
@@ -62,14 +62,12 @@ class _Lookups:
     """The functions that a text has. A learner is given by its name, as in "ppo, coordinates"."""
 
     def __init__(self, folder: Folder) -> None:
-        self._frame = cache(folder.frame)
+        self._frame = cache(lambda table: with_titles(folder.frame(table), {}))
         self.failed: list[str] = []
 
     def rows(self, table: str, **where: object) -> pd.DataFrame:
         """Returns the rows of a table with these values; of a list, with any of its values."""
         frame = self._frame(table)
-        if "learner" in where and "learner" not in frame:
-            frame = frame.assign(learner=frame["algorithm"] + ", " + frame["observation"])
         for key, value in where.items():
             frame = frame[frame[key].isin(value if isinstance(value, list) else [value])]
         return frame

@@ -18,7 +18,7 @@ from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_value
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
 from benchmark.experiments import Experiment
-from benchmark.reports.item import Frames, drawing, expanded, item
+from benchmark.reports.item import Frames, drawing, expanded, item, labelled_columns
 from benchmark.reports.replication.agents import agents_of, few_agents
 from envs import ACTIONS
 from envs.scenario import FEEDBACK
@@ -26,10 +26,6 @@ from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
-_REACHED: Final = (  # that readers see
-    *("scenario", "agents", "success", "optimal_share", "grid_return_learned", "grid_return_optimal"),
-    *("start_value_learned", "start_value_optimal", "cells_differing"),
-)
 _MEANINGS: Final = {
     "optimal_share": "share of agents whose greedy policy is optimal",
     "start_value_optimal": "optimal value of the start cell",
@@ -110,7 +106,7 @@ def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
 @item(
     "learning",
     "success, score of the greedy policy, and the share of optimal agents, over training",
-    dict.fromkeys(("scenario", "success", "score", "optimal_share", "unbounded_score"), ""),
+    labelled_columns({}, "scenario success score optimal_share unbounded_score"),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
     meanings=_MEANINGS,
 )
@@ -157,7 +153,11 @@ def _(table: pd.DataFrame) -> Figure:
 @item(
     "optimal",
     "the exact optimum, what was learned, success, and the regret, with all agents as well",
-    dict.fromkeys(_REACHED, ""),
+    labelled_columns(
+        {},
+        "scenario agents success optimal_share grid_return_learned grid_return_optimal "
+        "start_value_learned start_value_optimal cells_differing",
+    ),
     meanings=_MEANINGS,
 )
 def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:
