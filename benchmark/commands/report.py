@@ -32,7 +32,7 @@ def main(options: argparse.Namespace) -> int:
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
     if made.certificate is not None:
-        print(made.certificate)
+        print(made.certificate.text)
     try:
         prose.written(Folder(directory))
     except prose.ClaimError as error:  # on another type of processor, nets learn differently

@@ -2,11 +2,9 @@
 
 import argparse
 import secrets
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -133,16 +131,14 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) 
     """Draws an experiment again; yields what differs from its folder, measured times included."""
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
-    made.mkdir()
-    with suppress(OSError):  # it notes what earlier reports showed, which the store does not know
-        shutil.copy(folder / MANIFEST, made)
     draw.draw(experiment, draw.report_of(experiment), store, made)
     certificate = sameness.compare(made, experiment.name, (), folder)
-    if certificate is None or certificate.is_identical:
-        print(certificate)
+    assert certificate is not None  # both folders have a manifest
+    if certificate.is_identical:
+        print(certificate.text)
     else:
         again = f"'report {experiment.argument}' makes them from the stored runs"
-        yield f"{certificate}\n{experiment.name}: {again}."
+        yield f"{certificate.text}\n{experiment.name}: {again}."
 
 
 def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
@@ -150,7 +146,7 @@ def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
     try:
         texts = {path: text for name in pages for path, text in page.texts(results, name)}
         if (results / page.SPEED / MANIFEST).is_file():  # which no experiment makes
-            texts[results / page.SPEED / "README.md"] = document.readme(results / page.SPEED)
+            texts[results / page.SPEED / "README.md"] = document.Document(results / page.SPEED).readme()
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
             texts[sameness.REPOSITORY / "README.md"] = document.front(results)
     except InputError as error:  # a table of one of them is damaged

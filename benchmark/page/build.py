@@ -123,13 +123,13 @@ class _Part:
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
         lead = items.get(document.report.lead)
-        lead = lead if lead is not None and document.figure(lead) else None
+        lead = lead if lead is not None and self.folder.figure(lead.name) else None
 
         def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
-            has_figure = document.figure(item) and item is not lead and not (table and is_folded)
+            has_figure = self.folder.figure(item.name) and item is not lead and not (table and is_folded)
             shown = {"item": item, "table": table, "is_folded": is_folded, "most_rows": _MOST_ROWS}
             shown |= {"figure": self._figure(item) if has_figure else None}
             source = f"{self.prefix}{item.name}.csv"
@@ -223,7 +223,7 @@ class _Part:
 
     def _figure(self, item: Item) -> dict[str, object]:
         """Returns a figure as the page shows it: its file, in base64, and its size in pixels."""
-        path = self.folder.path / self.document.figure(item)
+        path = self.folder.path / self.folder.figure(item.name)
         content, form = path.read_bytes(), path.suffix[1:]
         if form == "svg":
             form, sizes = "svg+xml", _SIZE.findall(content.decode())[:2]

@@ -58,6 +58,5 @@ def load_items(report: Report, declared: Mapping[str, Any], source: str) -> tupl
 def _of_class(name: str, source: str, kind: str, cls: type[_T]) -> _T:
     named = imported(name, source, kind)
     if not isinstance(named, cls):
-        article, accepted = "an" if kind == "item" else "a", f"a {cls.__module__}.{cls.__name__}"
-        raise InputError(f"{source}: {name} is not {article} {kind}; accepted: {accepted}.")
+        raise InputError(f"{source}: {name}: accepted: the name of a {cls.__module__}.{cls.__name__}.")
     return named

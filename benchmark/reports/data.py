@@ -82,9 +82,7 @@ def load(
     for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
         of_stage = f" of stage {stage}" if experiment.has_stages else ""
         missing = missing or _missing(groups, statuses, of_stage)
-        for group in groups:
-            runs = [run for run in group.runs if statuses.get(run.digest, "failed") != "failed"]
-            stored.append(Group(group.population, runs, group.more))
+        stored += [Group(group.population, _ended(group, statuses), group.more) for group in groups]
     if missing and not partial:
         raise InputError(f"{name}: {missing}: run the experiment first.")
     few = set[str]()
@@ -102,20 +100,23 @@ def load(
     return Data(experiment, store, shown, columns, " ".join(notes), bool(missing))
 
 
+def _ended(group: Group, statuses: Mapping[str, str]) -> list[RunSpecification]:
+    return [run for run in group.runs if statuses.get(run.digest, "failed") != "failed"]
+
+
 def _missing(groups: Sequence[Group], statuses: Mapping[str, str], of_stage: str) -> str:
     """Says which runs are missing; empty if none is."""
     runs = {run.digest for group in groups for run in group.runs}
-    pending = {digest for digest in runs if statuses.get(digest, "failed") == "failed"}
+    pending = runs - {run.digest for group in groups for run in _ended(group, statuses)}
     if not pending:
         return ""
+    lacking = [
+        f"{group.population.learner.name} in {group.population.scenario.name} has {n} of {len(group.runs)}"
+        for group in groups
+        if (n := len(_ended(group, statuses))) < len(group.runs)
+    ]
+    if len(lacking) > _LISTED:
+        lacking[_LISTED:] = [f"and {len(lacking) - _LISTED} more populations"]
     n_failed = sum(digest in statuses for digest in pending)
-    lacking = []
-    for group in groups:
-        there = [run for run in group.runs if run.digest not in pending]
-        if len(there) < len(group.runs):
-            names = f"{group.population.learner.name} in {group.population.scenario.name}"
-            lacking.append(f"{names} has {len(there)} of {len(group.runs)}")
-    more = f"; and {len(lacking) - _LISTED} more populations" if len(lacking) > _LISTED else ""
     failed = f", {n_failed} of them failed" if n_failed else ""
-    text = f"{len(pending)} of {len(runs)} runs{of_stage} are missing{failed}"
-    return f"{text} ({'; '.join(lacking[:_LISTED])}{more})"
+    return f"{len(pending)} of {len(runs)} runs{of_stage} are missing{failed} ({'; '.join(lacking)})"

@@ -6,6 +6,7 @@ items that an experiment adds. `manifest`, `folder` and the filter `text`, which
 are there, too. All of it is made from published files alone, so texts can be corrected without a single run.
 """
 
+import html
 import re
 from collections.abc import Callable
 from functools import cached_property, partial
@@ -17,24 +18,19 @@ import pandas as pd
 from benchmark.drawing import tables
 from benchmark.experiments import PUBLISHED
 from benchmark.reports import files, load_items, load_report, prose
-from benchmark.reports.folder import MANIFEST, PICTURES, Folder, with_titles
-from benchmark.reports.item import Item, as_written
+from benchmark.reports.folder import MANIFEST, Folder, with_titles
+from benchmark.reports.item import Item
 from benchmark.reports.templates import templates_in as templates_in
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 _FRONT: Final = Path(__file__).parent / "front.md.jinja"
-Place = Callable[[Item, bool], str]  # of an item, and whether it is shown on demand alone
 
 
 class Document:
     """The document of a folder of results."""
 
     def __init__(self, path: Path) -> None:
-        """Finds the report and the items that a folder of results was made of.
-
-        Raises:
-          InputError: The manifest is damaged, or one of them cannot be imported.
-        """
+        """Finds the report and its items; raises an InputError if something is damaged or missing."""
         self.folder = Folder(path)
         declared, source = self.folder.manifest["report"], str(path / MANIFEST)
         with self.folder.reading():
@@ -44,10 +40,7 @@ class Document:
 
     @cached_property
     def headline(self) -> str | None:
-        """The finding in Markdown: as it is written by hand, or else the sentence that the report makes.
-
-        Its numbers are links to the rows that they come from, see `tables.link`.
-        """
+        """The finding in Markdown: as it is written by hand, or else the sentence that the report makes."""
         try:
             return prose.written(self.folder) or self.report.headline(self.folder)
         except prose.ClaimError:
@@ -55,13 +48,8 @@ class Document:
 
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
-        return any(
-            item.name == name and (f"{name}.csv" in self.folder or self.figure(item)) for item in self.items
-        )
-
-    def figure(self, item: Item) -> str:
-        """Returns the name of the file with an item's figure; empty if there is none here."""
-        return self.folder.figure(item.name) if item.caption else ""
+        has_files = f"{name}.csv" in self.folder or self.folder.figure(name)
+        return bool(has_files) and name in [item.name for item in self.items]
 
     def shown(self, item: Item) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts; empty if there is none here."""
@@ -69,19 +57,22 @@ class Document:
             return pd.DataFrame()
         return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
 
-    def render(self, place: Place, template: Path | None = None, **more: object) -> str:
-        """Returns the document as Markdown, with what `place` returns in the place of each item.
+    def render(
+        self, insert: Callable[[Item, bool], str], template: Path | None = None, **more: object
+    ) -> str:
+        """Returns the document as Markdown.
 
-        The template is by default that of the report; `more` is what it needs besides.
+        `insert` returns what stands for an item, given whether it is shown on demand alone. The template is
+        by default that of the report; `more` is what it needs besides.
         """
-        own = {item.name for item in self.report.items}
+        own = [item.name for item in self.report.items]
         named = {item.name: item for item in self.items}
 
         def show(name: str, *, is_folded: bool = False) -> str:
-            return place(named[name], is_folded) if self.has(name) else ""
+            return insert(named[name], is_folded) if self.has(name) else ""
 
         def others() -> str:
-            return "\n\n".join(place(item, False) for name, item in named.items() if name not in own)
+            return "\n\n".join(insert(item, False) for item in self.items if item.name not in own)
 
         template = template or self.report.document
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
@@ -90,20 +81,20 @@ class Document:
         return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
 
     def readme(self) -> str:
-        """Returns README of the folder: what was found, the document, and what each file is."""
+        """Returns README of the folder; raises an InputError if it cannot be made."""
 
-        def place(item: Item, is_folded: bool) -> str:
+        def insert(item: Item, is_folded: bool) -> str:
             if is_folded:
                 return ""
-            file = self.figure(item)
+            file, frame = self.folder.figure(item.name), self.shown(item)
             parts = [f"![{item.caption}]({file})"] if file else []
-            frame = self.shown(item)
             if not frame.empty:
-                frame = frame.map(as_written)  # `to_markdown` escapes it
+                frame = frame.map(lambda text: html.unescape(tables.plain(text)))  # `to_markdown` escapes it
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)
 
-        return self.render(place, _FRAME, body=self.render(place)) + "\n"
+        with self.folder.reading():
+            return self.render(insert, _FRAME, body=self.render(insert)) + "\n"
 
     @property
     def learners(self) -> str:
@@ -115,9 +106,8 @@ class Document:
             sources = [f"search `{search}`" if search else "declared"]
             sources += [f"{key} declared" for key in declared["changed"]]
             for observation in declared["settings"]:
-                name = f"{variant}, {observation}"
-                row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`"}
-                row |= {"policy": declared["policy"]}
+                name, policy = f"{variant}, {observation}", declared["policy"]
+                row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`", "policy": policy}
                 if not manifest["search"]:
                     row |= {"settings": "; ".join(sources), "runs": f"{declared['runs']}{plus}"}
                 rows.append(row)
@@ -128,10 +118,10 @@ class Document:
         """A Markdown table of the files."""
         rows = []
         for item in self.items:
-            forms = ("csv", *PICTURES)
-            ends = [f".{form}" for form in forms if f"{item.name}.{form}" in self.folder]
-            if ends or (item.file and item.file in self.folder):
-                rows.append((item.file or f"{item.name}{', '.join(ends)}", item.description))
+            first, *others = [file for file in item.files() if file in self.folder] or [""]
+            if first:
+                ends = [file.removeprefix(item.name) for file in others]
+                rows.append((", ".join([first, *ends]), item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
@@ -155,21 +145,6 @@ def front(results: Path) -> str:
         return templates_in(_FRONT.parent).get_template(_FRONT.name).render(figure=figure, text=text)
 
 
-def readme(path: Path) -> str:
-    """Returns README of a folder of results.
-
-    Raises:
-      InputError: It cannot be made.
-    """
-    document = Document(path)
-    with document.folder.reading():
-        return document.readme()
-
-
 def write(path: Path) -> None:
-    """Writes README of a folder of results again.
-
-    Raises:
-      InputError: It cannot be made or written.
-    """
-    files.write_text(path / "README.md", readme(path))
+    """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
+    files.write_text(path / "README.md", Document(path).readme())

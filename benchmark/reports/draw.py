@@ -4,9 +4,8 @@ What is up to date is not made again.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +21,6 @@ from benchmark.reports.data import Data, load
 from benchmark.reports.folder import MANIFEST
 from benchmark.reports.item import Item, Report
 from benchmark.reports.manifest import manifest_of
-from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.packages import missing_package
 
@@ -31,7 +29,7 @@ class Made(NamedTuple):
     """What became of a folder of results."""
 
     is_new: bool  # else it was up to date
-    certificate: Certificate | None  # None if nothing comparable is published
+    certificate: sameness.Certificate | None  # None if nothing comparable is published
 
 
 def draw(
@@ -47,14 +45,7 @@ def draw(
 
     The folder is replaced when all files are there, so a failure leaves it as it was. If they are
     identical to the published ones, and none holds measured times, the manifest is the published one, too.
-
-    Args:
-      experiment: As loaded.
-      report: That of the experiment, see `report_of`.
-      store: Where its records are.
-      directory: The folder to write.
-      seeds: Other seeds than the declared ones.
-      partial: Whether runs may be missing.
+    `seeds` replace the declared ones. If the report is `partial`, runs may be missing.
 
     Raises:
       InputError: A run is missing, or the folder cannot be written.
@@ -63,12 +54,13 @@ def draw(
         raise InputError(f"--partial: {directory.name}: accepted: a comparison or a map.")
     data = load(experiment, store, seeds, partial=partial, columns=report.columns)
     inputs, name = _inputs(data, seeds), directory.name
-    patterns = [pattern for item in report.items if item.is_measured for pattern in item.patterns()]
-    measured = (*patterns, "README.md") if patterns else ()  # README repeats the sentences
-    if sameness.is_up_to_date(directory / STAMP, inputs):
+    measured = [file for item in report.items if item.is_measured for file in item.files()]
+    measured += ["README.md"] if measured else []  # which repeats the sentences
+    if sameness.is_up_to_date(directory, inputs):
         return Made(is_new=False, certificate=sameness.compare(directory, name, measured))
-    with files.alone(directory.parent), files.replaced(directory, _was_made(directory, report)) as aside:
-        manifest = json.dumps(manifest_of(data, seeds, directory / MANIFEST), indent=2)
+    stale = {*sameness.stamped(directory), *(file for item in report.items for file in item.files())}
+    with files.alone(directory.parent), files.replaced(directory, stale) as aside:
+        manifest = json.dumps(manifest_of(data, seeds), indent=2)
         (aside / MANIFEST).write_text(f"{manifest}\n", encoding="utf-8")
         frames = tables_of(report.items, data)
         for table, frame in frames.items():
@@ -81,7 +73,7 @@ def draw(
         if certificate is not None and certificate.is_identical and not measured:
             published = sameness.published_file(name, MANIFEST)
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
-        sameness.write_stamp(aside / STAMP, inputs, list(aside.iterdir()))
+        sameness.write_stamp(aside, inputs)
     return Made(is_new=True, certificate=certificate)
 
 
@@ -107,13 +99,6 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
             raise InputError(f"{where}: {key} with report.kind = {declared.kind}: accepted: kind = map.")
     report.check(experiment)
     return replace(report, items=items, columns=() if declared.items else report.columns)
-
-
-def _was_made(directory: Path, report: Report) -> Callable[[str], bool]:
-    """Returns whether a file of this name was made before, or may have been; no other is removed."""
-    made = [pattern for item in report.items for pattern in item.patterns()]
-    patterns = [*sameness.stamped(directory / STAMP), *made]
-    return lambda name: any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:

@@ -42,18 +42,7 @@ explorer_item: Final = writing(
 
 
 def write(shown: Sequence[Records], path: Path) -> None:
-    """Writes the explorer's file, of one population or more."""
-    path.write_bytes(compressed(packed(shown)))
-
-
-def compressed(data: object) -> bytes:
-    """Returns data as compressed JSON."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return gzip.compress(text.encode(), mtime=0)
-
-
-def packed(shown: Sequence[Records]) -> dict[str, object]:
-    """Returns what the explorer shows; agents refer to their scene and to what they see by index."""
+    """Writes the explorer's file; agents refer to their scene and to what they see by index."""
     models = {records.model.scenario: records.model for records in shown}
     scene_of_scenario = {scenario: _scene(model) for scenario, model in models.items()}
     scenes: list[dict[str, object]] = []  # shared by scenarios that differ in what is observed
@@ -65,7 +54,7 @@ def packed(shown: Sequence[Records]) -> dict[str, object]:
         scenario = records.model.scenario
         indices = {"scene": scenes.index(scene_of_scenario[scenario]), "sight": [*models].index(scenario)}
         agents.append(_learner(records) | indices)
-    return {
+    data = {
         "actions": ACTIONS,
         "events": EVENTS,
         "zones": ZONES,
@@ -83,6 +72,13 @@ def packed(shown: Sequence[Records]) -> dict[str, object]:
         "sights": [_sight(model) for model in models.values()],
         "agents": agents,
     }
+    path.write_bytes(compressed(data))
+
+
+def compressed(data: object) -> bytes:
+    """Returns data as compressed JSON."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return gzip.compress(text.encode(), mtime=0)
 
 
 def _colours(name: str) -> list[str]:
@@ -90,10 +86,9 @@ def _colours(name: str) -> list[str]:
 
 
 def typical_agent(records: Records) -> int:
-    """Returns the index of a typical agent: the one with the median mean score over training.
+    """Returns the index of the agent with the (lower) median mean score over training, clipped to [0, 1].
 
-    Scores count as 0 to 1. Of an even number of agents, it is the lower median; of agents with the same mean,
-    the one with the lowest seed.
+    Of agents with the same mean, it is the one with the lowest seed.
     """
     means = np.clip(records.unbounded_scores(), 0, 1).mean(axis=1).round(9)
     median = np.sort(means)[(len(means) - 1) // 2]
@@ -101,10 +96,9 @@ def typical_agent(records: Records) -> int:
 
 
 def _learner(records: Records) -> dict[str, object]:
-    """Returns a learner's first agent, with its values if there are few, and the final policies of others.
+    """Returns a learner's first agent, with every second map of its training, and others' final policies.
 
-    Of maps over training there is every second, and the last. `kind` says what they hold: `q` for action
-    values, or `probability` for the action probabilities of a stochastic policy.
+    Maps hold action values, `q`, or the action probabilities of a stochastic policy.
     """
     n_observations = records.model.n_observations
     last = len(records.map_indices) - 1
@@ -139,9 +133,8 @@ def _learner(records: Records) -> dict[str, object]:
 def _scene(model: Model) -> dict[str, object]:
     """Returns what a scenario looks like and what follows each action, whatever is observed of it.
 
-    `views` has a map for each position of the issuer and phase. Few states differ in their rewards and in how
-    much an action changes their number, so each refers to one of some `kinds`. `change` and `probability` of
-    outcomes are flattened (kinds, A, K) lists, the others (kinds, A).
+    `views` has a map for each position of the issuer and phase. What follows is the same in many states, so
+    each refers to one of some `kinds`: flattened (kinds, A, K) lists of outcomes, (kinds, A) of others.
     """
     scenario = model.scenario
     views = [scene_of(model, context) for context in range(model.n_places * len(scenario.stages))]

@@ -8,8 +8,8 @@ import fcntl
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -30,74 +30,62 @@ def alone(folder: Path) -> Iterator[None]:
     """
     with _input_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with _locked(folder):
+        descriptor = os.open(folder, os.O_RDONLY)
+    try:
         with _input_errors(folder):
+            _lock(descriptor, folder)
             for path in folder.glob(f".*{_BEFORE}"):
                 target = folder / path.name[1 : -len(_BEFORE)]
                 _remove(path) if target.exists() else path.rename(target)
             for path in [*folder.glob(f".*{_MAKING}"), *folder.glob(f"*/.*{_MAKING}")]:
                 _remove(path)
         yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, folder: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        print(f"{folder}: waiting for another command that writes there ...", file=sys.stderr)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    with ExitStack() as stack:
-        with _input_errors(folder):
-            descriptor = os.open(folder, os.O_RDONLY)
-            stack.callback(os.close, descriptor)
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                print(f"{folder}: waiting for another command that writes there ...", file=sys.stderr)
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-
-
-@contextmanager
-def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
+def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
     """Yields an empty folder that takes a folder's place at the end, unless there is an exception.
 
-    Files and folders in the old one that are not made anew stay, unless they are stale. The caller must be
-    alone in the folder around it, see `alone`.
-
-    Args:
-      folder: Need not exist.
-      is_stale: Whether a file of this name was made before, and is removed if it is not made again.
+    What the old one has besides stays, except files with stale names: these were made before. The caller must
+    be `alone` in the folder around it.
 
     Raises:
-      InputError: A folder has the name of a file that is made, or something cannot be written.
+      InputError: Something cannot be written.
     """
-    around = folder.parent.resolve()
-    folder = folder.resolve()
-    made = folder.with_name(f".{folder.name}{_MAKING}")
-    is_elsewhere = folder.parent != around  # a link leads to a folder that is not locked yet
-    with _locked(folder.parent) if is_elsewhere else nullcontext():
-        _remove(made)
+
+    def outdated(directory: str, names: list[str]) -> list[str]:
+        files = [name for name in names if directory == str(folder) and not (folder / name).is_dir()]
+        return [name for name in files if (made / name).exists() or name in stale]
+
+    folder = folder.resolve()  # a link to a folder stays one
+    made, before = (folder.with_name(f".{folder.name}{end}") for end in (_MAKING, _BEFORE))
+    _remove(made)
+    with _input_errors(folder):
+        made.mkdir()
+    try:
+        yield made
         with _input_errors(folder):
-            made.mkdir()
-        try:
-            yield made
-            with _input_errors(folder):
-                _take_over(folder, made, is_stale)
-                before = folder.with_name(f".{folder.name}{_BEFORE}")
-                if folder.exists():
-                    folder.rename(before)
-                made.rename(folder)
-                _remove(before)
-        finally:
-            _remove(made)
+            if folder.exists():
+                shutil.copytree(folder, made, symlinks=True, ignore=outdated, dirs_exist_ok=True)
+                folder.rename(before)
+            made.rename(folder)
+            _remove(before)
+    finally:
+        _remove(made)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a file, whole or not at all, unless it has this text. The caller must be `alone` in its folder.
-
-    Raises:
-      InputError: It cannot be written.
-    """
-    with suppress(OSError):
-        if path.read_bytes() == text.encode():
-            return
+    """Writes a file, whole, or raises an InputError. The caller must be `alone` in its folder."""
     made = path.with_name(f".{path.name}{_MAKING}")
     try:
         with _input_errors(path):
@@ -107,24 +95,11 @@ def write_text(path: Path, text: str) -> None:
         _remove(made)
 
 
-def _take_over(folder: Path, made: Path, is_stale: Callable[[str], bool]) -> None:
-    """Gives a new folder the files and folders of the old one that stay."""
-    for path in folder.iterdir() if folder.exists() else ():
-        target = made / path.name
-        if path.is_dir() and not path.is_symlink():
-            if target.exists():
-                raise InputError(f"{path}: cannot be written: it is a folder; move it away.")
-            shutil.copytree(path, target, symlinks=True)
-        elif not target.exists() and not is_stale(path.name):
-            shutil.copy2(path, target, follow_symlinks=False)
-
-
 def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        with suppress(OSError):
-            path.unlink(missing_ok=True)
+    """Removes a file or folder, as far as that is possible."""
+    shutil.rmtree(path, ignore_errors=True)
+    with suppress(OSError):
+        path.unlink()
 
 
 @contextmanager

@@ -5,6 +5,7 @@ import re
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -25,35 +26,19 @@ _UNREADABLE: Final = (
 )  # fmt: skip
 
 
+@dataclass(eq=False)
 class Folder:
     """A folder of results: its manifest, and its tables as read back from the CSV files."""
 
-    def __init__(self, path: Path) -> None:
-        """Looks at a folder; files are read when they are asked for."""
-        self.path = path
-        self._frames: dict[str, pd.DataFrame] = {}
+    path: Path
 
     @cached_property
     def manifest(self) -> Mapping[str, Any]:
-        """What made the results.
-
-        Raises:
-          InputError: It is missing or damaged.
-        """
-        try:
-            manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+        """What made the results; raises an InputError if it is missing or damaged."""
+        with self.reading():
+            manifest = dict(json.loads((self.path / MANIFEST).read_text(encoding="utf-8")))
             manifest["report"]["kind"], manifest["scenarios"].items()
-        except _UNREADABLE as error:
-            raise InputError(
-                f"{self.path / MANIFEST}: damaged, or made by another version of this project; make these "
-                f"results again: {self._command}"
-            ) from error
-        return dict(manifest)
-
-    @property
-    def _command(self) -> str:
-        """The command that makes a folder of results, as far as its name says."""
-        return f"python -m benchmark run {self.path.name} --report"
+        return manifest
 
     @cached_property
     def titles(self) -> dict[str, str]:
@@ -83,9 +68,7 @@ class Folder:
 
     def frame(self, name: str) -> pd.DataFrame:
         """Returns a table, from its CSV file, which is named without its ending; raises an OSError."""
-        if name not in self._frames:
-            self._frames[name] = read_csv(self.path / f"{name}.csv")
-        return self._frames[name]
+        return read_csv(self.path / f"{name}.csv")
 
     @contextmanager
     def reading(self) -> Iterator[None]:
@@ -98,10 +81,9 @@ class Folder:
             fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             if isinstance(error, FileNotFoundError):
                 fault = f"{Path(error.filename).name} is missing"
-            again = self.manifest.get("command", self._command)
             raise InputError(
                 f"{self.path}: damaged, or made by another version of this project ({fault}); make these "
-                f"results again: {again}"
+                "results again."
             ) from error
 
 
@@ -115,7 +97,7 @@ def titled(side: str, titles: Mapping[str, str]) -> str:
 
 
 def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
-    """Returns a table with a column of learners, and with the titles of learners."""
+    """Returns a table with a column of learners, if it can have one, and with their titles."""
     frame = frame.copy()
     if {"algorithm", "observation"} <= {*frame} and "learner" not in frame:
         learners = frame["algorithm"] + ", " + frame["observation"]

@@ -3,15 +3,14 @@
 Functions of tables and figures are called with those arguments that they name: `runs` and `curves` (see
 `benchmark.analysis.frames`), `experiment`, `records`, which returns the `Records` of a population, and
 `is_partial`, whether runs are missing; a figure also with `table` (its own) and `tables` (all, by name).
-The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
 """
 
-import html
 import inspect
 import math
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -21,7 +20,7 @@ from matplotlib.figure import Figure
 
 from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.style import save_figure
-from benchmark.drawing.tables import decimals_of, inert, link, plain, show
+from benchmark.drawing.tables import decimals_of, inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.data import Data
 from benchmark.reports.folder import PICTURES, Folder
@@ -31,28 +30,36 @@ Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Es
 Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
+# What columns mean, whichever table they are in.
+_COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(
+    Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
+)
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
 @dataclass(eq=False)
 class Item:
-    """A table, a figure, or both; or a file of another form. Made by `item`, `drawing` or `writing`."""
+    """A table, a figure, or both; or a file of another form. A decorator of the table's function."""
 
     name: str  # the stem of its files
     description: str  # what its files hold
-    compute: Callable[..., Rows] | None = None
     columns: Mapping[str, str] | None = None  # that readers see, with labels ("": the name); by default all
-    meanings: Mapping[str, str] = field(
-        default_factory=dict
-    )  # of columns that do not mean the same everywhere
+    _: KW_ONLY
+    meanings: Mapping[str, str] | None = None  # of columns that do not mean the same everywhere
     where: Show | None = None  # chooses the rows that readers see
     is_measured: bool = False  # whether it holds measured times or memory, which differ every time
     best: str = ""  # the column by which readers see rows sorted, the largest first; "-": the smallest
+    compute: Callable[..., Rows] | None = None
     file: str = ""  # of another form
     write: Callable[..., None] | None = None
     caption: str = ""  # of the figure
     draw: Draw | None = None
     show: Show | None = None  # returns what readers see, if not the chosen columns
+
+    def __call__(self, compute: Callable[..., Rows]) -> "Item":
+        """Takes the function of the table."""
+        self.compute = compute
+        return self
 
     def figure(self, caption: str) -> Callable[[Draw], Draw]:
         """Decorates what draws the figure; it may return None."""
@@ -95,13 +102,13 @@ class Item:
         if self.write is not None:
             called(self.write, data, path=directory / self.file)
 
-    def patterns(self) -> tuple[str, ...]:
-        """Lists the names that its files can have, as patterns."""
+    def files(self) -> tuple[str, ...]:
+        """Lists the names that its files can have."""
         return (self.file,) if self.file else tuple(f"{self.name}.{end}" for end in ("csv", *PICTURES))
 
     def meaning(self, column: str) -> str | None:
         """Returns what a column of its table means; None if nothing says so."""
-        return _meaning(column, _SHARED | dict(self.meanings))
+        return _meaning(column, {**_COLUMNS["columns"], **(self.meanings or {})})
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
@@ -132,26 +139,13 @@ class Item:
         return pd.concat(rows.sort_values(by, ascending=is_ascending, kind="stable") for _, rows in parts)
 
 
+item: Final = Item  # as a decorator
+
+
 def called(function: Callable[..., T], data: Data, **more: object) -> T:
     """Calls a function with those arguments that it names, see the module's docstring."""
     names = inspect.signature(function).parameters
     return function(**{name: more[name] if name in more else getattr(data, name) for name in names})
-
-
-def item(
-    name: str,
-    description: str,
-    columns: Mapping[str, str] | None = None,
-    *,
-    meanings: Mapping[str, str] | None = None,
-    where: Show | None = None,
-    is_measured: bool = False,
-    best: str = "",
-) -> Callable[[Callable[..., Rows]], Item]:
-    """Makes an item of the function that computes its table; the arguments are explained in `Item`."""
-    return lambda function: Item(
-        name, description, function, columns, meanings or {}, where, is_measured, best
-    )
 
 
 def labelled_columns(labels: Mapping[str, str], names: str) -> dict[str, str]:
@@ -213,65 +207,15 @@ def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> 
     return link(text, table, row) + ends
 
 
-def as_written(entry: str) -> str:
-    """Returns an entry of a table without links, and as its text was before it was escaped.
-
-    >>> as_written("a &#60;b>"), as_written("[0.63](summary.csv#row=13) [0.5, 0.7]")
-    ('a <b>', '0.63 [0.5, 0.7]')
-    """
-    return html.unescape(plain(entry))
-
-
-# What columns of any table mean.
-_SHARED: Final[dict[str, str]] = {
-    "algorithm": "variant: an algorithm with settings, as the experiment names it",
-    "budget": "environment steps of training",
-    "condition": "named changes of scenario and settings",
-    "learner": "variant and form of observation",
-    "n": "runs",
-    "observation": "form of observation",
-    "scenario": "scenario",
-    "success": "probability that an episode ends with a PING in the target region",
-    "score": "return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]",
-    "step": "environment steps of training so far",
-    "unbounded_score": "score that may lie outside [0, 1]: the return, with 0 for the random and 1 for the "
-    "optimal policy",
-    "x": "the learner, scenario or condition that is compared",
-    "y": "what it is compared with",
-}
-# What a name is made of besides that of another column, `{name}`, which means `{base}`; and what it means.
-_AFFIXES: Final[Mapping[str, str]] = {
-    "(.+)_low": "lower end of the 95 % interval of `{name}`",
-    "(.+)_high": "upper end of the 95 % interval of `{name}`",
-    "(.+)_low_90": "lower end of the 90 % interval of `{name}`",
-    "(.+)_high_90": "upper end of the 90 % interval of `{name}`",
-    "every_cell_(.+)": "{base}, of episodes that start in any cell",
-    "(.+)_x|x_(.+)": "{base}, of x",
-    "(.+)_y|y_(.+)": "{base}, of y",
-    "(.+)_difference": "`{name}` of x minus that of y",
-    "(.+)_p_different": "p-value of no difference in `{name}`, adjusted as declared",
-    "(.+)_p_equivalent": "p-value of a difference in `{name}` of at least the margin, adjusted as declared",
-    "(.+)_verdict": "verdict on x, by `{name}`",
-    "(.+)_margin": "difference in `{name}` that is too small to matter",
-    "(.+)_largest": "largest difference in `{name}` in a scenario, x minus y",
-    "(.+)_except": "scenarios that contradict the verdict by `{name}`, or for which it is not shown "
-    "separately",
-    "(.+)_random": "{base}, by the random policy",
-    "(.+)_optimal": "{base}, by the optimal policy",
-    "(.+)_learned": "{base}, by the greedy policy after training, mean over agents",
-    "(.+)_regret": "`{name}_optimal` minus `{name}_learned`",
-}
-
-
 def _meaning(column: str, known: Mapping[str, str]) -> str | None:
     """Returns what a column means; `*` is any other column.
 
-    >>> _meaning("every_cell_success_low", _SHARED)
+    >>> _meaning("every_cell_success_low", _COLUMNS["columns"])
     'lower end of the 95 % interval of `every_cell_success`'
     """
     if column in known:
         return known[column]
-    for pattern, text in _AFFIXES.items():
+    for pattern, text in _COLUMNS["affixes"].items():
         if match := re.fullmatch(pattern, column):
             name = next(filter(None, match.groups()))
             if base := _meaning(name, {key: known[key] for key in known if key != "*"}):

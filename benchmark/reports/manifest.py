@@ -4,15 +4,14 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 from benchmark.analysis.records import Provenance
 from benchmark.experiments import RunSpecification
 from benchmark.reports.data import Data
 
 
-def manifest_of(data: Data, seeds: Sequence[int] | None, before: Path) -> dict[str, object]:
-    """Returns the manifest, which replaces the one at `before`; drawing again gives the same."""
+def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
+    """Returns the manifest; drawing again gives the same."""
     declared, runs = data.experiment.declared, data.specifications
     sizes = Counter(run.population for run in runs)
     largest = max(sizes, key=lambda population: sizes[population])
@@ -21,7 +20,7 @@ def manifest_of(data: Data, seeds: Sequence[int] | None, before: Path) -> dict[s
     for population in (group.population for group in data.groups):
         first.setdefault((population.scenario.name, population.learner.name), population.first)
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
-    manifest = {
+    return {
         "experiment": declared.name,
         "description": declared.description,
         "command": f"python -m benchmark run {declared.argument}{option} --report",
@@ -43,7 +42,6 @@ def manifest_of(data: Data, seeds: Sequence[int] | None, before: Path) -> dict[s
         "digest": hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest(),
         **_made_by(data.provenance),
     }
-    return manifest | {"looks": _looks(before, manifest)}
 
 
 def _variants(
@@ -76,14 +74,3 @@ def _made_by(provenance: Sequence[Provenance]) -> dict[str, object]:
         "last_started_at": max(run["started_at"] for run in provenance),
         "busy_time_s": round(sum(run["wall_time_s"] for run in provenance), 3),
     }
-
-
-def _looks(path: Path, manifest: Mapping[str, object]) -> list[int]:
-    """Returns the numbers of seeds of earlier reports in this folder, if there are more of the same now."""
-    try:
-        before = json.loads(path.read_text(encoding="utf-8"))
-        if any(before[key] != manifest[key] for key in ("experiment", "first_seed")):
-            return []
-        return sorted(n for n in {*before["looks"], before["seeds"]} if n < manifest["seeds"])
-    except (OSError, ValueError, LookupError, TypeError):
-        return []

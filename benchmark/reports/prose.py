@@ -7,18 +7,19 @@ repository includes it and those after it. Results of other seeds, or of some of
 """
 
 import re
+from functools import cache
 from typing import Final
 
 import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.experiments import EXPERIMENT_DIRECTORY
-from benchmark.reports.folder import Folder
+from benchmark.reports.folder import Folder, with_titles
 from benchmark.reports.templates import templates_in
 from envs import InputError
 from envs.words import listed
 
-_TITLE: Final = re.compile(r"\*\*(.+?)\.\*\* ")
+_TITLE: Final = re.compile(r"^\*\*(.+?)\.\*\* ", re.MULTILINE)
 
 
 class ClaimError(InputError):
@@ -51,34 +52,22 @@ def written(folder: Folder) -> str | None:
 
 
 def paragraphs(folder: Folder, title: str = "") -> str:
-    """Returns the paragraphs of a folder's text below a title, by default above all, as one without links.
-
-    Raises:
-      InputError: There is no such title, or see `written`.
-    """
-    chosen, current = [], ""
-    for paragraph in (written(folder) or "").split("\n\n"):
-        start = _TITLE.match(paragraph)
-        current = start[1] if start else current
-        if current == title:
-            chosen.append(tables.plain(paragraph))
-    if not "".join(chosen):
-        raise InputError(f"{folder.path}: its text has no paragraph {title or 'without a title'}.")
-    return " ".join(chosen)
+    """Returns the paragraphs of a folder's text below a title, by default above all, as one without links."""
+    first, *others = _TITLE.split(tables.plain(written(folder) or ""))
+    titled = {name: f"**{name}.** {text}" for name, text in zip(others[::2], others[1::2], strict=True)}
+    return " ".join(({"": first} | titled)[title].split())
 
 
 class _Lookups:
     """The functions that a text has. A learner is given by its name, as in "ppo, coordinates"."""
 
     def __init__(self, folder: Folder) -> None:
-        self._folder = folder
+        self._frame = cache(lambda table: with_titles(folder.frame(table), {}))
         self.failed: list[str] = []
 
     def rows(self, table: str, **where: object) -> pd.DataFrame:
         """Returns the rows of a table with these values; of a list, with any of its values."""
-        frame = self._folder.frame(table)
-        if "learner" in where and "learner" not in frame:
-            frame = frame.assign(learner=frame["algorithm"] + ", " + frame["observation"])
+        frame = self._frame(table)
         for key, value in where.items():
             frame = frame[frame[key].isin(value if isinstance(value, list) else [value])]
         return frame

@@ -11,61 +11,35 @@ import json
 import platform
 import subprocess
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from benchmark.execution.provenance import digest_of_code
 from benchmark.reports.folder import MANIFEST
 
-STAMP: Final = ".stamp"
+_STAMP: Final = ".stamp"
 REPOSITORY: Final = Path(__file__).parents[2]
-_LISTED: Final = 6  # differing files that a sentence names
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """What comparing a folder with the published one gave."""
+class Certificate(NamedTuple):
+    """What comparing a folder with another one gave."""
 
-    name: str
-    compared: tuple[str, ...]
-    differing: tuple[str, ...]  # of these: other bytes, missing, or not published
-    measured: tuple[str, ...]  # hold measured times; not compared
-    other: str  # what was compared with, in words
-
-    @property
-    def is_identical(self) -> bool:
-        """Whether every compared file is identical."""
-        return not self.differing
-
-    def __str__(self) -> str:
-        n = len(self.compared)
-        apart = f"; files with measured times, not compared: {len(self.measured)}" if self.measured else ""
-        if self.is_identical:
-            return f"{self.name}: identical to {self.other} ({n} of {n} files{apart})."
-        n_more = len(self.differing) - _LISTED
-        files = ", ".join(self.differing[:_LISTED]) + f" and {n_more} more" * (n_more > 0)
-        return (
-            f"{self.name}: different from {self.other}: {len(self.differing)} of {n} files: {files}{apart}."
-        )
+    is_identical: bool
+    text: str
 
 
 def compare(
     folder: Path, name: str, measured: Collection[str], other: Path | None = None
 ) -> Certificate | None:
-    """Compares a folder with another one.
+    """Compares an experiment's folder with another one; returns None if there is no other one.
 
     Args:
       folder: What was made.
       name: The experiment's name.
-      measured: Names of files that hold measured times, as patterns.
+      measured: Names of files that hold measured times.
       other: A folder made from the same store, in which only files count that were made for it. By default it
         is the folder of the last commit, and manifests, which say who made the files and when, do not count.
-
-    Returns:
-      The certificate; None if there is no other folder.
     """
     made = _ids(folder)
     if other is None:
@@ -73,15 +47,18 @@ def compare(
         for ids in (made, expected):
             ids.pop(MANIFEST, None)
     else:
-        known, where = {*made, *stamped(other / STAMP)}, f"the files in {other}"
+        known, where = {*made, *stamped(other)}, f"the files in {other}"
         expected = {file: blob for file, blob in _ids(other).items() if file in known}
     if not expected:
         return None
-    files = sorted(made | expected)
-    apart = tuple(file for file in files if any(fnmatchcase(file, pattern) for pattern in measured))
-    compared = tuple(file for file in files if file not in apart)
-    differing = tuple(file for file in compared if made.get(file) != expected.get(file))
-    return Certificate(name, compared, differing, apart, where)
+    compared = sorted({*made, *expected} - {*measured})
+    differing = [file for file in compared if made.get(file) != expected.get(file)]
+    n, n_apart = len(compared), len({*made, *expected} & {*measured})
+    apart = f"; files with measured times, not compared: {n_apart}" if n_apart else ""
+    if not differing:
+        return Certificate(True, f"{name}: identical to {where} ({n} of {n} files{apart}).")
+    files = f"{len(differing)} of {n} files: {', '.join(differing)}{apart}"
+    return Certificate(False, f"{name}: different from {where}: {files}.")
 
 
 def published_file(name: str, file: str) -> bytes | None:
@@ -97,29 +74,27 @@ def keep_published(folder: Path, name: str) -> None:
             path.write_bytes(published)
 
 
-def is_up_to_date(stamp: Path, inputs: str) -> bool:
-    """Returns whether the files of a stamp were made from these inputs and are as they were made."""
-    noted, blobs = _noted(stamp)
-    paths = {stamp.parent / name: blob for name, blob in blobs.items()}
-    return noted == inputs and all(path.is_file() and _id(path) == blob for path, blob in paths.items())
+def is_up_to_date(folder: Path, inputs: str) -> bool:
+    """Returns whether a folder's files were made from these inputs and are as they were made."""
+    noted, blobs = _noted(folder)
+    return noted == inputs and blobs.items() <= _ids(folder).items()
 
 
-def write_stamp(stamp: Path, inputs: str, files: Iterable[Path]) -> None:
-    """Notes what the files beside a stamp were made from, see `digest_of_inputs`."""
-    noted = {path.name: _id(path) for path in sorted(files)}
-    stamp.write_text(json.dumps({"inputs": inputs, "files": noted}, indent=1) + "\n", encoding="utf-8")
+def write_stamp(folder: Path, inputs: str) -> None:
+    """Notes what a folder's files were made from, see `digest_of_inputs`."""
+    stamp = {"inputs": inputs, "files": _ids(folder)}
+    (folder / _STAMP).write_text(json.dumps(stamp, indent=1) + "\n", encoding="utf-8")
 
 
-def stamped(stamp: Path) -> list[str]:
-    """Lists the files of a stamp; none if there is no stamp, or a damaged one."""
-    return [*_noted(stamp)[1]]
+def stamped(folder: Path) -> Iterable[str]:
+    """Lists the files of a folder's stamp; none if there is no stamp, or a damaged one."""
+    return _noted(folder)[1]
 
 
-def _noted(stamp: Path) -> tuple[str, dict[str, str]]:
-    """Returns a stamp's inputs, and the ids of its files; nothing without a stamp, or of a damaged one."""
+def _noted(folder: Path) -> tuple[str, dict[str, str]]:
     try:
-        noted = json.loads(stamp.read_text(encoding="utf-8"))
-        return str(noted["inputs"]), dict(noted["files"])
+        stamp = json.loads((folder / _STAMP).read_text(encoding="utf-8"))
+        return str(stamp["inputs"]), dict(stamp["files"])
     except (OSError, ValueError, LookupError, TypeError):
         return "", {}
 
@@ -133,7 +108,11 @@ def digest_of_inputs(*parts: str) -> str:
 
 def _ids(folder: Path) -> dict[str, str]:
     """Returns git's ids of the contents of a folder's files by name."""
-    return {path.name: _id(path) for path in folder.iterdir() if path.is_file() and _is_result(path.name)}
+    return {
+        path.name: hashlib.sha1(b"blob %d\0" % path.stat().st_size + path.read_bytes()).hexdigest()
+        for path in sorted(folder.iterdir())
+        if path.is_file() and _is_result(path.name)
+    }
 
 
 def _published_ids(name: str) -> dict[str, str]:
@@ -142,22 +121,14 @@ def _published_ids(name: str) -> dict[str, str]:
     return {file: blob for _, kind, blob, file in entries if kind == "blob" and _is_result(file)}
 
 
-def _id(path: Path) -> str:
-    content = path.read_bytes()
-    return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
-
-
 def _is_result(file: str) -> bool:
     return file != "index.html" and not file.startswith(".")
 
 
 def _git(*arguments: str) -> bytes | None:
     """Returns what git prints about this checkout; None where there is none."""
-    git = ["git", "-C", str(REPOSITORY)]
+    git = ["git", "-C", str(REPOSITORY), *arguments]
     try:
-        top = subprocess.run([*git, "rev-parse", "--show-toplevel"], check=True, capture_output=True).stdout
-        if Path(top.decode().strip()) != REPOSITORY.resolve():
-            return None  # it lies inside somebody else's repository
-        return subprocess.run([*git, *arguments], check=True, capture_output=True).stdout
+        return subprocess.run(git, check=True, capture_output=True).stdout
     except (OSError, subprocess.CalledProcessError):
         return None

@@ -65,7 +65,7 @@ def measure(results: Path, *, smoke: bool) -> None:
     import agents.sb3.training  # noqa: F401 - a missing package is refused before anything is measured
 
     directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
-    with files.alone(results), files.replaced(directory, is_stale=lambda _: False) as aside:
+    with files.alone(results), files.replaced(directory, stale=()) as aside:
         with TemporaryDirectory() as scratch:
             frame = _measured(all_rows(smoke, Path(scratch)), n_turns=2 if smoke else 16)
         print(to_markdown(frame))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Final
 
 from benchmark.analysis.frames import RecordsOf
 from benchmark.analysis.records import Records
@@ -12,16 +11,15 @@ from envs import InputError, compile_scenario
 from envs.words import listed
 
 Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
-_DECLARED: Final = {"kind", "question", "items", "omit"}  # of the keys of report
 
 
 def check(experiment: Experiment) -> None:
     """Checks that an experiment has the paper's scenarios, and a single table that records the maximum Q.
 
     Raises:
-      InputError: It has something else, or declares what a comparison decides.
+      InputError: It has something else.
     """
-    source, report = experiment.argument, experiment.report
+    source = experiment.argument
     first, *others = experiment.learners.values()
     if others or first.family != "tabular" or "record_every" not in first.algorithm.settings.model_fields:
         raise InputError(
@@ -38,12 +36,6 @@ def check(experiment: Experiment) -> None:
                 "observes its cell alone, there is one start and one phase, no wall, and the regions are "
                 "squares by their radii."
             )
-    foreign = ["sweep"] if experiment.declared.sweep else []
-    if report is not None:
-        declared = report.model_dump(exclude_defaults=True, exclude=_DECLARED)
-        foreign += [f"report.{key}" for key in declared]
-    for key in foreign:
-        raise InputError(f"{source}: {key}: a replication takes none; accepted: in a comparison.")
 
 
 @lru_cache(maxsize=1)  # most tables and figures are of the default reading

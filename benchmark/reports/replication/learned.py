@@ -18,7 +18,7 @@ from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_value
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
 from benchmark.experiments import Experiment
-from benchmark.reports.item import Frames, drawing, expanded, item
+from benchmark.reports.item import Frames, drawing, expanded, item, labelled_columns
 from benchmark.reports.replication.agents import agents_of, few_agents
 from envs import ACTIONS
 from envs.scenario import FEEDBACK
@@ -26,30 +26,15 @@ from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
-_REACHED: Final = (  # that readers see
-    *("scenario", "agents", "success", "optimal_share", "grid_return_learned", "grid_return_optimal"),
-    *("start_value_learned", "start_value_optimal", "cells_differing"),
-)
 _MEANINGS: Final = {
-    "agents": "agents per scenario",
-    "first_seed": "seed of the first agent",
-    "last_seed": "seed of the last agent",
     "optimal_share": "share of agents whose greedy policy is optimal",
-    "grid_return": "expected sum of the grid's rewards of an episode",
-    "scenario_return": "expected sum of all rewards of an episode, with the issuer's",
     "start_value_optimal": "optimal value of the start cell",
     "start_value_learned": "largest Q in the start cell, mean over agents",
     "cells_differing": "share of cells in which a greedy action is not optimal, mean over agents",
-    "row": "row of the cell",
-    "column": "column of the cell",
-    "action": "action",
     "mean": "mean over agents",
-    "table_mean": "mean over agents of the largest Q of the table",
     "std": "their standard deviation",
     "min": "smallest over agents",
-    "table_min": "smallest over agents of the largest Q of the table",
     "max": "largest over agents",
-    "table_max": "largest over agents of the largest Q of the table",
     "optimal": "optimal action value",
     "difference": "`mean` minus `optimal`",
     "is_optimal": "whether the action is optimal in the cell",
@@ -121,7 +106,7 @@ def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
 @item(
     "learning",
     "success, score of the greedy policy, and the share of optimal agents, over training",
-    dict.fromkeys(("scenario", "success", "score", "optimal_share", "unbounded_score"), ""),
+    labelled_columns({}, "scenario success score optimal_share unbounded_score"),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
     meanings=_MEANINGS,
 )
@@ -168,7 +153,11 @@ def _(table: pd.DataFrame) -> Figure:
 @item(
     "optimal",
     "the exact optimum, what was learned, success, and the regret, with all agents as well",
-    dict.fromkeys(_REACHED, ""),
+    labelled_columns(
+        {},
+        "scenario agents success optimal_share grid_return_learned grid_return_optimal "
+        "start_value_learned start_value_optimal cells_differing",
+    ),
     meanings=_MEANINGS,
 )
 def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:

@@ -31,9 +31,6 @@ _SHOWN: Final = (
 _MEANINGS: Final = {
     "claim": "claim of the paper",
     "part": "which number of the claim",
-    "agents": "agents per scenario",
-    "first_seed": "seed of the first agent",
-    "last_seed": "seed of the last agent",
     "reading": "reading of the paper",
     "value": "the number",
     "low": "lower end of its 95 % interval",

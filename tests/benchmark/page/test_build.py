@@ -1,5 +1,6 @@
 """The page as a file: made of published files alone, with every number in the row that it links to."""
 
+import html
 import json
 import re
 import shutil
@@ -11,13 +12,12 @@ from pathlib import Path
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.drawing.tables import show
+from benchmark.drawing.tables import plain, show
 from benchmark.experiments import PUBLISHED
 from benchmark.page import build
 from benchmark.reports import sameness
 from benchmark.reports.document import Document
 from benchmark.reports.folder import MANIFEST
-from benchmark.reports.item import as_written
 from envs import InputError, load_scenario
 from tests.benchmark.page.conftest import rows_of
 from tests.benchmark.page.made import TEXT
@@ -83,7 +83,7 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
     document = Document(results / "reproduce")
     assert document.headline is not None
     for text in document.headline.split("\n\n"):
-        assert as_shown(as_written(text).replace("`", "")) in in_one_line(page.words)
+        assert as_shown(html.unescape(plain(text)).replace("`", "")) in in_one_line(page.words)
     assert len(re.findall(r"<details[^>]*><summary>Mean score over training \(\d+ rows\)", page.source)) == 2
     assert "score: 0 is the random policy, -1 is worse & 2 < 3." in page.words
     for element in ("<em>learner</em>", "<h4>After training</h4>", "<h5>In detail</h5>", "<summary>Terms<"):

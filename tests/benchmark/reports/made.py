@@ -199,7 +199,7 @@ def folder_of(path: Path, data: Data, *names: str) -> Document:
         algorithms.setdefault(learner.variant, about)["settings"][learner.observation] = {}
     manifest = {
         **dict.fromkeys(("description", "note", "command", "partial", "search"), ""),
-        **{"experiment": "made", "argument": "made", "horizon": 200, "runs": len(data.runs), "looks": []},
+        **{"experiment": "made", "argument": "made", "horizon": 200, "runs": len(data.runs)},
         "report": experiment.report.model_dump(mode="json"),
         "scenarios": {name: {} for name in experiment.scenarios},
         "algorithms": algorithms,

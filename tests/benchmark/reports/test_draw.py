@@ -182,23 +182,6 @@ def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
     }
 
 
-def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) -> None:
-    looks = []
-    pairs = [["net, one_hot", "table, index"], ["sarsa, index", "table, index"]]
-    omit = omitting_all_but("contrasts", "steps")
-    with Store(drawn.results / "runs.db", read_only=True) as store:
-        for n, first in ((3, 0), (4, 1), (4, 1), (11, 1)):  # others than the first are other seeds
-            text = EXPERIMENT.replace("seeds = 12\n", f"seeds = {n}\nfirst_seed = {first}\n")
-            text = text.replace("seeds = 12", f"seeds = {n}, first_seed = {first}")
-            small = without(tmp_path, "ppo", "check", text=text, omit=omit, contrasts=pairs)
-            draw.draw(small, draw.report_of(small), store, tmp_path / "small")
-            looks.append(json.loads((tmp_path / "small" / "manifest.json").read_text())["looks"])
-            said = "analysed before" in (tmp_path / "small" / "README.md").read_text()
-            assert said == bool(looks[-1])
-            (tmp_path / "small" / ".stamp").unlink()
-    assert looks == [[], [], [], [4]]
-
-
 # Runs that are missing
 
 

@@ -42,12 +42,12 @@ def certificate(made: Path, other: Path | None = None) -> sameness.Certificate:
 
 def test_same_files_are_identical_to_what_is_committed(repository: Path, made: Path) -> None:
     (repository / "results" / "mine" / "b.csv").write_text("changed since\n")
-    same = certificate(made)
-    assert (same.is_identical, same.compared, same.measured) == (True, ("a.csv", "b.csv"), ("cost.csv",))
-    assert "2 of 2 files" in str(same)
-    against = certificate(made, repository / "results" / "mine")  # against a folder instead of the commit
-    assert against.differing == ("b.csv", "manifest.json")
-    assert against.compared == ("a.csv", "b.csv", "manifest.json")
+    apart = "; files with measured times, not compared: 1"
+    text = f"mine: identical to the published results (2 of 2 files{apart})."
+    assert certificate(made) == (True, text)
+    other = repository / "results" / "mine"  # against a folder instead of the commit
+    text = f"mine: different from the files in {other}: 2 of 3 files: b.csv, manifest.json{apart}."
+    assert certificate(made, other) == (False, text)
 
 
 @pytest.mark.usefixtures("repository")
@@ -55,33 +55,34 @@ def test_changed_missing_and_new_files_differ(made: Path) -> None:
     (made / "b.csv").unlink()
     (made / "c.csv").write_text("new")
     other = certificate(made)
-    assert (other.compared, other.differing) == (("a.csv", "b.csv", "c.csv"), ("b.csv", "c.csv"))
-    assert all(part in str(other) for part in ("2 of 3 files", "b.csv, c.csv"))
+    assert not other.is_identical
+    assert "different from the published results: 2 of 3 files: b.csv, c.csv;" in other.text
 
 
+@pytest.mark.usefixtures("repository")
 def test_nothing_published_gets_no_certificate(
-    repository: Path, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert sameness.compare(made, "other", ()) is None
-    for root in (tmp_path, repository / "results"):  # no checkout, and not the top of one
-        monkeypatch.setattr(sameness, "REPOSITORY", root)
-        assert sameness.compare(made, "mine", ()) is None
+    monkeypatch.setattr(sameness, "REPOSITORY", tmp_path)  # no checkout
+    assert sameness.compare(made, "mine", ()) is None
 
 
 def test_stamp_sees_changed_inputs_and_files(tmp_path: Path) -> None:
-    path, files = tmp_path / ".stamp", [tmp_path / "a.csv", tmp_path / "b.csv"]
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
     for file in files:
         file.write_text(file.name)
     inputs = sameness.digest_of_inputs("runs", "seeds")
-    assert not sameness.is_up_to_date(path, inputs)
-    sameness.write_stamp(path, inputs, files)
-    assert sameness.is_up_to_date(path, inputs)
-    assert sameness.stamped(path) == ["a.csv", "b.csv"]
-    assert not sameness.is_up_to_date(path, sameness.digest_of_inputs("runs", "other seeds"))
+    assert not sameness.is_up_to_date(tmp_path, inputs)
+    sameness.write_stamp(tmp_path, inputs)
+    (tmp_path / "other.csv").write_text("by somebody else")
+    assert sameness.is_up_to_date(tmp_path, inputs)
+    assert [*sameness.stamped(tmp_path)] == ["a.csv", "b.csv"]
+    assert not sameness.is_up_to_date(tmp_path, sameness.digest_of_inputs("runs", "other seeds"))
     files[0].write_text("edited")
-    assert not sameness.is_up_to_date(path, inputs)
+    assert not sameness.is_up_to_date(tmp_path, inputs)
     files[0].unlink()
-    assert not sameness.is_up_to_date(path, inputs)
-    path.write_text("{")
-    assert not sameness.is_up_to_date(path, inputs)
-    assert sameness.stamped(path) == []
+    assert not sameness.is_up_to_date(tmp_path, inputs)
+    (tmp_path / ".stamp").write_text("{")
+    assert not sameness.is_up_to_date(tmp_path, inputs)
+    assert [*sameness.stamped(tmp_path)] == []
