@@ -25,10 +25,10 @@ from agents.policy import contains
 from benchmark.analysis.records import Records
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from benchmark.drawing.maps import RGB, Style, add_area, arrowheads, colour_bar, discs, dots, triangles
-from benchmark.drawing.style import check_file, figure_of
+from benchmark.drawing.style import figure_of
 from envs import ACTIONS, Model
 from envs.regions import outlines
-from envs.scene import Scene, cell_map, colour_limits, scene_of
+from envs.scene import colour_limits, scene_of
 
 ENDINGS: Final = {
     "target_ping": "success",
@@ -52,59 +52,29 @@ _AGENT: Final[Style] = {"color": RGB["path"], "marker": "o", "ms": 8, "mec": "wh
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """One agent over its training: V maps of O cells, or with a model, of O observations."""
+    """One agent over its training: V maps of O observations."""
 
     title: str
-    scene: Scene
+    model: Model
     steps: Sequence[int]  # (V,)
     values: NDArray[np.float64]  # (V, O, A) action values, or probabilities; NaN of an agent that diverged
     greedy: NDArray[np.uint8]  # (V, O) masks
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
-    model: Model | None = None  # unless one map shows it all, see `Model.has_cell_maps` and `cell_map`
-
-    def is_unknown(self, index: int) -> NDArray[np.bool_]:
-        """Returns in which cells of a map, (O,), there is no value, or all actions are equally good."""
-        values, greedy = self.values[index], contains(self.greedy[index])
-        # Values alone do not tell, since they are rounded.
-        is_unvisited = (values == values[:, :1]).all(axis=1) & greedy.all(axis=1)
-        return np.asarray(is_unvisited | np.isnan(values).any(axis=1))
-
-    def seen(self, index: int) -> "Film":
-        """Returns the film with the issuer where it is when the walk at a map ends, in the same phase."""
-        if self.model is None:
-            return self
-        state = self.walks[index].states[-1]
-        # The states that differ from this one by the agent's cell alone.
-        first = state - int(self.model.cell[state])
-        observed = self.model.observation[first : first + len(self.model.position)]
-        scene = scene_of(self.model, int(self.model.context[state]))
-        values, greedy = self.values[:, observed], self.greedy[:, observed]
-        return replace(self, scene=scene, values=values, greedy=greedy, model=None)
 
 
 def film_of(title: str, records: Records, agent: int = 0) -> Film:
     """Returns the film of one of these agents."""
-    model, indices = records.model, records.map_indices
-    arrays = records.agents[agent]
-    values, greedy = arrays["values"].astype(np.float64), arrays["greedy"][indices]
-    walks = [walk(model, masks, records.run.horizon) for masks in greedy]
+    model, indices, arrays = records.model, records.map_indices, records.agents[agent]
     n_starts = len(model.starts)
-    _, scene, observed = cell_map(model)
-    is_egocentric = scene.origin is not None
-    if is_egocentric:
-        cell = observed.argsort()[model.observation]  # (S,) on the map
-        values, greedy = values[:, observed], greedy[:, observed]
-        walks = [replace(walked, cells=tuple(cell[[*walked.states]].tolist())) for walked in walks]
     return Film(
         title=title if n_starts == 1 else f"{title}, first of {n_starts} starts",
-        scene=scene,
+        model=model,
         steps=np.array(records.evaluation_steps)[indices].tolist(),
-        values=values,
-        greedy=greedy,
+        values=arrays["values"].astype(np.float64),
+        greedy=arrays["greedy"][indices],
         scores=records.unbounded_scores()[agent, indices],
-        walks=walks,
-        model=None if model.has_cell_maps or is_egocentric else model,
+        walks=[walk(model, masks, records.run.horizon) for masks in arrays["greedy"][indices]],
     )
 
 
@@ -117,7 +87,9 @@ class Screen:
     def __init__(self, rows: Sequence[Sequence[Film]]) -> None:
         """Makes the figure and shows the first map of each film."""
         films = [film for row in rows for film in row]
-        height, width = np.max([(film.scene.rows, film.scene.columns) for film in films], axis=0)
+        height, width = np.max(
+            [(film.model.scenario.grid.rows, film.model.scenario.grid.columns) for film in films], axis=0
+        )
         cell = min(_CELL if len(films) > 1 else _LARGE_CELL, _LONGEST_SIDE / max(height, width))
         width, height = max(cell * width, _NARROWEST) + _GAP, max(cell * height, _LOWEST) + _GAP
         titles = [fill(film.title, int(width * _CHARACTERS)) for film in films]
@@ -142,7 +114,7 @@ class Screen:
         """Shows the last map of every film that is not later than a step."""
         for axis, film, norm in self._shown:
             index = int(np.searchsorted(film.steps, step, side="right")) - 1
-            _draw(axis, film.seen(index), index, norm, has_arrows=len(self._shown) == 1)
+            _draw(axis, film, index, norm, has_arrows=len(self._shown) == 1)
 
     def image(self) -> Image.Image:
         """Returns the figure as an image."""
@@ -153,15 +125,22 @@ class Screen:
 
 
 def _draw(axis: Axes, film: Film, index: int, norm: Normalize, *, has_arrows: bool) -> None:
-    scene, walked = film.scene, film.walks[index]
-    agent = walked.cells[-1]
-    greedy, is_unknown = contains(film.greedy[index]), film.is_unknown(index)
+    model, walked = film.model, film.walks[index]
+    agent, state = walked.cells[-1], walked.states[-1]
+    # The map shows the states that differ from the walk's last one by the agent's cell alone.
+    first = state - int(model.cell[state])
+    observed = model.observation[first : first + len(model.position)]
+    scene = scene_of(model, int(model.context[state]))
+    values, greedy = film.values[index, observed], contains(film.greedy[index, observed])
+    # Values alone do not tell, since they are rounded.
+    is_unvisited = (values == values[:, :1]).all(axis=1) & greedy.all(axis=1)
+    is_unknown = is_unvisited | np.isnan(values).any(axis=1)
     # All actions are greedy mostly where the agent has never been.
     is_marked = greedy & ~greedy.all(axis=1, keepdims=True) & (np.arange(scene.n_cells) != agent)[:, None]
     cell = np.flatnonzero(~is_unknown & ~scene.is_over)
     frame = pd.DataFrame(scene.position[cell.repeat(len(ACTIONS))], columns=["row", "column"])
     frame["action"] = np.tile(ACTIONS, len(cell))
-    frame["value"], frame["is_marked"] = film.values[index, cell].ravel(), is_marked[cell].ravel()
+    frame["value"], frame["is_marked"] = values[cell].ravel(), is_marked[cell].ravel()
     is_ping = frame["action"] == "PING"
     axis.clear()
     axis.set_facecolor(RGB["over"])
@@ -173,9 +152,9 @@ def _draw(axis: Axes, film: Film, index: int, norm: Normalize, *, has_arrows: bo
     dots(axis, frame[is_ping & frame["is_marked"]])
     axis.plot(*scene.position[[*walked.cells]].T[::-1], **_PATH)
     axis.plot(*scene.position[[agent]].T[::-1], **_AGENT)
-    diverged = "diverged   " if np.isnan(film.values[index]).any() else ""
-    state = f"step {film.steps[index]:,}   {diverged}score {film.scores[index]:.2f}"
-    title = f"{film.title}\n{state}\n{ENDINGS[walked.ending]}"
+    diverged = "diverged   " if np.isnan(values).any() else ""
+    numbers = f"step {film.steps[index]:,}   {diverged}score {film.scores[index]:.2f}"
+    title = f"{film.title}\n{numbers}\n{ENDINGS[walked.ending]}"
     axis.set_title(title, loc="left", size=_TITLE, parse_math=False)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="")
 
@@ -192,10 +171,6 @@ def learning(rows: Sequence[Sequence[Film]]) -> list[Image.Image]:
 
 
 def write(frames: Sequence[Image.Image], path: Path) -> None:
-    """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours.
-
-    Raises an InputError if the name has another ending or the folder does not exist.
-    """
-    check_file(path, *ANIMATIONS)
+    """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours."""
     duration = [FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
     frames[0].save(path, save_all=True, append_images=frames[1:], loop=0, quality=70, duration=duration)
