@@ -19,7 +19,7 @@ from envs.model import PING
 from envs.observations import compile_seen, observation_table
 from envs.packages import needed_by
 from envs.scenario import ScenarioLike
-from envs.scene import cell_map
+from envs.scene import scene_of
 
 with needed_by("benchmark.assessment"):
     import pandas as pd
@@ -135,8 +135,8 @@ class Assessment:
     def draw(self, path: str | Path) -> None:
         """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
 
-        If the agent observes the offset alone, the map is around the issuer. If it observes more than its
-        cell, the map is of the issuer's first position and the first phase, before any wrong PING.
+        If it observes more than its cell, the map is of the issuer's first position and the first phase,
+        before any wrong PING.
 
         Raises:
           InputError: The file name has another ending, or there is no such folder.
@@ -311,8 +311,9 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
 
 def draw_map(assessment: Assessment) -> Figure:
     """Draws the map of an agent, see `Assessment.draw`."""
-    model, scene, observation = cell_map(assessment.model)
-    policy = assessment.policy[observation]  # (C, A)
+    model = assessment.model
+    scene = scene_of(model)
+    policy = assessment.policy[model.observation[model.states_of(0)]]  # (C, A)
     is_likeliest = policy >= policy.max(axis=1, keepdims=True) - _TIE
     is_ping = policy.argmax(axis=1) == PING  # no move is as likely
     cells = pd.DataFrame(model.position, columns=["row", "column"])
