@@ -177,8 +177,9 @@ def assess(
     model = compile_seen(loaded, observation)
     check_anchors(model, HORIZON, "start")
     is_path = isinstance(agent, str | Path)
-    if algorithm is not None and not is_path:
-        raise InputError(f"algorithm = {algorithm}: accepted only with the path of a saved model.")
+    if is_path != (algorithm is not None):
+        accepted = "module:class, such as stable_baselines3:PPO, only and always with a saved model's path"
+        raise InputError(f"{agent if is_path else 'agent'}: algorithm = {algorithm}: accepted: {accepted}.")
     if is_path or is_sb3_class(type(agent)):
         policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
     elif not callable(agent):
@@ -245,17 +246,13 @@ def _policy_of_model(
     agent: Any, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
 ) -> Policy:
     """Reads the policy of a model of SB3, or of a saved one, (O, A)."""
-    is_path = isinstance(agent, str | Path)
-    where = str(agent) if is_path else "agent"
-    if is_path and algorithm is None:
-        accepted = "module:class, such as stable_baselines3:PPO"
-        raise InputError(f"{where}: the algorithm is missing; accepted: {accepted}.")
+    where = "agent" if algorithm is None else str(agent)
     with needed_by(f"{where}: a saved model"):
         from agents.sb3.tables import agent_table, saved_table
-    if algorithm is not None:
-        table, is_value = saved_table(Path(where), algorithm, model, observation)
-    else:
+    if algorithm is None:
         table, is_value = agent_table(agent, where, model, observation)
+    else:
+        table, is_value = saved_table(Path(where), algorithm, model, observation)
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:

@@ -72,7 +72,7 @@ def _execute(
             cluster = Cluster(options.cluster, {run.algorithm for run in todo})
             stack.callback(cluster.cancel)
             # A worker finds its next job waiting.
-            jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
+            jobs, executor = options.jobs or 2 * cluster.workers, lambda _: cluster
         with Display(name, runs, store.ended()) as display:
             errors = driver.run(runs, store, jobs, display.advance, display.start, executor)
     if errors:

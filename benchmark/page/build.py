@@ -82,15 +82,10 @@ def write(results: Path, experiment: str | None = None) -> Path:
 
 
 def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, str]]:
-    """Yields the paths and texts of a page and of the list of published results.
+    """Yields the paths and texts of a page and of the list of published results; may raise an `InputError`.
 
-    Args:
-      results: The folder of results.
-      experiment: One that has a chapter, or None: the page shows all chapters whose results are there, and is
-        `index.html` of `results`. Another one: the page shows that alone, and lies in its folder.
-
-    Raises:
-      InputError: There is nothing to show.
+    The page shows all chapters whose results are there, and is `index.html` of `results`. But that of an
+    experiment without a chapter shows it alone, and lies in its folder.
     """
     has_own_page = experiment not in (None, *CHAPTERS)
     folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]

@@ -206,7 +206,7 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
             "zip: cannot be loaded: .* accepted: what model.save of stable_baselines3:PPO has",
         ),
         ({"stochastic": True}, "stochastic = True: accepted only with action probabilities"),
-        ({"algorithm": None}, "zip: the algorithm is missing"),
+        ({"algorithm": None}, "zip: algorithm = None: accepted: module:class"),
     ],
 )
 def test_mistakes_about_saved_models(saved: dict[str, Path], options: dict[str, Any], expected: str) -> None:
