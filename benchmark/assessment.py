@@ -19,7 +19,7 @@ from envs.model import PING
 from envs.observations import compile_seen, observation_table
 from envs.packages import needed_by
 from envs.scenario import ScenarioLike
-from envs.scene import cell_map
+from envs.scene import scene_of
 
 with needed_by("benchmark.assessment"):
     import pandas as pd
@@ -43,10 +43,9 @@ Act = Callable[[Any], object]  # from an observation to an action, or to the pro
 HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
 RESULTS: Final = Path(__file__).parents[1] / "results"
 PICTURES: Final = (".png", ".svg")  # endings of files
-_ASKED_AGAIN: Final = 200  # observations for which a function is called a second time
 _TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
 _RANKED: Final = ["success", "score"]  # columns, in order of precedence
-_ROUNDING: Final = 1e-6  # of these columns, which files have with six significant digits
+_DECIMALS: Final = 5  # of these columns that count, since files have six significant digits
 _LONGEST_ANSWER: Final = 100  # characters that a message repeats
 _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
 
@@ -136,21 +135,16 @@ class Assessment:
     def draw(self, path: str | Path) -> None:
         """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
 
-        If the agent observes the offset alone, the map is around the issuer. If it observes more than its
-        cell, the map is of the issuer's first position and the first phase, before any wrong PING.
+        If it observes more than its cell, the map is of the issuer's first position and the first phase,
+        before any wrong PING.
 
         Raises:
-          InputError: The file name has another ending, or the file cannot be written.
+          InputError: The file name has another ending, or there is no such folder.
         """
-        path = Path(path)
-        check_file(path, *PICTURES)
+        check_file(Path(path), *PICTURES)
         figure = draw_map(self)
-        try:
-            save_figure(figure, path, is_tight=True)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror or error}.") from error
-        finally:
-            plt.close(figure)
+        save_figure(figure, Path(path), is_tight=True)
+        plt.close(figure)
 
 
 def assess(
@@ -183,8 +177,9 @@ def assess(
     model = compile_seen(loaded, observation)
     check_anchors(model, HORIZON, "start")
     is_path = isinstance(agent, str | Path)
-    if algorithm is not None and not is_path:
-        raise InputError(f"algorithm = {algorithm}: accepted only with the path of a saved model.")
+    if is_path != (algorithm is not None):
+        accepted = "module:class, such as stable_baselines3:PPO, only and always with a saved model's path"
+        raise InputError(f"{agent if is_path else 'agent'}: algorithm = {algorithm}: accepted: {accepted}.")
     if is_path or is_sb3_class(type(agent)):
         policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
     elif not callable(agent):
@@ -198,10 +193,9 @@ def assess(
 
 
 def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
-    """Calls a function with every observation; returns its action probabilities, (O, A).
+    """Returns a function's action probabilities, (O, A); it is called twice with every observation.
 
-    Some observations are given twice, in another order: this finds most functions that remember or draw
-    something, which would be misjudged.
+    The second time, in reverse order, finds functions that remember or draw something.
     """
     table = observation_table(model, observation)
 
@@ -212,58 +206,53 @@ def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
             answer = act(given)
         except Exception as error:  # whatever the function raises
             reason = f"{type(error).__name__}: {error}"
-            raise InputError(f"act: failed for {_named(model, o)}: {reason}.") from error
+            raise InputError(f"act: failed for observation {o}: {reason}.") from error
         row = _row(answer)
         if row is None:
             raise InputError(
-                f"act: returned {_shown(answer)} for {_named(model, o)}; accepted: an action, a whole number "
+                f"act: returned {_shown(answer)} for observation {o}; accepted: an action, a whole number "
                 f"from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to one."
             )
         return row
 
     policy = np.stack([probabilities(o) for o in range(len(table))])
-    for o in np.random.default_rng(0).permutation(len(table))[:_ASKED_AGAIN].tolist():
-        if abs(probabilities(o) - policy[o]).max() > _TOLERANCE:
-            raise InputError(
-                f"act: returned another answer, asked again, for {_named(model, o)}; accepted: one without "
-                f"memory; an agent that draws its actions returns {len(ACTIONS)} probabilities."
-            )
+    again = np.stack([probabilities(o) for o in reversed(range(len(table)))])[::-1]
+    if abs(again - policy).max() > _TOLERANCE:
+        raise InputError(
+            "act: returned another answer for the same observation, asked again; accepted: one without "
+            f"memory; an agent that draws its actions returns {len(ACTIONS)} probabilities."
+        )
     return policy
 
 
 def standing_of(success: float, score: float, published: pd.DataFrame) -> Standing:
     """Ranks an agent by success, then by score in [0, 1]; `published` has both, and a row per run."""
 
-    def sign(rows: pd.DataFrame) -> NDArray[np.float64]:
-        apart = rows[_RANKED].to_numpy(dtype=np.float64) - (success, score)
-        signs = np.sign(apart) * (abs(apart) > _ROUNDING)
-        return np.where(signs[:, 0] == 0, signs[:, 1], signs[:, 0])
+    def better_by(rows: pd.DataFrame) -> NDArray[np.float64]:
+        apart = (rows[_RANKED] - (success, score)).round(_DECIMALS)
+        return np.where(apart["success"] != 0, apart["success"], apart["score"])
 
-    signs = sign(published)
-    runs = published.assign(lower=signs < 0, equal=signs == 0, higher=signs > 0)
+    apart = better_by(published)
+    runs = published.assign(lower=apart < 0, equal=apart == 0, higher=apart > 0)
     groups = runs.groupby(["experiment", "learner"], sort=False)
     learners = groups[[*_RANKED, "lower", "equal", "higher"]].mean()
     learners.insert(0, "runs", groups.size())
     learners = learners.reset_index().sort_values(_RANKED, ascending=False, kind="stable", ignore_index=True)
-    signs = sign(learners)
-    return Standing(int((signs > 0).sum()) + 1, int((signs == 0).sum()), learners)
+    apart = better_by(learners)
+    return Standing(int((apart > 0).sum()) + 1, int((apart == 0).sum()), learners)
 
 
 def _policy_of_model(
     agent: Any, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
 ) -> Policy:
     """Reads the policy of a model of SB3, or of a saved one, (O, A)."""
-    is_path = isinstance(agent, str | Path)
-    where = str(agent) if is_path else "agent"
-    if is_path and algorithm is None:
-        accepted = "module:class, such as stable_baselines3:PPO"
-        raise InputError(f"{where}: the algorithm is missing; accepted: {accepted}.")
+    where = "agent" if algorithm is None else str(agent)
     with needed_by(f"{where}: a saved model"):
         from agents.sb3.tables import agent_table, saved_table
-    if algorithm is not None:
-        table, is_value = saved_table(Path(where), algorithm, model, observation)
-    else:
+    if algorithm is None:
         table, is_value = agent_table(agent, where, model, observation)
+    else:
+        table, is_value = saved_table(Path(where), algorithm, model, observation)
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:
@@ -288,22 +277,6 @@ def _row(answer: object) -> NDArray[np.float64] | None:
 
 def _shown(answer: object) -> str:
     return shortened(" ".join(repr(answer).split()), _LONGEST_ANSWER)
-
-
-def _named(model: Model, o: int) -> str:
-    """Returns which observation this is: its number, the agent's cell or the offset, and the rest."""
-    first, *others = model.components
-    rest, cell = divmod(o, first.size)
-    if first.name == "offset":
-        row, column = model.scenario.grid.offset[cell]
-        text = f"the issuer's row {row:+d}, column {column:+d} from the agent"
-    else:
-        row, column = model.position[cell]
-        text = f"row {row}, column {column}"
-    for component in others:
-        rest, value = divmod(rest, component.size)
-        text += f", {component.name} {value}"
-    return f"observation {o} ({text})"
 
 
 def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
@@ -335,12 +308,12 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
 
 def draw_map(assessment: Assessment) -> Figure:
     """Draws the map of an agent, see `Assessment.draw`."""
-    model, scene, observation = cell_map(assessment.model)
-    policy = assessment.policy[observation]  # (C, A)
+    model = assessment.model
+    scene = scene_of(model)
+    policy = assessment.policy[model.observation[model.states_of(0)]]  # (C, A)
     is_likeliest = policy >= policy.max(axis=1, keepdims=True) - _TIE
     is_ping = policy.argmax(axis=1) == PING  # no move is as likely
-    row, column = model.position.T
-    cells = pd.DataFrame({"row": row, "column": column})
+    cells = pd.DataFrame(model.position, columns=["row", "column"])
     norm = Normalize(0.0, 1.0)
     with figure_of(1, 1, (6.0, 2.1 + 4.6 * scene.rows / scene.columns)) as (figure, axes):
         figure.set_layout_engine("compressed")  # the colour scale gets the height of the map
@@ -349,21 +322,10 @@ def draw_map(assessment: Assessment) -> Figure:
         for action, name in enumerate(ACTIONS[:PING]):
             arrowheads(axis, cells[is_likeliest[:, action] & ~scene.is_over].assign(action=name))
         dots(axis, cells[is_ping & ~scene.is_over])
-        title = f"{model.scenario.name}: score {assessment.score:.3g}, success {assessment.success:.3g}"
-        axis.set_title("\n".join(filter(None, [title, _where(model, scene.phase)])))
+        numbers = f"score {assessment.score:.3g}, success {assessment.success:.3g}"
+        axis.set_title(f"{model.scenario.name}: {numbers}")
         colour_bar(figure, [axis], norm, "probability of PING")
         ping = Line2D([], [], ls="", marker="o", color="black", ms=4, label="PING is the likeliest action")
         move = Line2D([], [], ls="", marker=">", color="black", ms=4, label="likeliest moves")
         region_legend(figure, ping, move, columns=2)
     return figure
-
-
-def _where(model: Model, phase: str) -> str:
-    """Returns which of the agent's observations a map shows; empty if it shows all."""
-    if model.scenario.observe == ("agent",) and not model.context.any():
-        return ""
-    row, column = model.scenario.people[0][0][0].position
-    of_places = f", the first of {model.n_places} places" if model.n_places > 1 else ""
-    pings = "no wrong PING yet" if "wrong_pings" in model.scenario.observe else ""
-    issuer = f"the issuer in row {row}, column {column}{of_places}"
-    return "; ".join(filter(None, [issuer, phase and f"phase: {phase}", pings]))

@@ -6,16 +6,12 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
-from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from traceback import walk_tb
-from types import ModuleType
 from typing import Final
 
 LIMIT_S: Final = 120.0  # of an import; the first one of torch reads hundreds of megabytes
 _CORE: Final = ("gymnasium", "numpy", "pydantic")  # without which no message of `envs.inputs` can be made
-_LAYERS: Final = ("agents", "benchmark", "envs")
 _LONGEST: Final = 100  # characters of a reason
 
 
@@ -25,34 +21,24 @@ def broken(error: BaseException) -> str:
     Of those that this project names it is the innermost: a reinstallation covers what it requires, and for
     modules of users the error itself names the file.
     """
+    if isinstance(error, ModuleNotFoundError) and error.name in _CORE:
+        installer = "pip install . installs it (in a checkout: make .venv/.base)"
+        return f"the package {error.name} is not installed; {installer}."
     modules = [
         str(frame.f_globals.get("__name__")).partition(".")[0]
         for frame, _ in walk_tb(error.__traceback__)
         if frame.f_code.co_name == "<module>"
     ]
-    named = (*_LAYERS, *_packages())
-    name = next((module for module in reversed(modules) if module in named), "")
-    if name in _LAYERS:  # what it imports is installed only in part
-        module = getattr(error, "obj", None)  # of an AttributeError
-        missing = module.__name__ if isinstance(module, ModuleType) else getattr(error, "name", None)
-        name = str(missing or "").partition(".")[0]
-    return _sentence(name, f"{type(error).__name__}: {error}")
+    package = next(filter(None, map(_packages().get, reversed(modules))), None)
+    return _sentence(package, f"{type(error).__name__}: {error}") if package else ""
 
 
-def _sentence(module: str, reason: str) -> str:
-    """Returns why a module cannot be imported, and what repairs it; empty for modules of users."""
-    package = _packages().get(module, "")
-    try:
-        wanted = f"{package}=={version(package).partition('+')[0]}" if package else ""
-    except PackageNotFoundError:
-        wanted = ""
-    if not wanted:
-        installer = "pip install . installs it (in a checkout: make .venv/.base)"
-        return f"the package {module} is not installed; {installer}." if module in _CORE else ""
+def _sentence(package: str, reason: str) -> str:
     text = " ".join(reason.split()).removesuffix(":")
     text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-    advice = f"if it is broken, pip install --force-reinstall {wanted} repairs it"
-    return f"the package {package} cannot be imported ({text}); {advice}."
+    advice = f"if it is broken, pip install --force-reinstall {package} repairs it"
+    constraints = "(in a checkout: with -c constraints.txt)"
+    return f"the package {package} cannot be imported ({text}); {advice} {constraints}."
 
 
 def _packages() -> dict[str, str]:
@@ -67,30 +53,19 @@ def _packages() -> dict[str, str]:
 def unusable(modules: Sequence[str], jobs: int, limit_s: float = LIMIT_S) -> dict[str, str]:
     """Imports each module in a process of its own; returns sentences on those that cannot be imported."""
     with ThreadPoolExecutor(jobs) as pool:
-        sentences = pool.map(partial(_tried, limit_s=limit_s), modules)
-        return {name: sentence for name, sentence in zip(modules, sentences, strict=True) if sentence}
+        reasons = pool.map(partial(_reason, limit_s=limit_s), modules)
+        named = zip(modules, reasons, strict=True)
+        return {name: _sentence(_packages()[name], reason) for name, reason in named if reason}
 
 
-def _tried(module: str, limit_s: float) -> str:
-    code = f"import sys; sys.path[:] = {sys.path}; from benchmark.packages import main; main({module!r})"
-    command = [sys.executable, "-c", code]
+def _reason(module: str, limit_s: float) -> str:
+    """Returns why a module cannot be imported; empty if it can."""
+    command = [sys.executable, "-c", f"import {module}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=limit_s)
     except subprocess.TimeoutExpired:
-        reason = f"not imported within {limit_s:g} s"
-    else:
-        status, message = done.returncode, done.stderr.strip()
-        if status == 0:
-            return ""
-        if status > 0 and message:
-            return message.splitlines()[-1]
-        reason = f"importing it ended {f'with exit code {status}' if status > 0 else f'by signal {-status}'}"
-    return _sentence(module, reason) or f"{module} cannot be imported ({reason})."
-
-
-def main(module: str) -> None:
-    """Imports a module; exits with a sentence if that fails."""
-    try:
-        import_module(module)
-    except Exception as error:  # a module can raise anything
-        sys.exit(broken(error) or f"{module} cannot be imported ({type(error).__name__}: {error}).")
+        return f"not imported within {limit_s:g} s"
+    if done.returncode == 0:
+        return ""
+    *_, last = ["", *done.stderr.splitlines()]
+    return last or f"importing it ended with exit code {done.returncode}"

@@ -1,19 +1,17 @@
 """What a map of a scenario looks like, for figures, films, texts and the page.
 
-Lengths are in cells; cell (r, c) covers rows r to r + 1 and columns c to c + 1. For an agent that sees the
-offset alone, the map is egocentric: a room with the issuer in the middle, large enough for every offset.
+Lengths are in cells; cell (r, c) covers rows r to r + 1 and columns c to c + 1.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.model import MOVES, Model, compile_scenario
+from envs.model import MOVES, Model
 from envs.regions import HEADINGS, ZONES, Loop, outlines
-from envs.scenario import MAX_STATES, load_scenario
 
 Colour = tuple[int, int, int]
 
@@ -82,7 +80,6 @@ class Scene:
     outlines: dict[str, tuple[Loop, ...]]  # of the regions in `BORDERS`
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
-    origin: tuple[int, int] | None = None  # the issuer's cell, of an egocentric map
 
     @property
     def n_cells(self) -> int:
@@ -136,39 +133,6 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         glyphs=(*people, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
         phase=scenario.stages[phase].name if len(scenario.stages) > 1 else "",
     )
-
-
-class CellMap(NamedTuple):
-    """A map of what an agent observes. C cells."""
-
-    model: Model  # whose cells it shows
-    scene: Scene
-    observation: NDArray[np.int32]  # (C,) of the agent in each cell
-
-
-@lru_cache(maxsize=64)
-def cell_map(model: Model) -> CellMap:
-    """Returns the egocentric map if it shows all that is observed, else the first of `scene_of`."""
-    scenario, grid = model.scenario, model.scenario.grid
-    n_states = len(grid.offset) * scenario.ping_limit * (1 + scenario.is_delayed)
-    looks_alike = not scenario.phases and not (scenario.issuer.walk and scenario.has_front)
-    if scenario.observe != ("offset",) or scenario.others or not looks_alike or n_states > MAX_STATES:
-        return CellMap(model, scene_of(model), model.observation[model.states_of(0)])
-    # Cells are numbered as offsets, but from the issuer to the agent: in reverse order.
-    middle = grid.rows - 1, grid.columns - 1
-    starts = middle - grid.offset[np.unique(model.observation[model.starts])]
-    room = {
-        "observe": ["agent"],
-        "grid.rows": 2 * grid.rows - 1,
-        "grid.columns": 2 * grid.columns - 1,
-        "grid.start": starts.tolist(),
-        "grid.walls": "",
-        "issuer.position": middle,
-        "issuer.walk": None,
-    }
-    around = compile_scenario(load_scenario(scenario, room))
-    backwards = np.arange(len(grid.offset), dtype=np.int32)[::-1]
-    return CellMap(around, replace(scene_of(around), origin=middle), backwards)
 
 
 def colour_limits(values: NDArray[np.float64]) -> tuple[float, float]:

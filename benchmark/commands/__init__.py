@@ -9,14 +9,10 @@ MOST_SEEDS: Final = 1_000_000
 MOST_JOBS: Final = 1024
 
 
-def parse_jobs(jobs: int | None, default: int | None = None) -> int:
-    """Returns the number that `--jobs` gives; without the option the default, or that of usable cores.
-
-    Raises:
-      InputError: Too few or too many.
-    """
+def parse_jobs(jobs: int | None) -> int:
+    """Returns the number that `--jobs` gives, by default that of usable cores; may raise an `InputError`."""
     if jobs is None:
-        return default or usable_cores()
+        return usable_cores()
     if not 1 <= jobs <= MOST_JOBS:
         raise InputError(f"--jobs {shortened(str(jobs))}: accepted: a whole number from 1 to {MOST_JOBS}.")
     return jobs
@@ -25,11 +21,10 @@ def parse_jobs(jobs: int | None, default: int | None = None) -> int:
 def parse_seeds(text: str | None) -> range | None:
     """Returns the seeds that `--seeds` names; None if the option is not given.
 
+    Another text, and too large seeds, raise an `InputError`.
+
     >>> list(parse_seeds("7-9"))
     [7, 8, 9]
-
-    Raises:
-      InputError: Another text, or too large seeds.
     """
     if text is None:
         return None

@@ -4,7 +4,6 @@ import argparse
 
 from benchmark.assessment import PICTURES, RESULTS, assess
 from benchmark.drawing.style import check_file
-from envs import InputError
 from envs.packages import imported
 
 
@@ -15,8 +14,6 @@ def main(options: argparse.Namespace) -> int:
     agent = options.model
     if options.agent is not None:
         agent = imported(options.agent, "--agent", "function")
-        if not callable(agent):
-            raise InputError(f"--agent {options.agent}: accepted: a function of the observation.")
     assessment = assess(
         agent,
         scenario=options.scenario,

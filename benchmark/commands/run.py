@@ -2,9 +2,8 @@
 
 import argparse
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
 
 from benchmark.analysis.records import check_scores
 from benchmark.analysis.stages import runs_of, stages
@@ -13,13 +12,10 @@ from benchmark.execution import driver
 from benchmark.execution.executors import EXECUTORS, ExecutorFactory
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
-from benchmark.reports import draw, load_report
+from benchmark.experiments import RunSpecification, all_specifications, load_experiment
+from benchmark.reports import draw
 from envs import InputError
 from envs.packages import needed_by
-
-if TYPE_CHECKING:
-    from benchmark.execution.executors.cluster import Cluster
 
 
 def main(options: argparse.Namespace) -> int:
@@ -27,8 +23,9 @@ def main(options: argparse.Namespace) -> int:
     parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
     name, seeds = experiment.name, parse_seeds(options.seeds)
+    forecast = ""  # what the runs cannot show
     if options.report or experiment.report is not None:
-        draw.report_of(experiment, is_drawn=options.report)
+        forecast = draw.report_of(experiment, is_drawn=options.report).forecast(experiment)
     if options.report and min(map(len, experiment.seed_ranges if seeds is None else [seeds])) < 2:
         raise InputError(
             "--report: one seed gives no interval; accepted: at least two seeds for every variant."
@@ -39,8 +36,8 @@ def main(options: argparse.Namespace) -> int:
         )
     executor = EXECUTORS.get(options.executor)
     check_scores(all_specifications(experiment, seeds))
-    if text := forecast(experiment):
-        print(f"{name}: {text}", file=sys.stderr)
+    if forecast:
+        print(f"{name}: {forecast}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)
@@ -70,36 +67,20 @@ def _execute(
             return 0
         jobs = parse_jobs(options.jobs)
         if options.cluster is not None:
-            cluster = connect(options.cluster, {run.algorithm for run in todo})
+            with needed_by("--cluster"):
+                from benchmark.execution.executors.cluster import Cluster
+            cluster = Cluster(options.cluster, {run.algorithm for run in todo})
             stack.callback(cluster.cancel)
             # A worker finds its next job waiting.
-            jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
+            jobs, executor = options.jobs or 2 * cluster.workers, lambda _: cluster
         with Display(name, runs, store.ended()) as display:
             errors = driver.run(runs, store, jobs, display.advance, display.start, executor)
-    statuses = store.statuses()
-    n_lost = sum(run.digest not in statuses for run in runs)
-    problem = ""
     if errors:
-        problem = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"
-    elif n_lost:
-        problem = f"runs that were stored but are no longer there: {n_lost}; the same command repeats them."
-    if problem:
-        print(f"error: {problem}", file=sys.stderr)
+        failed = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"
+        print(f"error: {failed}", file=sys.stderr)
         return 1
+    statuses = store.statuses()
     n_diverged = sum(statuses[run.digest] == "diverged" for run in todo)
     which = f", {n_diverged} of them diverged" if n_diverged else ""
     print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
     return 0
-
-
-def forecast(experiment: Experiment) -> str:
-    """Returns what an experiment's runs cannot show, in a sentence; empty if it has no report to say so."""
-    report = experiment.report
-    return "" if report is None else load_report(report.kind, experiment.argument).forecast(experiment)
-
-
-def connect(address: str, algorithms: Collection[str]) -> "Cluster":
-    """Returns a cluster that can execute runs of these algorithms."""
-    with needed_by("--cluster"):
-        from benchmark.execution.executors.cluster import Cluster
-    return Cluster(address, algorithms)

@@ -4,14 +4,13 @@ import argparse
 import secrets
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from benchmark.analysis.stages import known_runs
 from benchmark.commands import parse_jobs
-from benchmark.commands.report import folder_name
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
@@ -29,24 +28,19 @@ def main(options: argparse.Namespace) -> int:
             raise InputError(f"--{option} {getattr(options, option)}: accepted: at least 0.")
     names = experiment_names() if options.experiment is None else [options.experiment]
     experiments = [load_experiment(name) for name in names]
-    n_problems = 0
+    problems = list[str]()
     with tempfile.TemporaryDirectory() as scratch:  # elsewhere, as the folder may be read-only
-        for problem in _all_problems(experiments, options, Path(scratch)):
-            print(problem, file=sys.stderr)
-            n_problems += 1
-    if n_problems:
-        print(f"problems found: {n_problems}.")
-    return 1 if n_problems else 0
-
-
-def _all_problems(
-    experiments: list[Experiment], options: argparse.Namespace, scratch: Path
-) -> Iterator[object]:
-    try:
-        with Store(options.results / "runs.db", read_only=True) as store, files.alone(options.results):
-            yield from _problems(experiments, store, options, scratch)
-    except DamagedError as error:
-        yield error
+        try:
+            with Store(options.results / "runs.db", read_only=True) as store, files.alone(options.results):
+                for problem in _problems(experiments, store, options, Path(scratch)):
+                    print(problem, file=sys.stderr)
+                    problems.append(problem)
+        except DamagedError as error:
+            print(error, file=sys.stderr)
+            problems.append(str(error))
+    if problems:
+        print(f"problems found: {len(problems)}.")
+    return 1 if problems else 0
 
 
 def _problems(
@@ -63,11 +57,9 @@ def _problems(
     if options.experiment is not None and not (checked or structure):
         raise InputError(f"{path}: no run of {options.experiment} is stored; accepted: a store with some.")
     if damaged := store.damaged(checked):
-        first = damaged[0][:12]
         yield (
-            f"checksums: {len(damaged)} of {len(checked)} records are damaged (the first: {first}); run "
-            "their experiments again, which repeats them "
-            f"(sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{first}%'\" removes one)."
+            f"checksums: {len(damaged)} of {len(checked)} records are damaged (the first: "
+            f"{damaged[0][:12]}); run their experiments again, which repeats them."
         )
     else:
         print(f"checksums: correct in all {len(checked)} records.")
@@ -76,7 +68,7 @@ def _problems(
     yield from _differences(stored, store, scratch / "runs.db", options)
     pages = set[str | None]()
     for experiment in experiments:
-        folder = options.results / folder_name(experiment, None, partial=False)
+        folder = options.results / experiment.name
         is_published = bool(experiment.report) and (folder / MANIFEST).is_file()
         is_stored = [run.digest in ended for run in runs_of[experiment.name]]
         if is_published:
@@ -90,7 +82,7 @@ def _problems(
 
 
 def _differences(
-    stored: Sequence[RunSpecification], store: Store, path: Path, options: argparse.Namespace
+    stored: list[RunSpecification], store: Store, path: Path, options: argparse.Namespace
 ) -> Iterator[str]:
     """Executes some stored runs again, into another store; yields a sentence for each that differs."""
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
@@ -112,19 +104,22 @@ def _difference(before: Record, after: Record) -> str:
     """Returns what differs between two records of a run; empty if nothing but times and machines does."""
     if before.status != after.status:
         return f"it was {before.status}, but is {after.status} now{f': {after.error}' * bool(after.error)}"
-
-    def bits(record: Record, name: str) -> object:
-        array = record.arrays.get(name)
-        return None if array is None else (array.dtype, array.shape, array.tobytes())
-
-    names = sorted({*before.arrays, *after.arrays})
-    differing = [name for name in names if bits(before, name) != bits(after, name)]
     old, new = (
-        {**made["versions"], "machine": made["machine"]} for made in (before.provenance, after.provenance)
+        {name: (array.dtype, array.shape, array.tobytes()) for name, array in record.arrays.items()}
+        for record in (before, after)
     )
-    others = [f"{key} {old[key]}, here {new.get(key)}" for key in old if old[key] != new.get(key)]
-    recorded = f" (recorded with {'; '.join(others)})" if others else ""
-    return f"differs in {', '.join(differing)}{recorded}" if differing else ""
+    differing = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
+    if not differing:
+        return ""
+    recorded, here = (
+        {**record.provenance["versions"], "machine": record.provenance["machine"]}
+        for record in (before, after)
+    )
+    others = [
+        f"{key} {recorded[key]}, here {here.get(key)}" for key in recorded if recorded[key] != here.get(key)
+    ]
+    with_others = f" (recorded with {'; '.join(others)})" if others else ""
+    return f"differs in {', '.join(differing)}{with_others}"
 
 
 def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) -> Iterator[str]:

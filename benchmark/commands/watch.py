@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
 from contextlib import suppress
 from typing import Final
 
@@ -11,22 +10,15 @@ from matplotlib.animation import FuncAnimation
 
 from benchmark.analysis.records import load_records
 from benchmark.commands import MOST_SEEDS
-from benchmark.drawing.film import ANIMATIONS, Film, Moment, Screen, film_of, learning, write
+from benchmark.drawing.film import ANIMATIONS, FRAME_MS, Film, Screen, film_of, learning, write
 from benchmark.drawing.style import check_file
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
-from benchmark.experiments import (
-    DEFAULT_CONDITION,
-    Experiment,
-    RunSpecification,
-    load_experiment,
-)
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, load_experiment
 from envs import InputError
 from envs.inputs import unknown_name, whole_number
 
-_FRAME_MS: Final = 80
 _WINDOWS: Final = ("macosx", "qtagg", "gtk4agg", "gtk3agg", "tkagg", "wxagg")  # backends of matplotlib
-_PAUSE: Final = 6  # frames for which the end of a walk is shown
 
 
 def specification(
@@ -54,15 +46,12 @@ def specification(
     return population.first.with_seed(seed)
 
 
-def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Film:
-    """Returns the film of a run; a missing run is trained and stored.
-
-    Readers see the name of the learner, by default its variant and observation.
+def load_film(watched: RunSpecification, store: Store, learner: str) -> Film:
+    """Returns the film of a run of a learner with this title; a missing run is trained and stored.
 
     Raises:
       InputError: Training failed.
     """
-    learner = learner or f"{watched.variant}, {watched.observation}"
     title = f"{watched.scenario.name}: {learner}, seed {watched.seed}"
     store.discard_damaged([watched.digest])
     if pending([watched], store):
@@ -70,16 +59,6 @@ def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Fil
         if errors := run([watched], store, jobs=1):
             raise InputError(f"{title}: training failed: {errors[0]}")
     return film_of(title, load_records([watched], store))
-
-
-def moments(film: Film) -> Iterator[Moment]:
-    """Yields the moment of every frame: for every map the walk, cell by cell, and then its end."""
-    for index in range(len(film.steps)):
-        end = film.end(index)
-        for n_cells in range(1, len(end.cells)):
-            yield Moment(index, end.cells[:n_cells], state=film.walks[index].states[n_cells - 1])
-        for _ in range(_PAUSE):
-            yield end
 
 
 def has_window() -> bool:
@@ -92,12 +71,10 @@ def has_window() -> bool:
 
 
 def in_window(film: Film) -> None:
-    """Plays the film in a window until the reader closes it."""
-    screen, shown = Screen([[film]]), [*moments(film)]
-    # The last frame stays. The animation is kept, or it would not be played.
-    kept = FuncAnimation(
-        screen.figure, lambda i: screen.show([shown[i]]), len(shown), interval=_FRAME_MS, repeat=False
-    )
+    """Plays the film once in a window, until the reader closes it."""
+    screen = Screen([[film]])
+    # The animation is kept, or it would not be played.
+    kept = FuncAnimation(screen.figure, screen.show, film.steps, interval=FRAME_MS, repeat=False)
     plt.show()
     del kept
 
@@ -111,13 +88,12 @@ def main(options: argparse.Namespace) -> int:
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     if options.save is None and not has_window():
         raise InputError("watch: no window can be opened here; accepted: --save FILE.")
+    title = experiment.learners[f"{watched.variant}, {watched.observation}"].title
     with Store(options.results / "runs.db") as store:
-        film = load_film(
-            watched, store, experiment.learners[f"{watched.variant}, {watched.observation}"].title
-        )
-    if options.save is not None:
+        film = load_film(watched, store, title)
+    if options.save is None:
+        in_window(film)
+    else:
         write(learning([[film]]), options.save)
         print(f"{film.title}: {options.save}")
-        return 0
-    in_window(film)
     return 0

@@ -25,10 +25,10 @@ from agents.policy import contains
 from benchmark.analysis.records import Records
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from benchmark.drawing.maps import RGB, Style, add_area, arrowheads, colour_bar, discs, dots, triangles
-from benchmark.drawing.style import check_file, figure_of
+from benchmark.drawing.style import figure_of
 from envs import ACTIONS, Model
 from envs.regions import outlines
-from envs.scene import Scene, cell_map, colour_limits, scene_of
+from envs.scene import colour_limits, scene_of
 
 ENDINGS: Final = {
     "target_ping": "success",
@@ -42,9 +42,8 @@ _DPI: Final = 100
 _CELL, _LARGE_CELL = 0.21, 0.34  # inches, of the cells of several films, and of one
 _LONGEST_SIDE: Final = 20  # inches, of a map
 _NARROWEST, _LOWEST, _GAP, _BAR = 2.6, 0.5, 0.1, 0.7  # inches: sizes of a map, gap, width of a colour bar
-_MOST_PIXELS: Final = 16_383  # of a side of a WebP
 _TITLE, _LINE, _CHARACTERS = 8, 0.14, 15  # size in points, inches of a line, characters in an inch
-_FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
+FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
 _UNKNOWN: Final[Style] = {"fc": RGB["no value"], "ec": RGB["line"], "lw": 0, "hatch": "//"}
 _OUTLINED: Final = [patheffects.withStroke(linewidth=2.8, foreground="white")]
 _PATH: Final[Style] = {"color": RGB["path"], "lw": 1.5, "path_effects": _OUTLINED, "zorder": 1.6}
@@ -53,83 +52,29 @@ _AGENT: Final[Style] = {"color": RGB["path"], "marker": "o", "ms": 8, "mec": "wh
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """One agent over its training: V maps of O cells.
-
-    With a model, O are observations, of which `seen` selects those of one position and phase of the issuer.
-    """
+    """One agent over its training: V maps of O observations."""
 
     title: str
-    scene: Scene
+    model: Model
     steps: Sequence[int]  # (V,)
     values: NDArray[np.float64]  # (V, O, A) action values, or probabilities; NaN of an agent that diverged
     greedy: NDArray[np.uint8]  # (V, O) masks
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
-    scale: tuple[float, float]  # the ends of the colours of values
-    model: Model | None = None  # unless one map shows it all, see `Model.has_cell_maps` and `cell_map`
-
-    def is_unknown(self, index: int) -> NDArray[np.bool_]:
-        """Returns in which cells of a map, (O,), there is no value, or all actions are equally good."""
-        values, greedy = self.values[index], contains(self.greedy[index])
-        # Values alone do not tell, since they are rounded.
-        is_unvisited = (values == values[:, :1]).all(axis=1) & greedy.all(axis=1)
-        return np.asarray(is_unvisited | np.isnan(values).any(axis=1))
-
-    def seen(self, moment: "Moment") -> "Film":
-        """Returns the film with the issuer where it is at a moment, in the same phase."""
-        if self.model is None:
-            return self
-        # The states that differ from the agent's by the cell alone.
-        first = moment.state - int(self.model.cell[moment.state])
-        observed = self.model.observation[first : first + len(self.model.position)]
-        scene = scene_of(self.model, int(self.model.context[moment.state]))
-        values, greedy = self.values[:, observed], self.greedy[:, observed]
-        return replace(self, scene=scene, values=values, greedy=greedy, model=None)
-
-    def end(self, index: int) -> "Moment":
-        """Returns the end of the walk at a map."""
-        walked = self.walks[index]
-        return Moment(index, walked.cells, walked.ending, walked.states[-1])
-
-    def end_at(self, step: int) -> "Moment":
-        """Returns the end of the walk at the last map that is not later than a step."""
-        return self.end(int(np.searchsorted(self.steps, step, side="right")) - 1)
-
-
-@dataclass(frozen=True)
-class Moment:
-    """What a frame shows: a map, and how far the agent has walked."""
-
-    index: int  # of the map
-    cells: tuple[int, ...]  # visited so far; the agent stands in the last
-    ending: str = ""  # how the walk ended, see `Walk`, if it has
-    state: int = 0  # the last one, which says where the issuer stands and in which phase
 
 
 def film_of(title: str, records: Records, agent: int = 0) -> Film:
     """Returns the film of one of these agents."""
-    model, indices = records.model, records.map_indices
-    arrays = records.agents[agent]
-    values, greedy = arrays["values"].astype(np.float64), arrays["greedy"][indices]
-    scale = colour_limits(values)
-    walks = [walk(model, masks, records.run.horizon) for masks in greedy]
+    model, indices, arrays = records.model, records.map_indices, records.agents[agent]
     n_starts = len(model.starts)
-    _, scene, observed = cell_map(model)
-    is_egocentric = scene.origin is not None
-    if is_egocentric:
-        cell = observed.argsort()[model.observation]  # (S,) on the map
-        values, greedy = values[:, observed], greedy[:, observed]
-        walks = [replace(walked, cells=tuple(cell[[*walked.states]].tolist())) for walked in walks]
     return Film(
         title=title if n_starts == 1 else f"{title}, first of {n_starts} starts",
-        scene=scene,
+        model=model,
         steps=np.array(records.evaluation_steps)[indices].tolist(),
-        values=values,
-        greedy=greedy,
+        values=arrays["values"].astype(np.float64),
+        greedy=arrays["greedy"][indices],
         scores=records.unbounded_scores()[agent, indices],
-        walks=walks,
-        scale=scale,
-        model=None if model.has_cell_maps or is_egocentric else model,
+        walks=[walk(model, masks, records.run.horizon) for masks in arrays["greedy"][indices]],
     )
 
 
@@ -142,7 +87,9 @@ class Screen:
     def __init__(self, rows: Sequence[Sequence[Film]]) -> None:
         """Makes the figure and shows the first map of each film."""
         films = [film for row in rows for film in row]
-        height, width = np.max([(film.scene.rows, film.scene.columns) for film in films], axis=0)
+        height, width = np.max(
+            [(film.model.scenario.grid.rows, film.model.scenario.grid.columns) for film in films], axis=0
+        )
         cell = min(_CELL if len(films) > 1 else _LARGE_CELL, _LONGEST_SIDE / max(height, width))
         width, height = max(cell * width, _NARROWEST) + _GAP, max(cell * height, _LOWEST) + _GAP
         titles = [fill(film.title, int(width * _CHARACTERS)) for film in films]
@@ -150,23 +97,24 @@ class Screen:
         n_columns = max(map(len, rows))
         size = n_columns * width + _BAR, len(rows) * height
         with figure_of(len(rows), n_columns, size) as (self.figure, axes):
-            self.figure.set_dpi(min(_DPI, _MOST_PIXELS / max(size)))
-            self._axes, self.films = list[Axes](), list[Film]()
+            self.figure.set_dpi(_DPI)
+            self._shown = list[tuple[Axes, Film, Normalize]]()
             for row, row_axes in zip(rows, axes, strict=True):
-                scale = colour_limits(np.concatenate([film.values.ravel() for film in row]))
-                colour_bar(self.figure, row_axes, Normalize(*scale), "value", extend="both")
+                norm = Normalize(*colour_limits(np.concatenate([film.values.ravel() for film in row])))
+                colour_bar(self.figure, row_axes, norm, "value", extend="both")
                 for axis in row_axes[len(row) :]:
                     axis.set_axis_off()
-                self._axes += [*row_axes[: len(row)]]
-                self.films += [replace(film, title=titles.pop(0), scale=scale) for film in row]
-            self.show([film.end(0) for film in self.films])
+                for axis, film in zip(row_axes, row, strict=False):
+                    self._shown.append((axis, replace(film, title=titles.pop(0)), norm))
+            self.show(0)
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine("none")  # a layout takes longer than a frame
 
-    def show(self, moments: Sequence[Moment]) -> None:
-        """Shows a moment of every film."""
-        for axis, film, moment in zip(self._axes, self.films, moments, strict=True):
-            _draw(axis, film.seen(moment), moment, has_arrows=len(self.films) == 1)
+    def show(self, step: int) -> None:
+        """Shows the last map of every film that is not later than a step."""
+        for axis, film, norm in self._shown:
+            index = int(np.searchsorted(film.steps, step, side="right")) - 1
+            _draw(axis, film, index, norm, has_arrows=len(self._shown) == 1)
 
     def image(self) -> Image.Image:
         """Returns the figure as an image."""
@@ -176,15 +124,23 @@ class Screen:
         return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
 
 
-def _draw(axis: Axes, film: Film, moment: Moment, *, has_arrows: bool) -> None:
-    scene, index, agent, norm = film.scene, moment.index, moment.cells[-1], Normalize(*film.scale)
-    greedy, is_unknown = contains(film.greedy[index]), film.is_unknown(index)
+def _draw(axis: Axes, film: Film, index: int, norm: Normalize, *, has_arrows: bool) -> None:
+    model, walked = film.model, film.walks[index]
+    agent, state = walked.cells[-1], walked.states[-1]
+    # The map shows the states that differ from the walk's last one by the agent's cell alone.
+    first = state - int(model.cell[state])
+    observed = model.observation[first : first + len(model.position)]
+    scene = scene_of(model, int(model.context[state]))
+    values, greedy = film.values[index, observed], contains(film.greedy[index, observed])
+    # Values alone do not tell, since they are rounded.
+    is_unvisited = (values == values[:, :1]).all(axis=1) & greedy.all(axis=1)
+    is_unknown = is_unvisited | np.isnan(values).any(axis=1)
     # All actions are greedy mostly where the agent has never been.
     is_marked = greedy & ~greedy.all(axis=1, keepdims=True) & (np.arange(scene.n_cells) != agent)[:, None]
     cell = np.flatnonzero(~is_unknown & ~scene.is_over)
     frame = pd.DataFrame(scene.position[cell.repeat(len(ACTIONS))], columns=["row", "column"])
     frame["action"] = np.tile(ACTIONS, len(cell))
-    frame["value"], frame["is_marked"] = film.values[index, cell].ravel(), is_marked[cell].ravel()
+    frame["value"], frame["is_marked"] = values[cell].ravel(), is_marked[cell].ravel()
     is_ping = frame["action"] == "PING"
     axis.clear()
     axis.set_facecolor(RGB["over"])
@@ -194,11 +150,11 @@ def _draw(axis: Axes, film: Film, moment: Moment, *, has_arrows: bool) -> None:
     if has_arrows:
         arrowheads(axis, frame[~is_ping & frame["is_marked"]])
     dots(axis, frame[is_ping & frame["is_marked"]])
-    axis.plot(*scene.position[[*moment.cells]].T[::-1], **_PATH)
+    axis.plot(*scene.position[[*walked.cells]].T[::-1], **_PATH)
     axis.plot(*scene.position[[agent]].T[::-1], **_AGENT)
-    diverged = "diverged   " if np.isnan(film.values[index]).any() else ""
-    state = f"step {film.steps[index]:,}   {diverged}score {film.scores[index]:.2f}"
-    title = f"{film.title}\n{state}\n{ENDINGS.get(moment.ending, '')}"
+    diverged = "diverged   " if np.isnan(values).any() else ""
+    numbers = f"step {film.steps[index]:,}   {diverged}score {film.scores[index]:.2f}"
+    title = f"{film.title}\n{numbers}\n{ENDINGS[walked.ending]}"
     axis.set_title(title, loc="left", size=_TITLE, parse_math=False)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="")
 
@@ -207,18 +163,14 @@ def learning(rows: Sequence[Sequence[Film]]) -> list[Image.Image]:
     """Draws agents side by side, at every step at which one of them has a map."""
     screen = Screen(rows)
     frames = []
-    for step in sorted({step for film in screen.films for step in film.steps}):
-        screen.show([film.end_at(step) for film in screen.films])
+    for step in sorted({step for row in rows for film in row for step in film.steps}):
+        screen.show(step)
         frames.append(screen.image())
     plt.close(screen.figure)
     return frames
 
 
 def write(frames: Sequence[Image.Image], path: Path) -> None:
-    """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours.
-
-    Raises an InputError if the name has another ending or the folder does not exist.
-    """
-    check_file(path, *ANIMATIONS)
-    duration = [_FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
+    """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours."""
+    duration = [FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
     frames[0].save(path, save_all=True, append_images=frames[1:], loop=0, quality=70, duration=duration)

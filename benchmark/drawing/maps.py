@@ -222,13 +222,9 @@ def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
         axis.plot(column, row, **_GLYPHS[glyph.kind] | {"ms": scale * _GLYPHS[glyph.kind]["ms"]})
     axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
     axis.spines[:].set_visible(True)
-    row, column = scene.origin or (0, 0)
-    xticks = range(column % (width := max(scene.columns // 6, 1)), scene.columns, width)
-    yticks = range(row % (height := max(scene.rows // 5, 1)), scene.rows, height)
-    axis.set_xticks(xticks, [f"{x - column}".replace("-", "−") for x in xticks])
-    axis.set_yticks(yticks, [f"{y - row}".replace("-", "−") for y in yticks])
-    names = ("columns from the issuer", "rows from the issuer") if scene.origin else ("column", "row")
-    axis.set(xlabel=names[0], ylabel=names[1])
+    axis.set_xticks(range(0, scene.columns, max(scene.columns // 6, 1)))
+    axis.set_yticks(range(0, scene.rows, max(scene.rows // 5, 1)))
+    axis.set(xlabel="column", ylabel="row")
 
 
 def add_area(axis: Axes, loops: Sequence[Loop], style: Style) -> None:

@@ -23,7 +23,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from benchmark.drawing.style import in_dark, learner_style
-from benchmark.drawing.tables import inert, paragraph, plain
+from benchmark.drawing.tables import inert, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.page import episode
 from benchmark.reports import explorer, files, sameness
@@ -48,7 +48,6 @@ _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
 _IMPORT: Final = re.compile(r'^import (?:\{[^}]*\} from )?"\./(\w+\.js)";\n', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
-_TEMPORARY: Final = ("*_smoke", "*_partial", "*_seeds_*")  # folders that the list of results leaves out
 
 
 def published(results: Path) -> list[Path]:
@@ -77,34 +76,30 @@ def write(results: Path, experiment: str | None = None) -> Path:
             files.write_text(path, content)
         if experiment in PUBLISHED:
             (results / str(experiment) / ".gitignore").unlink(missing_ok=True)
-        elif experiment is not None and _is_in_repository(results):
+        elif experiment is not None and results.resolve() == sameness.REPOSITORY / "results":
             files.write_text(page.with_name(".gitignore"), "*\n")
     return page
 
 
 def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, str]]:
-    """Yields the paths and texts of a page and of the list of all results.
+    """Yields the paths and texts of a page and of the list of published results; may raise an `InputError`.
 
-    Args:
-      results: The folder of results.
-      experiment: One that has a chapter, or None: the page shows all chapters whose results are there, and is
-        `index.html` of `results`. Another one: the page shows that alone, and lies in its folder.
-
-    Raises:
-      InputError: There is nothing to show.
+    The page shows all chapters whose results are there, and is `index.html` of `results`. But that of an
+    experiment without a chapter shows it alone, and lies in its folder.
     """
     has_own_page = experiment not in (None, *CHAPTERS)
     folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
     if not folders:
-        others = ", ".join(sorted(path.parent.name for path in results.glob(f"*/{MANIFEST}")))
-        hint = f"; the page of {others} is in its folder" if others else ""
         raise InputError(
             f"{results}: there are no results of {' or '.join(CHAPTERS)} to report; make reproduce and make "
-            f"compare-deep make them{hint}."
+            "compare-deep make them."
         )
     page = (folders[0] if has_own_page else results) / "index.html"
     yield page, _render([_Part(folder, "" if has_own_page else f"{folder.name}/") for folder in folders])
-    yield results / "README.md", _index(results)
+    if listed := published(results):
+        template = templates_in(_TEMPLATES).get_template("index.md.jinja")
+        findings = {folder.name: _finding(folder) for folder in listed}
+        yield results / "README.md", template.render(findings=findings, has_page=bool(chapters(results)))
 
 
 class _Part:
@@ -317,25 +312,8 @@ def _scripts(name: str) -> dict[str, str]:
     return texts | {name: _EXPORT.sub("", _IMPORT.sub("", text))}
 
 
-def _is_in_repository(results: Path) -> bool:
-    return results.resolve() == sameness.REPOSITORY / "results"
-
-
-def _index(results: Path) -> str:
-    """Returns the list of results: the published ones, and outside of the repository all others."""
-    folders = published(results)
-    if not _is_in_repository(results):
-        others = sorted(path.parent for path in results.glob(f"[!.]*/{MANIFEST}"))
-        folders += [path for path in others if path not in folders and not any(map(path.match, _TEMPORARY))]
-    template = templates_in(_TEMPLATES).get_template("index.md.jinja")
-    findings = {folder.name: _finding(folder) for folder in folders}
-    return template.render(findings=findings, has_page=bool(chapters(results)))
-
-
 def _finding(path: Path) -> str:
-    folder, text = Folder(path), ""
-    with suppress(InputError), folder.reading():  # a folder of a user may be damaged, or lack its code
-        text = paragraph(folder.manifest["description"])
-        if headline := Document(path).headline:
-            text = plain(headline.partition("\n\n")[0])
-    return text
+    folder = Folder(path)
+    with suppress(InputError), folder.reading():  # it may be damaged
+        return plain((Document(path).headline or "").partition("\n\n")[0])
+    return ""

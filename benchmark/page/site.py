@@ -47,16 +47,14 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
 
     Args:
       results: The folder of published results; its page is written, too.
-      site: The folder of the site; what is there must be a site, or empty.
+      site: The folder of the site: a new one, or one with a site.
       packages: What has API pages, with all modules inside.
 
     Raises:
-      InputError: There is nothing to show, see `benchmark.page.build.write`; or the site would delete
-        something else.
+      InputError: There is nothing to show, or the folder has something else.
     """
-    is_other = site.exists() and not (site.is_dir() and (not any(site.iterdir()) or (site / _MARK).is_file()))
-    if is_other or results.resolve().is_relative_to(site.resolve()):
-        raise InputError(f"SITE={site}: it has other files; accepted: a new or empty folder, or a site.")
+    if site.exists() and not (site / _MARK).is_file():
+        raise InputError(f"SITE={site}: it is no site; accepted: a new folder, or a site made before.")
     build.write(results)
     shutil.rmtree(site, ignore_errors=True)
     for folder in build.published(results):

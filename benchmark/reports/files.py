@@ -85,7 +85,13 @@ def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a file, whole, or raises an InputError. The caller must be `alone` in its folder."""
+    """Writes a file, whole, unless it has this text. The caller must be `alone` in its folder.
+
+    Raises:
+      InputError: It cannot be written.
+    """
+    if path.is_file() and path.read_bytes() == text.encode():
+        return
     made = path.with_name(f".{path.name}{_MAKING}")
     try:
         with _input_errors(path):

@@ -17,7 +17,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of results with one run, which was trained to be watched: a table in S1."""
     folder = tmp_path_factory.mktemp("watched")
     with Store(folder / "runs.db") as store:
-        watch.load_film(RUN, store)
+        watch.load_film(RUN, store, "table")
     return folder
 
 
@@ -25,4 +25,4 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def film(watched: Path) -> Film:
     """The film of that run."""
     with Store(watched / "runs.db", read_only=True) as store:
-        return watch.load_film(RUN, store)
+        return watch.load_film(RUN, store, "table")

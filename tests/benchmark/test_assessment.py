@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
 from benchmark.assessment import Act, assess, draw_map, standing_of
-from envs import EVENTS, InputError, Scenario, compile_scenario, load_scenario
+from envs import EVENTS, InputError, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table
 
 S1 = compile_scenario(load_scenario("S1"))
 UP, DOWN, LEFT, RIGHT = range(4)
-TWO_PLACES = load_scenario("S1", {"issuer.position": [[6, 8], [3, 8]], "observe": ["agent", "issuer"]})
 
 
 def optimal(scenario: str) -> Act:
@@ -97,22 +96,8 @@ def test_answers_that_mean_ping(answer: object) -> None:
 )  # fmt: skip
 def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
     shown = re.escape(" ".join(repr(answer).split()))
-    with pytest.raises(InputError, match=f"^act: returned {shown} for observation 14 "):
+    with pytest.raises(InputError, match=f"^act: returned {shown} for observation 14; "):
         assess(lambda o: answer if o == 14 else 0, scenario="S1", observation="index")
-
-
-@pytest.mark.parametrize(
-    ("scenario", "observation", "o", "named"),
-    [
-        ("Counted", "index", 385, "observation 385 (row 2, column 1, wrong_pings 3)"),
-        ("Anywhere", "offset", 212, "observation 212 (the issuer's row +0, column -6 from the agent)"),
-    ],
-)
-def test_a_refusal_names_the_observation_by_its_parts(
-    scenario: str, observation: str, o: int, named: str
-) -> None:
-    with pytest.raises(InputError, match=re.escape(named)):
-        assess(lambda number: 9 if number == o else 0, scenario=scenario, observation=observation)
 
 
 @pytest.mark.parametrize("observation", ["index", "one_hot", "coordinates"])
@@ -135,7 +120,7 @@ def test_observations_are_those_of_the_environment(observation: str) -> None:
 def test_functions_with_memory_are_refused() -> None:
     calls, rng = count(), np.random.default_rng(0)
     for act in (lambda _: next(calls) % 5, lambda _: rng.integers(5)):
-        with pytest.raises(InputError, match=r"another answer, asked again"):
+        with pytest.raises(InputError, match="another answer for the same observation"):
             assess(act, scenario="S1", observation="index")
 
 
@@ -221,7 +206,7 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
             "zip: cannot be loaded: .* accepted: what model.save of stable_baselines3:PPO has",
         ),
         ({"stochastic": True}, "stochastic = True: accepted only with action probabilities"),
-        ({"algorithm": None}, "zip: the algorithm is missing"),
+        ({"algorithm": None}, "zip: algorithm = None: accepted: module:class"),
     ],
 )
 def test_mistakes_about_saved_models(saved: dict[str, Path], options: dict[str, Any], expected: str) -> None:
@@ -326,23 +311,6 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
 # Map
 
 
-@pytest.mark.parametrize(
-    ("scenario", "shown"),
-    [
-        ("Walls", []),
-        ("MoodyHidden", ["the issuer in row 6, column 8; phase: calm"]),
-        (TWO_PLACES, ["the issuer in row 6, column 8, the first of 2 places"]),
-        ("Counted", ["the issuer in row 6, column 8; no wrong PING yet"]),
-    ],
-)
-def test_a_map_says_which_observations_it_shows_unless_it_shows_all(
-    scenario: str | Scenario, shown: list[str]
-) -> None:
-    figure = draw_map(assess(lambda _: PING, scenario=scenario, observation="index"))
-    _, *rest = figure.axes[0].get_title().split("\n")
-    assert rest == shown
-
-
 def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
     def act(o: NDArray[np.float32]) -> list[float]:
         row = round(float(o[0]) * 9)
@@ -361,16 +329,13 @@ def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
     dots = [line for line in axis.lines if line.get_marker() == "o"]
     cells = np.asarray(dots[0].get_xydata())
     assert sorted(cells.tolist()) == [[c, 6] for c in range(12) if c != 8]
-    around = draw_map(assess(towards, scenario="Anywhere", observation="offset")).axes[0]
-    assert around.get_ylabel() == "rows from the issuer"
 
 
-def test_maps_are_written_with_equal_bytes_or_it_is_reported(tmp_path: Path) -> None:
+def test_maps_are_written_with_equal_bytes(tmp_path: Path) -> None:
     assessment = assess(lambda _: PING, scenario="S1", observation="index")
     for name in ("one.svg", "other.SVG"):
         assessment.draw(tmp_path / name)
     assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.SVG").read_bytes()
-    (tmp_path / "folder.png").mkdir()
-    for name in ("map.pdf", "nowhere/map.png", "folder.png"):
+    for name in ("map.pdf", "nowhere/map.png"):
         with pytest.raises(InputError, match=name):
             assessment.draw(tmp_path / name)

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -23,11 +22,9 @@ algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 1 }
 
 
 def sentence(package: str, reason: str) -> str:
-    installed = version(package).partition("+")[0]
-    return (
-        f"the package {package} cannot be imported ({reason}); "
-        f"if it is broken, pip install --force-reinstall {package}=={installed} repairs it."
-    )
+    advice = f"if it is broken, pip install --force-reinstall {package} repairs it"
+    constraints = "(in a checkout: with -c constraints.txt)"
+    return f"the package {package} cannot be imported ({reason}); {advice} {constraints}."
 
 
 def benchmark(folder: Path, package: str, content: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -42,7 +39,6 @@ def benchmark(folder: Path, package: str, content: str, *arguments: str) -> subp
     ("package", "content", "reason", "command"),
     [
         ("numba", "import ctypes; ctypes.CDLL('/no.so')", "OSError: /no.so: cannot open", "run reproduce"),
-        ("numba", "", "ModuleNotFoundError: No module named 'numba.core'", "watch"),  # there in part
         ("numpy", "raise ImportError('planted')", "ImportError: planted", "--help"),
     ],
 )
@@ -50,9 +46,9 @@ def test_commands_name_a_broken_package(
     tmp_path: Path, package: str, content: str, reason: str, command: str
 ) -> None:
     done = benchmark(tmp_path, package, content, *command.split())
-    before, _, after = sentence(package, reason).rpartition(")")
+    before, after = sentence(package, reason).split("); ")
     assert done.stderr.startswith(f"error: {before}"), done.stderr
-    assert done.stderr.endswith(f"){after}\n")
+    assert done.stderr.endswith(f"); {after}\n")
     assert done.stderr.count("\n") == 1
     assert done.returncode == 2
 
@@ -68,12 +64,11 @@ def test_run_names_the_package_that_a_worker_cannot_import(tmp_path: Path) -> No
 def test_packages_are_imported_in_processes_of_their_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     fakes = {
         "tabulate": "import time; time.sleep(1000)",
         "packaging": "import os; os.abort()",
         "pygame": "print('said'); raise SystemError('planted')",
-        "pdoc": "import pygame",
         "rich": "import os; os._exit(3)",
     }
     for name, content in fakes.items():
@@ -81,10 +76,9 @@ def test_packages_are_imported_in_processes_of_their_own(
     assert unusable(["tabulate"], jobs=1, limit_s=0.5) == {
         "tabulate": sentence("tabulate", "not imported within 0.5 s")
     }
-    assert unusable(["packaging", "jinja2", "pygame", "pdoc", "rich"], jobs=2) == {
-        "packaging": sentence("packaging", "importing it ended by signal 6"),
+    assert unusable(["packaging", "jinja2", "pygame", "rich"], jobs=2) == {
+        "packaging": sentence("packaging", "importing it ended with exit code -6"),
         "pygame": sentence("pygame-ce", "SystemError: planted"),
-        "pdoc": sentence("pygame-ce", "SystemError: planted"),  # the one that is broken
         "rich": sentence("rich", "importing it ended with exit code 3"),
     }
 

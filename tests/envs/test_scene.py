@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from envs import ZONES, compile_scenario, load_scenario
-from envs.observations import compile_seen
-from envs.scene import cell_map, colour_limits, scene_of
+from envs.scene import colour_limits, scene_of
 
 S1 = compile_scenario(load_scenario("S1"))
 
@@ -56,28 +55,3 @@ def test_people_look_where_they_look_if_it_matters() -> None:
         assert person.heading == heading
         assert tip == pytest.approx(0.5 * np.array(heading))
         assert np.mean(base, axis=0) == pytest.approx(0.2 * np.array(heading))
-
-
-@pytest.mark.parametrize("name", ["Anywhere", "Walking"])
-def test_egocentric_map_has_the_scenarios_zones_around_the_issuer(name: str) -> None:
-    model = compile_seen(load_scenario(name), "offset")
-    room, scene, observation = cell_map(model)
-    assert (scene.rows, scene.columns, scene.origin, scene.cells_of("issuer")) == (19, 23, (9, 11), [218])
-    # The agent is three columns to the left of an issuer who is three columns to its right.
-    assert observation[9 * 23 + 8] == 9 * 23 + 14
-    zone_of = dict(zip(observation.tolist(), scene.zone, strict=True))
-    seen = model.observation[model.fresh_state].tolist()
-    assert [ZONES[zone] for zone in model.zone_of_cell] == [zone_of[o] for o in seen]
-    starts = observation[room.cell[room.starts]]
-    assert {*starts.tolist()} == {*model.observation[model.starts].tolist()}
-
-
-def test_other_maps_are_of_cells() -> None:
-    walk = {"observe": ["offset"], "issuer.walk": {"corners": [[6, 4]]}}
-    for scenario in (
-        load_scenario("TwoPeople", {"observe": ["offset"]}),
-        load_scenario("Moody", {"observe": ["offset", "phase"]}),
-        load_scenario("Egg", walk),
-    ):
-        model = compile_scenario(scenario)
-        assert cell_map(model).scene is scene_of(model)

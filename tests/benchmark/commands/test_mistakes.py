@@ -52,7 +52,7 @@ FILES = {
         ("watch --save film.mp4", "film.mp4"),
         ("watch --save nowhere/film.gif", "nowhere"),
         ("assess --observation index --agent mistaken_agent:wrong", "observation 0"),
-        ("assess --observation index --agent mistaken_agent:nothing", "mistaken_agent:nothing"),
+        ("assess --observation index --agent mistaken_agent:nothing", "agent = None: "),
         ("assess --observation index --agent mistaken_agent:act --scenario S7", "S7"),
         ("assess --observation index --agent mistaken_agent:act --save map.gif", "map.gif"),
         ("assess --observation index --agent a:b --model c.zip", "--agent"),

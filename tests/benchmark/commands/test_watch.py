@@ -1,7 +1,6 @@
 """The command that shows how an agent learns: the run it shows, and how it is played."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from matplotlib.backend_bases import FigureCanvasBase, TimerBase
 
 from benchmark.__main__ import main
 from benchmark.commands import watch
-from benchmark.drawing.film import Film, Moment, Screen
+from benchmark.drawing.film import Film, Screen
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
@@ -24,7 +23,7 @@ COMPARED = load_experiment("compare_deep")
 def test_the_run_is_that_of_the_experiment_and_is_stored(film: Film, watched: Path) -> None:
     with Store(watched / "runs.db", read_only=True) as store:
         (record,) = store.get(list(store.ended()))
-        again = watch.load_film(watch.specification(COMPARED, "S1", "q_learning", "index", 0), store)
+        again = watch.load_film(watch.specification(COMPARED, "S1", "q_learning", "index", 0), store, "")
     assert record.digest == all_specifications(COMPARED, [0])[0].digest
     assert (again.values == film.values).all()
     assert np.abs(film.values[-1] - record.arrays["q"]).max() <= 0.0005 + 1e-7  # three decimals
@@ -52,19 +51,8 @@ def test_any_scenario_can_be_watched(
             assert run.digest in store.ended()
 
 
-def test_moments_walk_cell_by_cell_at_every_map(film: Film) -> None:
-    shown = list(watch.moments(film))
-    assert [moment.index for moment in shown] == sorted(moment.index for moment in shown)
-    assert {moment.index for moment in shown} == set(range(26))
-    last = [moment for moment in shown if moment.index == 25]
-    assert [len(moment.cells) for moment in last[:11]] == list(range(1, 12))
-    assert all(last[i].cells == last[-1].cells[: i + 1] for i in range(11))
-    assert {moment.ending for moment in last[:11]} == {""}
-    assert last[-1].ending == "target_ping"
-
-
-def test_window_plays_every_moment_once(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[Moment] = []
+def test_window_plays_every_map_once(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[int] = []
     timers: list[TimerBase] = []
 
     def new_timer(_: FigureCanvasBase, **given: Any) -> TimerBase:
@@ -73,21 +61,19 @@ def test_window_plays_every_moment_once(film: Film, monkeypatch: pytest.MonkeyPa
 
     def watch_to_the_end() -> None:
         plt.gcf().canvas.draw()
-        shown.clear()  # the first moment is shown before the animation starts, too
+        shown.clear()  # the first map is shown before the animation starts, too
         (timer,) = timers
-        for _ in range(len(expected) + 5):
+        for _ in range(2 * len(film.steps)):
             for play, arguments, named in timer.callbacks[:]:
                 if play(*arguments, **named) is False:  # as a timer does then
                     timer.callbacks.clear()
 
-    short = replace(film, steps=film.steps[:2])
-    expected = list(watch.moments(short))
-    monkeypatch.setattr(Screen, "show", lambda _, moments: shown.extend(moments))
+    monkeypatch.setattr(Screen, "show", lambda _, step: shown.append(step))
     monkeypatch.setattr(FigureCanvasBase, "new_timer", new_timer)
     monkeypatch.setattr(plt, "show", watch_to_the_end)
-    watch.in_window(short)
+    watch.in_window(film)
     plt.close("all")
-    assert [(moment.index, moment.cells) for moment in shown] == [(m.index, m.cells) for m in expected]
+    assert shown == film.steps
 
 
 def test_a_window_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -214,13 +214,12 @@ def test_git_has_the_published_results_and_ignores_those_of_users(
 
 def test_list_of_results_has_their_findings_by_importance(results: Path, tmp_path: Path) -> None:
     shutil.copytree(results, tmp_path / "results")
-    for name in ("mine", "mine_partial"):
-        shutil.copytree(results / "reproduce", tmp_path / "results" / name)
+    shutil.copytree(results / "reproduce", tmp_path / "results" / "mine")
     build.write(tmp_path / "results")
     listed = re.findall(
         r"^- \[(\w+)\]\((\w+)/README.md\): (.*?)$", (tmp_path / "results" / "README.md").read_text(), re.M
     )
-    assert [name for name, _, _ in listed] == ["compare_deep", "reproduce", "speed", "mine"]
+    assert [name for name, _, _ in listed] == ["compare_deep", "reproduce", "speed"]
     assert all(name == folder for name, folder, _ in listed)
     assert all(finding.startswith("The worst score is ") for _, _, finding in listed)
 
