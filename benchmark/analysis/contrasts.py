@@ -37,12 +37,6 @@ class Means:
         """The mean over scenarios."""
         return float(np.mean(self.means))
 
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the mean over scenarios."""
-        share = 1 / len(self.means)
-        return combined([share] * len(self.means), self.means, self.sizes)
-
 
 @dataclass(frozen=True)
 class Contrast:
@@ -83,20 +77,6 @@ def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int
     low = -margin if verdict in (BETTER, EQUIVALENT) else -math.inf
     high = margin if verdict in (WORSE, EQUIVALENT) else math.inf
     return [i for i, difference in enumerate(differences) if not low < difference < high]
-
-
-def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) -> int:
-    """Returns how few runs show that two learners are equivalent if all runs of both succeed.
-
-    Means are over scenarios, and p-values are multiplied by the number of contrasts, which Holm's method
-    never exceeds. In `contrast`, the exact lower end of a mean of n successes is p^(1/n), and the ends of
-    both sides' M means combine to a p-value of (1 - margin * sqrt(M))^n.
-
-    >>> runs_for_any_equivalence(0.1, 1, 1), runs_for_any_equivalence(0.1, 1, 51)
-    (29, 66)
-    """
-    reach = margin * math.sqrt(n_scenarios)
-    return math.ceil(math.log((1 - LEVEL) / n_contrasts) / math.log1p(-reach)) if reach < 1 else 1
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

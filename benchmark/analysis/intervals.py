@@ -97,6 +97,13 @@ def combined(
     )
 
 
+def mean_over_scenarios(values: Sequence[NDArray[np.float64]]) -> Estimate:
+    """Returns the mean over scenarios of the mean of each one's numbers in [0, 1], with its interval."""
+    means = [float(numbers.mean()) for numbers in values]
+    weights = [1 / len(values)] * len(values)
+    return Estimate(float(np.mean(means)), *combined(weights, means, [*map(len, values)]))
+
+
 def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float) -> float:
     """Returns the one-sided p-value of a weighted sum of means being at most a value.
 

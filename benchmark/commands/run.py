@@ -13,8 +13,8 @@ from benchmark.execution import driver
 from benchmark.execution.executors import EXECUTORS, ExecutorFactory
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
-from benchmark.reports import draw, load_report
+from benchmark.experiments import RunSpecification, all_specifications, load_experiment
+from benchmark.reports import draw
 from envs import InputError
 from envs.packages import needed_by
 
@@ -39,8 +39,6 @@ def main(options: argparse.Namespace) -> int:
         )
     executor = EXECUTORS.get(options.executor)
     check_scores(all_specifications(experiment, seeds))
-    if text := forecast(experiment):
-        print(f"{name}: {text}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)
@@ -90,12 +88,6 @@ def _execute(
     which = f", {n_diverged} of them diverged" if n_diverged else ""
     print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
     return 0
-
-
-def forecast(experiment: Experiment) -> str:
-    """Returns what an experiment's runs cannot show, in a sentence; empty if it has no report to say so."""
-    report = experiment.report
-    return "" if report is None else load_report(report.kind, experiment.argument).forecast(experiment)
 
 
 def connect(address: str, algorithms: Collection[str]) -> "Cluster":

@@ -14,8 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from benchmark.analysis.contrasts import Means
-from benchmark.analysis.intervals import Estimate, combined, interval, resample
+from benchmark.analysis.intervals import Estimate, combined, interval, mean_over_scenarios, resample
 from benchmark.analysis.search import AROUND, Areas, best_apart, chosen_by, everywhere, outcomes, settings_of
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import figure_of
@@ -87,10 +86,10 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         yield _names(learner) | {
             "trial": outcome.chosen,
             "settings": _text(experiment, learner, outcome.chosen),
-            "default": mean(default),
-            "chosen": mean(best),
+            "default": mean_over_scenarios(default),
+            "chosen": mean_over_scenarios(best),
             "gain": gain(best, default),
-            "per_scenario": mean(apart),
+            "per_scenario": mean_over_scenarios(apart),
             "sensitivity": gain(apart, best),
             "found": float(max(areas.mean() for areas in outcome.searched)),
         }
@@ -241,7 +240,7 @@ def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
                 "setting": setting or "none",
                 "value": value or "as chosen",
                 "n": sum(map(len, parts)),
-                "area": mean(parts),
+                "area": mean_over_scenarios(parts),
                 "difference": gain(parts, areas["", ""]),
             }
 
@@ -340,12 +339,6 @@ def _text(experiment: Experiment, learner: Learner, trial: int) -> str:
     values = {key.split(".")[-1]: _at(settings, key) for key in learner.declared.search}
     texts = [f"{key} {json.dumps(value)}" for key, value in values.items() if value is not None]
     return ", ".join(texts) or "default"
-
-
-def mean(areas: Sequence[Areas]) -> Estimate:
-    """Returns the mean over scenarios of means over runs, given the numbers in [0, 1] of each scenario."""
-    means = Means([float(part.mean()) for part in areas], [*map(len, areas)])
-    return Estimate(means.mean, *means.interval)
 
 
 def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:

@@ -9,11 +9,12 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.reports.folder import PICTURES
 from benchmark.reports.search import check
-from benchmark.reports.search.results import expected_best, gain, mean
+from benchmark.reports.search.results import expected_best, gain
 from envs import InputError
 from tests.benchmark.reports.conftest import experiment_of
 from tests.support import ROOT, mistyped_columns
@@ -46,8 +47,9 @@ def test_expected_best_of_all_draws(b: int) -> None:
 
 def test_means_are_over_scenarios() -> None:
     x, y = [np.ones(10), np.zeros(20)], [np.zeros(10), np.zeros(20)]
-    assert mean(x).value == gain(x, y).value == 0.5
-    assert mean(x).low < 0.5 < mean(x).high
+    mean = mean_over_scenarios(x)
+    assert mean.value == gain(x, y).value == 0.5
+    assert mean.low < 0.5 < mean.high
     assert gain(x, y).low > 0
     assert gain(x, x) == (0, 0, 0)  # the same runs
     assert gain(y, [np.zeros(10), np.zeros(20)]).low < 0  # others that fail, too
