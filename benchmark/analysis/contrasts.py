@@ -8,8 +8,7 @@ equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -25,8 +24,7 @@ VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT)
 POWER: Final = 0.8  # probability with which a needed number of agents decides
 
 
-@dataclass(frozen=True)
-class Means:
+class Means(NamedTuple):
     """A learner's means of numbers in [0, 1], one per scenario, and how many runs each is of."""
 
     means: Sequence[float]
@@ -38,8 +36,7 @@ class Means:
         return float(np.mean(self.means))
 
 
-@dataclass(frozen=True)
-class Contrast:
+class Contrast(NamedTuple):
     """A difference, x - y, with p-values before adjustment."""
 
     difference: float
@@ -66,13 +63,9 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
 
 
 def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int]:
-    """Returns which scenarios contradict a verdict on their mean; if any does, the verdict is *mixed*.
+    """Returns which scenarios contradict a verdict on their mean, by x - y in each, by the margin or more.
 
-    Opposite differences, x - y in each scenario, must not cancel: none may contradict the verdict by the
-    margin or more.
-
-    >>> mixed(EQUIVALENT, [0.3, -0.15, -0.15], 0.1), mixed(BETTER, [0.3, 0.0, -0.05], 0.1)
-    ([0, 1, 2], [])
+    If any does, the verdict is *mixed*: opposite differences must not cancel.
     """
     low = -margin if verdict in (BETTER, EQUIVALENT) else -math.inf
     high = margin if verdict in (WORSE, EQUIVALENT) else math.inf
@@ -80,11 +73,7 @@ def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Returns p-values adjusted by Holm's method, in the same order.
-
-    >>> [round(p, 6) for p in holm([0.01, 0.04, 0.03, 0.005])]
-    [0.03, 0.06, 0.06, 0.02]
-    """
+    """Returns p-values adjusted by Holm's method, in the same order."""
     n, adjusted, largest = len(p_values), [0.0] * len(p_values), 0.0
     for rank, i in enumerate(np.argsort(p_values, kind="stable").tolist()):
         largest = max(largest, min((n - rank) * p_values[i], 1.0))
@@ -93,12 +82,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
-    """Returns the verdict on x against y, by their difference, x - y, and adjusted p-values.
-
-    A significant difference that is also significantly below the margin counts as equivalence.
-    """
+    """Returns the verdict on x against y, by their difference, x - y, and adjusted p-values."""
     if p_equivalent <= 1 - LEVEL:
-        return EQUIVALENT
+        return EQUIVALENT  # even if a difference is significant, too
     if p_different <= 1 - LEVEL:
         return BETTER if difference > 0 else WORSE
     return UNDECIDED
@@ -110,10 +96,7 @@ def decide(
     is_allowed: Sequence[bool],
     adjust: Callable[[Sequence[float]], list[float]] = holm,
 ) -> list[Mapping[str, object]]:
-    """Returns the adjusted p-values of all contrasts, and verdicts on those that are allowed.
-
-    With `list` as `adjust`, p-values stay as they are.
-    """
+    """Returns the adjusted p-values of all contrasts, and verdicts on those that are allowed."""
     different = adjust([compared.p_different for compared in contrasts])
     equivalent = adjust([compared.p_equivalent for compared in contrasts])
     decided: list[Mapping[str, object]] = []

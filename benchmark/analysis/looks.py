@@ -51,11 +51,7 @@ class Contrast(NamedTuple):
 
 
 def tail_of(n_contrasts: int, n_looks: int) -> float:
-    """Returns the probability that one end of an interval may leave out.
-
-    >>> round(tail_of(10, 5), 6)
-    0.000333
-    """
+    """Returns the probability that one end of an interval may leave out."""
     return (1 - LEVEL) / (_ENDS * n_contrasts * n_looks)
 
 

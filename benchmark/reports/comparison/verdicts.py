@@ -1,13 +1,11 @@
 """Differences between cells, and what they come to.
 
-A row is the difference of two cells, or of two means of cells over scenarios: x minus y. Contrasts have
-verdicts, with p-values adjusted as declared; effects are exploratory. The rules of verdicts and outcomes are
-in `document.md.jinja`. Contrasts that name scenarios or conditions have verdicts of their own, and no part in
+A row is the difference of two cells, or of two means of cells over scenarios: x minus y. The rules of
+verdicts and outcomes are in `document.md.jinja`. Contrasts that name scenarios or conditions have no part in
 the outcome.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict
 from itertools import product
 from typing import Final, Literal, NamedTuple
 
@@ -78,7 +76,7 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
         decisions = decide(tests, is_allowed=allowed, adjust=adjust)
         for case, row, (x, y), test, decision in zip(cases, rows, sides, tests, decisions, strict=True):
             verdict, apart = _over_scenarios(str(decision["verdict"]), x, y, margin)
-            values = {"x": x.mean, "y": y.mean, **asdict(test), **decision, "verdict": verdict}
+            values = {"x": x.mean, "y": y.mean, **test._asdict(), **decision, "verdict": verdict}
             values |= {"margin": margin, "largest": max(a - b for a, b in zip(x.means, y.means, strict=True))}
             values["except"] = ", ".join(case.cells["scenario"].iloc[apart])
             for key, value in values.items():

@@ -103,10 +103,7 @@ def _draw(tables: Frames, experiment: Experiment, kinds: Mapping[str, str]) -> F
 
 
 def _axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float], list[str]]:
-    """Returns the only axis of a grid, its values as numbers, by name, and as they are written.
-
-    5x6 is written 5×6, and is the number 30.
-    """
+    """Returns the only axis of a grid, its values as numbers, by name (5x6 is 30), and as written, 5×6."""
     ((axis, names),) = experiment.declared.grids[grid].axes.items()
     values = {name: math.prod(float(part) for part in name.split("x")) for name in names}
     return axis, values, [name.replace("x", "×") for name in names]

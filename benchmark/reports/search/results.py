@@ -342,10 +342,8 @@ def _text(experiment: Experiment, learner: Learner, trial: int) -> str:
 
 
 def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
-    """Returns the difference of two such means, x minus y, as of independent runs.
-
-    Scenarios in which both sides are the same runs change neither the difference nor its interval.
-    """
+    """Returns the difference of two means over scenarios, x minus y, as of independent runs."""
+    # Scenarios in which both sides are the same runs change neither the difference nor its interval.
     apart = [pair for pair in zip(x, y, strict=True) if pair[0] is not pair[1]]
     sides, weights = [side for pair in apart for side in pair], [1 / len(x), -1 / len(x)] * len(apart)
     means = [float(side.mean()) for side in sides]
