@@ -6,8 +6,7 @@ probability of any wrong claim of a difference is at most about 5 %, and so is t
 equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -62,14 +61,17 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
     )
 
 
-def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int]:
-    """Returns which scenarios contradict a verdict on their mean, by x - y in each, by the margin or more.
+def contradicting(verdict: str, ends: Iterable[tuple[float, float]], margin: float) -> list[int]:
+    """Returns which scenarios contradict a verdict on their mean by the margin or more.
 
-    If any does, the verdict is *mixed*: opposite differences must not cancel.
+    Each is given by both ends of an interval of its difference, x - y. If a difference itself contradicts,
+    the verdict is *mixed*: opposite differences must not cancel.
     """
-    low = -margin if verdict in (BETTER, EQUIVALENT) else -math.inf
-    high = margin if verdict in (WORSE, EQUIVALENT) else math.inf
-    return [i for i, difference in enumerate(differences) if not low < difference < high]
+    return [
+        i
+        for i, (low, high) in enumerate(ends)
+        if (verdict != WORSE and low <= -margin) or (verdict != BETTER and high >= margin)
+    ]
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

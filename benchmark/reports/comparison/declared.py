@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from benchmark.experiments import Experiment, Learner, Reporting
+from benchmark.experiments import Experiment, Reporting
 from envs import InputError
 from envs.inputs import unknown_name
 
@@ -61,11 +61,6 @@ def decisive_learners(experiment: Experiment) -> list[str]:
     reporting = reporting_of(experiment)
     names = dict.fromkeys(x for x, y in reporting.contrasts if y in reporting.baseline)
     return [name for name in names if experiment.learners[name].family == "deep"]
-
-
-def is_own(learner: Learner) -> bool:
-    """Returns whether it is neither a reference implementation nor a planner, which knows the model."""
-    return not learner.reference_for and learner.family != "planner"
 
 
 def check(experiment: Experiment) -> None:

@@ -20,10 +20,10 @@ from benchmark.analysis.contrasts import (
     UNDECIDED,
     WORSE,
     Means,
+    contradicting,
     contrast,
     decide,
     holm,
-    mixed,
 )
 from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.experiments import Experiment
@@ -206,10 +206,6 @@ def _over_scenarios(verdict: str, x: Means, y: Means, margin: float) -> tuple[st
         contrast(Means([a], [n]), Means([b], [m]), margin)
         for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
     ]
-    if contradicting := mixed(verdict, [one.difference for one in alone], margin):
-        return MIXED, contradicting
-    lows, highs = [one.low_90 for one in alone], [one.high_90 for one in alone]
-    apart = set() if verdict == WORSE else {i for i, low in enumerate(lows) if low <= -margin}
-    if verdict != BETTER:
-        apart |= {i for i, high in enumerate(highs) if high >= margin}
-    return verdict, sorted(apart)
+    if apart := contradicting(verdict, [(one.difference, one.difference) for one in alone], margin):
+        return MIXED, apart
+    return verdict, contradicting(verdict, [(one.low_90, one.high_90) for one in alone], margin)

@@ -13,16 +13,9 @@ from envs import InputError
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, an experiment without a search, or with a planner in it."""
+    """Refuses, by an InputError, an experiment without a search."""
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
-    for learner in experiment.learners.values():
-        if learner.family == "planner":
-            where = f"{experiment.argument}: algorithms.{learner.variant}"
-            raise InputError(
-                f"{where}.algorithm = {learner.declared.algorithm}: it is a planner, which learns nothing; "
-                "accepted: learning algorithms."
-            )
 
 
 def headline(folder: Folder) -> str:

@@ -63,7 +63,7 @@ _LABELS: Final = {
 _item: Final = partial(item, meanings=_MEANINGS)
 _columns: Final = partial(labelled_columns, _LABELS)
 _AREA: Final = "mean area under the curve of success"
-_TITLES: Final = {"tabular": "tables", "deep": "nets"}
+_TITLES: Final = {"tabular": "tables", "deep": "nets", "planner": "planners"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
 _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
 _CLOSE: Final = 0.05  # areas that differ by less are close to each other
@@ -115,8 +115,7 @@ def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @best_of.figure("What tuning buys: the result that is expected of the best of b trials.")
 def _(tables: Frames, experiment: Experiment) -> Figure:
     frame, default = tables["best_of"], tables["chosen"]
-    families = [learner.family for learner in experiment.learners.values()]
-    panels = [family for family in _TITLES if family in families]
+    panels = [*dict.fromkeys(learner.family for learner in experiment.learners.values())]
     million = (frame["steps"] / frame["trials"]).iloc[0] / 1e6
     with figure_of(1, len(panels), (11.0, 5.0)) as (figure, axes):
         for axis, family in zip(axes[0], panels, strict=True):

@@ -14,10 +14,10 @@ from benchmark.analysis.contrasts import (
     UNDECIDED,
     WORSE,
     Means,
+    contradicting,
     contrast,
     decide,
     holm,
-    mixed,
     verdict,
 )
 
@@ -53,7 +53,7 @@ def test_verdicts(difference: float, p_different: float, p_equivalent: float, ex
     ],
 )
 def test_no_scenario_contradicts_a_mean(verdict: str, differences: list[float], expected: list[int]) -> None:
-    assert mixed(verdict, differences, 0.1) == expected
+    assert contradicting(verdict, zip(differences, differences, strict=True), 0.1) == expected
 
 
 shares = st.tuples(*[st.integers(0, 20).map(lambda count: count / 20)] * 2)
