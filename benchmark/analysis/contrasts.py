@@ -6,10 +6,8 @@ probability of any wrong claim of a difference is at most about 5 %, and so is t
 equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -25,8 +23,7 @@ VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT)
 POWER: Final = 0.8  # probability with which a needed number of agents decides
 
 
-@dataclass(frozen=True)
-class Means:
+class Means(NamedTuple):
     """A learner's means of numbers in [0, 1], one per scenario, and how many runs each is of."""
 
     means: Sequence[float]
@@ -37,15 +34,8 @@ class Means:
         """The mean over scenarios."""
         return float(np.mean(self.means))
 
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the mean over scenarios."""
-        share = 1 / len(self.means)
-        return combined([share] * len(self.means), self.means, self.sizes)
 
-
-@dataclass(frozen=True)
-class Contrast:
+class Contrast(NamedTuple):
     """A difference, x - y, with p-values before adjustment."""
 
     difference: float
@@ -71,40 +61,21 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
     )
 
 
-def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int]:
-    """Returns which scenarios contradict a verdict on their mean; if any does, the verdict is *mixed*.
+def contradicting(verdict: str, ends: Iterable[tuple[float, float]], margin: float) -> list[int]:
+    """Returns which scenarios contradict a verdict on their mean by the margin or more.
 
-    Opposite differences, x - y in each scenario, must not cancel: none may contradict the verdict by the
-    margin or more.
-
-    >>> mixed(EQUIVALENT, [0.3, -0.15, -0.15], 0.1), mixed(BETTER, [0.3, 0.0, -0.05], 0.1)
-    ([0, 1, 2], [])
+    Each is given by both ends of an interval of its difference, x - y. If a difference itself contradicts,
+    the verdict is *mixed*: opposite differences must not cancel.
     """
-    low = -margin if verdict in (BETTER, EQUIVALENT) else -math.inf
-    high = margin if verdict in (WORSE, EQUIVALENT) else math.inf
-    return [i for i, difference in enumerate(differences) if not low < difference < high]
-
-
-def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) -> int:
-    """Returns how few runs show that two learners are equivalent if all runs of both succeed.
-
-    Means are over scenarios, and p-values are multiplied by the number of contrasts, which Holm's method
-    never exceeds. In `contrast`, the exact lower end of a mean of n successes is p^(1/n), and the ends of
-    both sides' M means combine to a p-value of (1 - margin * sqrt(M))^n.
-
-    >>> runs_for_any_equivalence(0.1, 1, 1), runs_for_any_equivalence(0.1, 1, 51)
-    (29, 66)
-    """
-    reach = margin * math.sqrt(n_scenarios)
-    return math.ceil(math.log((1 - LEVEL) / n_contrasts) / math.log1p(-reach)) if reach < 1 else 1
+    return [
+        i
+        for i, (low, high) in enumerate(ends)
+        if (verdict != WORSE and low <= -margin) or (verdict != BETTER and high >= margin)
+    ]
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Returns p-values adjusted by Holm's method, in the same order.
-
-    >>> [round(p, 6) for p in holm([0.01, 0.04, 0.03, 0.005])]
-    [0.03, 0.06, 0.06, 0.02]
-    """
+    """Returns p-values adjusted by Holm's method, in the same order."""
     n, adjusted, largest = len(p_values), [0.0] * len(p_values), 0.0
     for rank, i in enumerate(np.argsort(p_values, kind="stable").tolist()):
         largest = max(largest, min((n - rank) * p_values[i], 1.0))
@@ -113,12 +84,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
-    """Returns the verdict on x against y, by their difference, x - y, and adjusted p-values.
-
-    A significant difference that is also significantly below the margin counts as equivalence.
-    """
+    """Returns the verdict on x against y, by their difference, x - y, and adjusted p-values."""
     if p_equivalent <= 1 - LEVEL:
-        return EQUIVALENT
+        return EQUIVALENT  # even if a difference is significant, too
     if p_different <= 1 - LEVEL:
         return BETTER if difference > 0 else WORSE
     return UNDECIDED
@@ -130,10 +98,7 @@ def decide(
     is_allowed: Sequence[bool],
     adjust: Callable[[Sequence[float]], list[float]] = holm,
 ) -> list[Mapping[str, object]]:
-    """Returns the adjusted p-values of all contrasts, and verdicts on those that are allowed.
-
-    With `list` as `adjust`, p-values stay as they are.
-    """
+    """Returns the adjusted p-values of all contrasts, and verdicts on those that are allowed."""
     different = adjust([compared.p_different for compared in contrasts])
     equivalent = adjust([compared.p_equivalent for compared in contrasts])
     decided: list[Mapping[str, object]] = []

@@ -6,18 +6,20 @@ All published tables and figures are computed from these two, but for maps of wh
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from agents.dynamic_programming import evaluate
+from agents.policy import uniform_policy
 from benchmark.analysis.records import Array, Records, load_records
 from benchmark.execution.solving import solved
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import Population, RunSpecification
-from envs import ZONES, InputError
+from envs import ZONES, InputError, Model
 
 RecordsOf = Callable[[Population], Records]  # of all its runs
 Floats = NDArray[np.float64]
@@ -40,9 +42,7 @@ def keys_of(population: Population) -> dict[str, str]:
     """Returns the columns that name a population, with one for each axis of its condition."""
     learner, condition = population.learner, population.condition
     names = population.scenario.name, condition.name, learner.variant, learner.observation, learner.name
-    keys = dict(zip(KEYS, names, strict=True))
-    taken = {*KEYS, *_RUN_COLUMNS, *_CURVE_COLUMNS, *ENDPOINTS, "seed", "step", "budget", "policy"}
-    return keys | {f"axis_{axis}" if axis in taken else axis: name for axis, name in condition.axes.items()}
+    return dict(condition.axes) | dict(zip(KEYS, names, strict=True))
 
 
 def tables(
@@ -109,17 +109,20 @@ def _final(name: str, start: str, records: Records, policy: str) -> Floats:
     return _over_training(name, start, records, policy)[:, -1]
 
 
+@lru_cache(maxsize=128)
+def _random_success(model: Model, horizon: int) -> float:
+    """Returns how often the random policy succeeds, exactly."""
+    return float(evaluate(model, uniform_policy(model), horizon).success)
+
+
 def _unseen_success(records: Records, _: str) -> Floats:
     """Returns the success in unseen places, (N,); NaN without any."""
     return np.array([[*agent["unseen_success"], math.nan][0] for agent in records.agents])
 
 
-def area(success: Floats, steps: Sequence[int]) -> Floats:
-    """Returns the area under curves of success, (..., T), relative to that of a success of 1 from the start.
-
-    >>> float(area(np.array([0.0, 1.0, 1.0]), [0, 10, 20]))
-    0.75
-    """
+def _area(records: Records, policy: str) -> Floats:
+    """Returns the area under curves of success, (N,), relative to that of a success of 1 from the start."""
+    success, steps = _over_training("success", "start", records, policy), records.evaluation_steps
     return np.asarray(np.trapezoid(success, steps) / (steps[-1] - steps[0]))
 
 
@@ -127,11 +130,11 @@ _RUN_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     **{name: partial(_final, name, "start") for name in ENDPOINTS},
     **{f"every_cell_{name}": partial(_final, name, "every_cell") for name in ENDPOINTS},
     "greedy_success": lambda records, _: records.arrays["success"][:, -1],
-    "random_success": lambda records, _: np.full(len(records.seeds), records.random_success),
-    "unseen_success": _unseen_success,
-    "area": lambda records, policy: area(
-        _over_training("success", "start", records, policy), records.evaluation_steps
+    "random_success": lambda records, _: np.full(
+        len(records.seeds), _random_success(records.model, records.run.horizon)
     ),
+    "unseen_success": _unseen_success,
+    "area": _area,
     "target_cells_marked": lambda records, _: (records.values_ping & records.in_target).sum(axis=1),
     "cells_marked": lambda records, _: records.values_ping.sum(axis=1),
     "region_overlap": lambda records, _: records.region_overlap,

@@ -36,8 +36,7 @@ class Estimate(NamedTuple):
 def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
     """Draws how often each agent counts in each resample, (RESAMPLES + 1, N); in the first, all count once.
 
-    The product of this matrix with the agents' values resamples their sum. Populations of the same scenario
-    and size share the draws.
+    Populations of the same scenario and size share the draws.
     """
     rng = np.random.default_rng([BOOTSTRAP_SEED, *scenario.encode()])
     counts = rng.multinomial(n_agents, np.full(n_agents, 1 / n_agents), size=RESAMPLES)
@@ -71,9 +70,7 @@ def proportion_interval(
 
 
 def proportion(values: NDArray[np.generic]) -> Estimate:
-    """Returns means over N agents of (N, ...) numbers in [0, 1]; NaN without agents."""
-    if not len(values):
-        return Estimate(np.nan, np.nan, np.nan)
+    """Returns means over N agents of (N, ...) numbers in [0, 1]."""
     mean = values.mean(axis=0)
     return Estimate(mean, *proportion_interval(mean, len(values)))
 
@@ -97,6 +94,13 @@ def combined(
     )
 
 
+def mean_over_scenarios(values: Sequence[NDArray[np.float64]]) -> Estimate:
+    """Returns the mean over scenarios of the mean of each one's numbers in [0, 1], with its interval."""
+    means = [float(numbers.mean()) for numbers in values]
+    weights = [1 / len(values)] * len(values)
+    return Estimate(float(np.mean(means)), *combined(weights, means, [*map(len, values)]))
+
+
 def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float) -> float:
     """Returns the one-sided p-value of a weighted sum of means being at most a value.
 
@@ -115,9 +119,7 @@ def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[in
 def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1) -> Estimate:
     """Returns means over N agents of (N, ...) values without outliers, with Student's intervals.
 
-    Where all agents agree, the interval has no width. By Bonferroni's correction, `n_means` intervals contain
-    all their true means at once with this level of confidence, however the values of an agent depend on each
-    other.
+    By Bonferroni's correction, `n_means` intervals contain all their true means at once with this confidence.
     """
     n = len(values)
     t = stats.t.ppf(1 - (1 - level) / (2 * n_means), n - 1)

@@ -51,11 +51,7 @@ class Contrast(NamedTuple):
 
 
 def tail_of(n_contrasts: int, n_looks: int) -> float:
-    """Returns the probability that one end of an interval may leave out.
-
-    >>> round(tail_of(10, 5), 6)
-    0.000333
-    """
+    """Returns the probability that one end of an interval may leave out."""
     return (1 - LEVEL) / (_ENDS * n_contrasts * n_looks)
 
 
@@ -84,13 +80,13 @@ def took(curves: pd.DataFrame, level: float, budget: float = math.inf) -> pd.Dat
     """Returns what the runs of a population took until they had learned within a budget.
 
     Returns:
-      A row for each run, with its `seed`; the keys of `SPENT`, infinite if it never learned; `success` at the
+      A row for each run: the keys of `SPENT`, infinite if it never learned; `success` at the
       last evaluation within the budget; and, with the prefix `spent_`, what it had spent by then.
     """
     curves = curves[curves["step"] <= budget]
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
     first, last = learned(success, steps, level, until=2), len(steps) - 1
-    of_runs = {"seed": by_step(curves, "seed")[:, 0], "success": success[:, last]}
+    of_runs = {"success": success[:, last]}
     for name, column in SPENT.items():
         values = by_step(curves, column).astype(float)
         at_first = values[np.arange(len(values)), np.minimum(first, last)]

@@ -58,16 +58,6 @@ class Records:
         """(V,) indices of the map steps among the evaluation steps."""
         return np.flatnonzero(self.run.schedule.is_mapped)
 
-    @property
-    def anchors(self) -> Mapping[str, tuple[float, float]]:
-        """Exact returns from the start, see the function `anchors`."""
-        return anchors(self.model, self.run.horizon, "start")
-
-    @property
-    def random_success(self) -> float:
-        """How often the random policy succeeds, exactly."""
-        return _random_success(self.model, self.run.horizon)
-
     def unbounded_scores(self, policy: str = "greedy", start: str = "start") -> NDArray[np.float64]:
         """Returns grid returns, scaled so that 0 is the random policy and 1 the optimal one, (N, T).
 
@@ -123,11 +113,7 @@ class _Stacked(dict[str, Array]):
 
 
 def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
-    """Reads the records of runs that differ by their seed alone.
-
-    Raises:
-      InputError: Some are missing or failed.
-    """
+    """Reads the records of runs that differ by their seed alone; an InputError says if any is missing."""
     ended = store.ended()
     if missing := [run.seed for run in runs if run.digest not in ended]:
         raise InputError(
@@ -144,15 +130,9 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
 
 
 @lru_cache(maxsize=128)
-def _random_success(model: Model, horizon: int) -> float:
-    return float(evaluate(model, uniform_policy(model), horizon).success)
-
-
-@lru_cache(maxsize=128)
 def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float, float]]:
-    """Computes the exact returns of the random and of the optimal policy.
+    """Computes the exact returns of the random and of the optimal policy, from `"start"` or `"every_cell"`.
 
-    Episodes start at `"start"` or in `"every_cell"`, and are truncated at the horizon. Of both policies,
     `"grid_return"` is the sum of the grid's rewards alone, and `"scenario_return"` that with the issuer's.
     """
     starts = every_cell(model) if start == "every_cell" else from_starts(model)
@@ -165,11 +145,7 @@ def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float,
 
 
 def check_anchors(model: Model, horizon: int, start: str) -> None:
-    """Checks that scores are defined: that the optimal policy earns more than the random one.
-
-    Raises:
-      InputError: It does not.
-    """
+    """Raises an InputError if the optimal policy earns no more than the random one: scores are undefined."""
     random, optimal = anchors(model, horizon, start)["grid_return"]
     if optimal - random <= OPTIMUM_TOLERANCE:
         raise InputError(

@@ -10,10 +10,7 @@ from benchmark.experiments import Experiment, RunSpecification, interleaved
 
 
 def stages(experiment: Experiment, store: Store, seeds: Sequence[int] | None = None) -> Iterator[list[Group]]:
-    """Yields the runs of one stage after the other, as long as those before are stored.
-
-    An experiment has a single stage, but for a search and for one that declares looks.
-    """
+    """Yields the runs of one stage after the other, as long as those before are stored."""
     if not experiment.has_stages:
         yield [Group(population, population.runs(seeds)) for population in experiment.populations]
         return

@@ -40,13 +40,7 @@ class Walk:
 
 
 def walk(model: Model, greedy: NDArray[np.uint8], horizon: int) -> Walk:
-    """Walks by a greedy policy, as the module's docstring says.
-
-    Args:
-      model: Compiled scenario.
-      greedy: (O,) masks of greedy actions, see `agents.policy`.
-      horizon: Most steps, at least 1.
-    """
+    """Walks by a greedy policy, (O,) masks of `agents.policy`, for at most `horizon` steps, at least 1."""
     choices = [np.flatnonzero(row).tolist() for row in contains(greedy)]
     draws = mulberry32(_SEED)
     states, actions = [model.start], list[int]()

@@ -23,9 +23,8 @@ def main(options: argparse.Namespace) -> int:
     parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
     name, seeds = experiment.name, parse_seeds(options.seeds)
-    forecast = ""  # what the runs cannot show
     if options.report or experiment.report is not None:
-        forecast = draw.report_of(experiment, is_drawn=options.report).forecast(experiment)
+        draw.report_of(experiment)
     if options.report and min(map(len, experiment.seed_ranges if seeds is None else [seeds])) < 2:
         raise InputError(
             "--report: one seed gives no interval; accepted: at least two seeds for every variant."
@@ -36,8 +35,6 @@ def main(options: argparse.Namespace) -> int:
         )
     executor = EXECUTORS.get(options.executor)
     check_scores(all_specifications(experiment, seeds))
-    if forecast:
-        print(f"{name}: {forecast}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)

@@ -41,7 +41,6 @@ SEARCHED: Final[list[str]] = []
 DEFAULT_CONDITION: Final = "default"
 MOST_CONDITIONS: Final = 10_000  # of an experiment
 MOST_BASES: Final = 16  # of an experiment that extends one that extends another, and so on
-MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others power
 LARGEST_MARGIN: Final = 0.2
 
 # Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.

@@ -7,7 +7,7 @@ between two of its cells, or between means of cells over scenarios.
 from pathlib import Path
 
 from benchmark.reports.comparison import results, scenarios, training
-from benchmark.reports.comparison.declared import check, forecast
+from benchmark.reports.comparison.declared import check
 from benchmark.reports.item import Report
 
 REPORT = Report(
@@ -32,8 +32,6 @@ REPORT = Report(
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=results.headline,
-    forecast=forecast,
     lead="summary",
-    packages=("rliable",),
     can_be_partial=True,
 )

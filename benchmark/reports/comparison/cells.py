@@ -9,7 +9,6 @@ from benchmark.analysis.frames import KEYS, by_population
 from benchmark.analysis.intervals import Estimate, student
 from benchmark.experiments import Experiment, Learner
 from benchmark.reports.comparison.columns import EFFORT
-from benchmark.reports.comparison.declared import is_own
 
 Row = dict[str, Any]
 
@@ -26,9 +25,10 @@ def own_rows(frame: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     Learners are in the order declared, but references behind their learners.
     """
     names: list[str] = []
-    for own in filter(is_own, experiment.learners.values()):
-        references = [name for name, other in experiment.learners.items() if other.reference_for == own.name]
-        names += [own.name, *references]
+    for own in experiment.learners.values():
+        if not own.reference_for and own.family != "planner":
+            names.append(own.name)
+            names += [name for name, other in experiment.learners.items() if other.reference_for == own.name]
     rank = frame["learner"].map({name: i for i, name in enumerate(names)})
     return frame.loc[rank.dropna().sort_values(kind="stable").index]
 

@@ -1,13 +1,9 @@
 """What a comparison decides, as its experiment declares it."""
 
-import math
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from benchmark.analysis.contrasts import runs_for_any_equivalence
-from benchmark.analysis.frames import keys_of
-from benchmark.experiments import Experiment, Learner, Reporting
-from benchmark.experiments.schema import MOST_CONTRASTS
+from benchmark.experiments import Experiment, Reporting
 from envs import InputError
 from envs.inputs import unknown_name
 
@@ -29,11 +25,7 @@ def side_name(side: Side) -> str:
 
 
 def reporting_of(experiment: Experiment) -> Reporting:
-    """Returns what is declared; if that is nothing, every deep learner is compared with the first table.
-
-    Raises:
-      InputError: There are too many deep learners for that.
-    """
+    """Returns what is declared; if that is nothing, every deep learner is compared with the first table."""
     reporting = experiment.report
     assert reporting is not None
     own = [learner for learner in experiment.learners.values() if not learner.reference_for]
@@ -42,11 +34,6 @@ def reporting_of(experiment: Experiment) -> Reporting:
     is_declared = bool(reporting.contrasts or reporting.baseline or reporting.effects)
     if is_declared or not tables or not deep:
         return reporting
-    if len(deep) > MOST_CONTRASTS:
-        raise InputError(
-            f"{experiment.argument}: report: there are {len(deep)} deep learners; accepted: a key "
-            f"contrasts in [report], unless there are at most {MOST_CONTRASTS}."
-        )
     pairs = tuple((name, tables[0]) for name in deep)
     return reporting.model_copy(update={"baseline": (tables[0],), "contrasts": pairs})
 
@@ -57,10 +44,10 @@ def contrasts_of(experiment: Experiment) -> list[Pair]:
     return [_pair(experiment, f"contrasts.{i}", x, y) for i, (x, y) in contrasts]
 
 
-def effects_of(experiment: Experiment) -> dict[str, Pair]:
-    """Returns the effects by name, with their sides resolved; an InputError says which side is wrong."""
+def effects_of(experiment: Experiment) -> list[tuple[str, Pair]]:
+    """Returns the effects, each with its name and its sides; an InputError says which side is wrong."""
     effects = enumerate(reporting_of(experiment).effects)
-    return {name: _pair(experiment, f"effects.{i}", x, y) for i, (x, y, name) in effects}
+    return [(name, _pair(experiment, f"effects.{i}", x, y)) for i, (x, y, name) in effects]
 
 
 def compared_learners(experiment: Experiment) -> list[str]:
@@ -76,36 +63,26 @@ def decisive_learners(experiment: Experiment) -> list[str]:
     return [name for name in names if experiment.learners[name].family == "deep"]
 
 
-def is_own(learner: Learner) -> bool:
-    """Returns whether it is neither a reference implementation nor a planner, which knows the model."""
-    return not learner.reference_for and learner.family != "planner"
-
-
 def check(experiment: Experiment) -> None:
     """Checks what an experiment declares to be compared.
 
     Raises:
-      InputError: A side of a contrast or effect is wrong or declared twice, the baseline is no table, a deep
-        learner is compared with some baselines alone, all algorithms are planners, or budgets are not in
-        steps.
+      InputError: A side of a contrast or effect is wrong, a baseline is no table or is not compared with
+        every deep learner of these contrasts, all algorithms are planners, or budgets are not in steps.
     """
     source, reporting = experiment.argument, reporting_of(experiment)
-    contrasts = contrasts_of(experiment)
-    for i, pair in enumerate(contrasts):
-        where, (x, y) = f"{source}: report.contrasts.{i}", reporting.contrasts[i]
-        if pair in contrasts[:i] or pair[::-1] in contrasts[:i]:
-            raise InputError(f"{where} = {[x, y]}: it is declared twice; remove one.")
-        if x in reporting.baseline and experiment.learners[y].family == "deep":
-            raise InputError(
-                f"{where} = {[x, y]}: accepted: the baseline second, since the question is whether deep RL "
-                "is better."
-            )
+    contrasts_of(experiment)
     effects_of(experiment)
-    names = [name for _, _, name in reporting.effects]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f'{source}: report.effects: "{name}" is the name of two; accepted: one each.')
-    _check_baselines(experiment)
+    tables = [name for name, learner in experiment.learners.items() if learner.family == "tabular"]
+    for y in reporting.baseline:
+        if y not in tables:
+            unknown_name(f"{source}: report.baseline", "table", y, tables)
+        for x in decisive_learners(experiment) or ["LEARNER"]:
+            if (x, y) not in reporting.contrasts:
+                raise InputError(
+                    f'{source}: report.contrasts: accepted: one that is ["{x}", "{y}"], since {y} is a '
+                    "baseline, which every deep learner of these contrasts has to beat."
+                )
     if {learner.family for learner in experiment.learners.values()} == {"planner"}:
         raise InputError(f"{source}: algorithms: accepted: at least one that is not a planner.")
     for population in experiment.populations:
@@ -115,57 +92,6 @@ def check(experiment: Experiment) -> None:
                 f"{source}: algorithms.{population.learner.variant}.settings.budget_unit = {unit}: "
                 "accepted: steps, in which a comparison counts."
             )
-
-
-def _check_baselines(experiment: Experiment) -> None:
-    source, reporting, decisive = experiment.argument, reporting_of(experiment), decisive_learners(experiment)
-    tables = [name for name, learner in experiment.learners.items() if learner.family == "tabular"]
-    for name in reporting.baseline:
-        if name not in tables:
-            unknown_name(f"{source}: report.baseline", "table", name, tables)
-        if reporting.baseline.count(name) > 1:
-            raise InputError(f"{source}: report.baseline: {name} is named twice; remove one.")
-        if not decisive:
-            raise InputError(
-                f"{source}: report.contrasts: none compares a deep learner with {name}; "
-                f'accepted: at least one like ["LEARNER", "{name}"].'
-            )
-        for learner in decisive:
-            if (learner, name) not in reporting.contrasts:
-                raise InputError(
-                    f"{source}: report.contrasts: {learner} is compared with another baseline and not "
-                    f"with {name}; accepted: contrasts with all or none."
-                )
-
-
-def forecast(experiment: Experiment) -> str:
-    """Says before any run if the declared runs cannot show equivalence, even if all succeed; else empty."""
-    reporting, contrasts = reporting_of(experiment), contrasts_of(experiment)
-    if not contrasts:
-        return ""
-    n = min(
-        len(population.seeds)
-        for population in experiment.populations
-        if population.learner.family != "planner"
-        and any(side.items() <= keys_of(population).items() for pair in contrasts for side in pair)
-    )
-    is_pooled, n_scenarios = reporting.pool == "scenarios", len(experiment.scenarios)
-    sizes = {
-        "learner": sum(map(is_own, experiment.learners.values())),
-        "scenario": 1 if is_pooled else n_scenarios,
-        "condition": len(experiment.conditions),
-    }
-    n_tests = sum(math.prod(sizes[axis] for axis in AXES if axis not in x) for x, _ in contrasts)
-    margin, n_adjusted = reporting.margins.success, n_tests if reporting.adjust == "holm" else 1
-    n_averaged = n_scenarios if is_pooled and not any("scenario" in x for x, _ in contrasts) else 1
-    needed = runs_for_any_equivalence(margin, n_averaged, n_adjusted)
-    if n >= needed:
-        return ""
-    among = f" and {n_adjusted} contrasts" if n_adjusted > 1 else ""
-    return (
-        f"With {n} runs{among}, equivalence within {margin:g} cannot be shown, even if all runs succeed: "
-        f"that takes {needed:,} runs per scenario and learner."
-    )
 
 
 def _pair(experiment: Experiment, key: str, x: str, y: str) -> Pair:
@@ -179,16 +105,15 @@ def _pair(experiment: Experiment, key: str, x: str, y: str) -> Pair:
 def _side(experiment: Experiment, where: str, text: str) -> Side:
     """Returns the columns that a side names: learner, scenario and condition, joined by " @ "."""
     names = (experiment.learners, experiment.scenarios, experiment.conditions)
-    known = {axis: [*of_axis] for axis, of_axis in zip(AXES, names, strict=True)}
+    axis_of = {name: axis for axis, of_axis in zip(AXES, names, strict=True) for name in of_axis}
     side: dict[str, str] = {}
     for part in text.split(" @ "):
-        axes = [axis for axis in AXES if part in known[axis]]
-        if not axes:
-            accepted = [f'"{name}"' for of_axis in names for name in of_axis]
+        if part not in axis_of:
+            accepted = [f'"{name}"' for name in axis_of]
             unknown_name(where, "learner, scenario or condition", f'"{part}"', accepted)
-        axis = next((axis for axis in axes if axis not in side), None)
-        if axis is None:
-            raise InputError(f'{where} = "{text}": accepted: at most one {axes[0]} on a side.')
+        axis = axis_of[part]
+        if axis in side:
+            raise InputError(f'{where} = "{text}": accepted: at most one {axis} on a side.')
         if axis == "learner" and experiment.learners[part].family == "planner":
             raise InputError(f'{where} = "{text}": it knows the model; accepted: learners.')
         side[axis] = part

@@ -200,7 +200,5 @@ def reference_note(drawn: Drawn, tables: Frames, experiment: Experiment) -> str:
     if "summary" in tables:
         n = rows_of(labelled(tables["summary"]), dict.fromkeys(names, ()))["n"]
         sizes = f", {n.min()} runs" if n.min() == n.max() else f", {n.min()} to {n.max()} runs"
-    algorithms = [experiment.learners[name].algorithm for name in names]
-    nets = [algorithm for algorithm in algorithms if algorithm.family == "deep"]
-    is_sb3 = bool(nets) and all("stable_baselines3" in net.packages for net in nets)
+    is_sb3 = any("stable_baselines3" in experiment.learners[name].algorithm.packages for name in names)
     return f"; hollow: reference implementations{sizes}{', nets by Stable-Baselines3 itself' * is_sb3}"

@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from scipy import stats
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, VERDICTS, WORSE, Means
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, VERDICTS, WORSE
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
-from benchmark.analysis.intervals import Estimate, proportion
+from benchmark.analysis.intervals import mean_over_scenarios, proportion
 from benchmark.drawing.style import INK, figure_of
 from benchmark.drawing.tables import link, write_csv
 from benchmark.experiments import Experiment
@@ -33,16 +34,15 @@ from envs.scene import COLOUR_MAP
 from envs.words import listed
 
 _MOST_DRAWN: Final = 12  # contrasts
-_FEWEST_COUNTED: Final = 7  # contrasts
 _SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "=", MIXED: "±"}  # of verdicts
-# What they mean against several baselines, see `standings`
+# What they mean, see `standings`
 _THAN: Final = {
     BETTER: " than all",
     WORSE: " than at least one",
     EQUIVALENT: " to at least one, worse than none",
 }
-# Groups of scenarios in a figure, from top to bottom
-_GROUPS: Final[Mapping[str, str]] = {
+# What outcomes mean, in the order of scenarios in a figure
+_OUTCOMES: Final = {
     "earns": "a net is better than the tables",
     "another class": "a net with a policy of another class is better",
     "no table learned": "only nets learned",
@@ -102,9 +102,9 @@ outcomes = item(
     meanings={"n": "contrasts", **dict.fromkeys(VERDICTS, "contrasts with this verdict")},
 )
 def verdicts(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> Iterator[Row]:
-    """Counts contrasts of the same two sides, if they are many."""
+    """Counts contrasts of the same two sides, if there are many scenarios."""
     rows = pd.DataFrame(contrast_rows(runs, experiment, is_partial))
-    if len(rows) < _FEWEST_COUNTED or not rows.duplicated(["x", "y"]).any():
+    if "scenario" not in rows or rows["scenario"].nunique() <= figures.FEW:
         return
     counted = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
     for (x, y), verdicts in rows.groupby(["x", "y"], sort=False)["success_verdict"]:
@@ -125,8 +125,6 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     if "algorithm" not in table:
         return None
     frame = figures.labelled(table[table["algorithm"].notna()])
-    if "condition" in frame:
-        frame["effect"] += ", " + frame["condition"].fillna("all conditions")
     learners = compared_learners(experiment) or list(frame["learner"].unique())
     names = list(frame["effect"].unique())
     labels = {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"}
@@ -246,14 +244,12 @@ def _heat(tables: Frames, experiment: Experiment) -> Figure:
         axis.spines[:].set_visible(False)
         at = 0
         for title, names in groups.items():
-            if title:
-                axis.text(1.01, at - 0.3, fill(title, 22), va="top", transform=axis.get_yaxis_transform())
-                axis.axhline(at - 0.5, color="black", lw=1.2) if at else None
+            axis.text(1.01, at - 0.3, fill(title, 22), va="top", transform=axis.get_yaxis_transform())
+            axis.axhline(at - 0.5, color="black", lw=1.2) if at else None
             at += len(names)
         lines = [f"success probability after {usual:,} steps of training, mean over runs"]
         if signs:
-            than = {} if len(baselines) == 1 else _THAN
-            meanings = [f"{sign} {verdict}{than.get(verdict, '')}" for verdict, sign in _SIGNS.items()]
+            meanings = [f"{sign} {verdict}{_THAN.get(verdict, '')}" for verdict, sign in _SIGNS.items()]
             lines.append(f"against {listed(experiment.learners[name].title for name in baselines)}:")
             lines.append(f"{', '.join(meanings)}; no sign: undecided or not compared")
         figure.supxlabel("\n".join(lines), fontsize="small")
@@ -267,7 +263,7 @@ def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
     outcome_of = figures.labelled(tables["outcomes"]).set_index("scenario")["outcome"]
     groups = {
         title: [name for name in scenarios if outcome_of.get(name) == outcome]
-        for outcome, title in _GROUPS.items()
+        for outcome, title in _OUTCOMES.items()
     }
     return {title: names for title, names in groups.items() if names}
 
@@ -291,8 +287,6 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
 )
 def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Computes means over scenarios, if these are pooled."""
-    from rliable import metrics
-
     if reporting_of(experiment).pool != "scenarios":
         return
     for names, learner, rows in populations(runs, experiment, "scenario"):
@@ -300,12 +294,10 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         row: Row = {**names, "policy": rows["policy"].iloc[0], "runs": len(rows), **effort(learner)}
         for name in (*ENDPOINTS, *(f"every_cell_{endpoint}" for endpoint in ENDPOINTS)):
             if name in runs:
-                values = [here[name].to_numpy() for here in scenarios]
-                mean = Means([float(scores.mean()) for scores in values], [*map(len, values)])
-                row[name] = Estimate(mean.mean, *mean.interval)
+                row[name] = mean_over_scenarios([here[name].to_numpy() for here in scenarios])
         final = [here["unbounded_score"].to_numpy() for here in scenarios]
         row["unbounded_score"] = np.mean([values.mean() for values in final])
-        row["iqm"] = metrics.aggregate_iqm(np.concatenate(final)[:, None])
+        row["iqm"] = stats.trim_mean(np.concatenate(final), 0.25)
         yield row
 
 
@@ -320,61 +312,14 @@ def scores(runs: pd.DataFrame, experiment: Experiment, path: Path) -> None:
 scores.meanings = MEANINGS | {"training_wrong_pings": "wrong PINGs of the whole training"}
 
 
-# The answer in a sentence: what is said of scenarios by their outcome, in this order
-_OUTCOMES: Final[Mapping[str, str]] = {
-    "earns": "deep RL earns its keep",
-    "another class": "a net is better than all tables to beat, of which those that learned have policies of "
-    "another class",
-    "does not earn": "deep RL does not earn its keep",
-    "no table learned": "only nets are shown to beat the random policy",
-    "neither learned": "neither tables nor nets are shown to beat the random policy",
-    "mixed": "results are mixed",
-    "undecided": "it is undecided whether deep RL earns its keep",
-    "unequal budgets": "it is left open whether deep RL earns its keep, as budgets differ",
-    "no verdict": "there is no verdict",
-}
-
-
 def headline(folder: Folder) -> str | None:
-    """Returns in one sentence what was found."""
+    """Returns in one sentence how often each outcome came up, or else each verdict on success."""
     if "contrasts.csv" not in folder:
-        return "There is no verdict on any contrast."
-    contrasts, start = folder.frame("contrasts"), _setting(folder)
-    if "outcomes.csv" not in folder:
-        counts = contrasts["success_verdict"].value_counts()
-        counted = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts]
-        n = link(str(len(contrasts)), "contrasts", contrasts)
-        return (
-            f"{start}, verdicts on success in {n} contrast{'s' * (len(contrasts) != 1)}: {listed(counted)}."
-        )
-    table = folder.frame("outcomes")
-    names = figures.labelled(table)["scenario"]
-    if not any(names):
-        scenarios = [*folder.manifest["scenarios"]]
-        where = "on average over" if len(scenarios) > 1 else "in"
-        return f"{start}, {_OUTCOMES[table['outcome'].iloc[0]]} {where} {listed(scenarios)}."
-    parts = []
-    for outcome, text in _OUTCOMES.items():
-        if len(rows := table[table["outcome"] == outcome]):
-            where = f" ({listed(names[rows.index])})" if len(rows) <= figures.FEW else ""
-            parts.append(f"{text} in {link(str(len(rows)), 'outcomes', rows)}{where}")
-    kind = "scenarios" if "condition" not in table else "conditions" if "scenario" not in table else "cases"
-    return f"{start}, of {len(table)} {kind}: {'; '.join(parts)}."
-
-
-def _setting(folder: Folder) -> str:
-    """Returns with what budgets and how many runs the learners of the contrasts were trained."""
-    contrasts = folder.frame("contrasts")
-    if "summary.csv" not in folder:
-        return f"With {_range(contrasts['n'])} runs per learner"
-    table = folder.frame("summary")
-    sides = {part for side in (*contrasts["x"], *contrasts["y"]) for part in side.split(" @ ")}
-    rows = table[figures.labelled(table)["learner"].isin(sides)]
-    rows = rows if len(rows) else table
-    runs = link(_range(rows["n"]), "summary", rows)
-    return f"With {_range(rows['budget'])} steps of training and {runs} runs per learner"
-
-
-def _range(numbers: pd.Series) -> str:
-    low, high = numbers.min(), numbers.max()
-    return f"{low:,}" if low == high else f"{low:,} to {high:,}"
+        return None
+    has_outcomes = "outcomes.csv" in folder
+    name, column = ("outcomes", "outcome") if has_outcomes else ("contrasts", "success_verdict")
+    table, parts = folder.frame(name), []
+    for ending, text in (_OUTCOMES | dict(zip(VERDICTS, VERDICTS, strict=True))).items():
+        if len(rows := table[table[column] == ending]):
+            parts.append(f"{text} ({link(str(len(rows)), name, rows)} of {len(table)})")
+    return f"{'Outcome' if has_outcomes else 'Verdicts on success'}: {'; '.join(parts)}."

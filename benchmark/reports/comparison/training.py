@@ -155,13 +155,10 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     "learning", "animation of learning: a table and a net, each the agent of the median seed", "learning.webp"
 )
 def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
-    """Writes an animation: typical agents of a table and of a net, in every scenario.
-
-    They are the first baseline and the first net that is compared with it, or else the first of each.
-    """
+    """Writes an animation: typical agents of a table and of a net, in every scenario."""
     drawn, rows = _drawn(runs, experiment), []
     learners = [*reporting_of(experiment).baseline, *decisive_learners(experiment)]
-    learners += [population.learner.name for population in drawn]
+    learners += [population.learner.name for population in drawn]  # if nothing is declared
     for family in ("tabular", "deep"):
         chosen = next((name for name in learners if experiment.learners[name].family == family), None)
         rows.append([_film(population, records) for population in drawn if population.learner.name == chosen])

@@ -1,15 +1,13 @@
 """Differences between cells, and what they come to.
 
-A row is the difference of two cells, or of two means of cells over scenarios: x minus y. Contrasts have
-verdicts, with p-values adjusted as declared; effects are exploratory. The rules of verdicts and outcomes are
-in `document.md.jinja`. Contrasts that name scenarios or conditions have verdicts of their own, and no part in
+A row is the difference of two cells, or of two means of cells over scenarios: x minus y. The rules of
+verdicts and outcomes are in `document.md.jinja`. Contrasts that name scenarios or conditions have no part in
 the outcome.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,10 +20,10 @@ from benchmark.analysis.contrasts import (
     UNDECIDED,
     WORSE,
     Means,
+    contradicting,
     contrast,
     decide,
     holm,
-    mixed,
 )
 from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.experiments import Experiment
@@ -45,21 +43,14 @@ ALPHA: Final = 1 - LEVEL
 
 
 class Case(NamedTuple):
-    """What a row compares: cells of x and of y, one of each in every scenario."""
+    """What a row compares."""
 
     names: dict[str, str]  # the columns that name the row
-    x: pd.DataFrame
-    y: pd.DataFrame
+    cells: pd.DataFrame  # a row per scenario: the cell of x, and that of y in columns that end in _y
 
-    @property
-    def fewest_runs(self) -> int:
-        """How many runs the smallest cell has."""
-        return int(min(self.x["n"].min(), self.y["n"].min()))
-
-    def sides(self, endpoint: str) -> tuple[Means, Means]:
+    def sides(self, endpoint: str) -> list[Means]:
         """Returns the means of x and of y by scenario."""
-        x, y = (Means([*cells[endpoint]], [*cells["n"]]) for cells in (self.x, self.y))
-        return x, y
+        return [Means([*self.cells[endpoint + end]], [*self.cells["n" + end]]) for end in ("", "_y")]
 
 
 def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
@@ -71,9 +62,9 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
         cases += _cases(cells, pair, experiment, is_pooled=is_pooled)
     if not is_pooled:
         order = [*experiment.scenarios]
-        cases.sort(key=lambda case: order.index(case.x["scenario"].iloc[0]))
-    rows: list[Row] = [{**case.names, **_difference(case)} for case in cases]
-    allowed = [not is_partial and case.fewest_runs >= reporting.fewest_runs for case in cases]
+        cases.sort(key=lambda case: order.index(case.cells["scenario"].iloc[0]))
+    rows: list[Row] = [case.names | _difference(case.cells) for case in cases]
+    allowed = [not is_partial and row["n"] >= reporting.fewest_runs for row in rows]
     adjust = holm if reporting.adjust == "holm" else list
     for key in ("p_random_x", "p_random_y"):
         for row, p in zip(rows, adjust([row.pop(key) for row in rows]), strict=True):
@@ -85,9 +76,9 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
         decisions = decide(tests, is_allowed=allowed, adjust=adjust)
         for case, row, (x, y), test, decision in zip(cases, rows, sides, tests, decisions, strict=True):
             verdict, apart = _over_scenarios(str(decision["verdict"]), x, y, margin)
-            values = {"x": x.mean, "y": y.mean, **asdict(test), **decision, "verdict": verdict}
+            values = {"x": x.mean, "y": y.mean, **test._asdict(), **decision, "verdict": verdict}
             values |= {"margin": margin, "largest": max(a - b for a, b in zip(x.means, y.means, strict=True))}
-            values["except"] = ", ".join(case.x["scenario"].iloc[apart])
+            values["except"] = ", ".join(case.cells["scenario"].iloc[apart])
             for key, value in values.items():
                 ending = f"difference_{key}" if key.startswith(("low", "high")) else key
                 row[f"{endpoint}_{ending}"] = value
@@ -99,9 +90,9 @@ def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     cells = cells_of(runs, experiment)
     references = [name for name, learner in experiment.learners.items() if learner.reference_for]
     own = cells[~cells["learner"].isin(references)]
-    for name, pair in effects_of(experiment).items():
+    for name, pair in effects_of(experiment):
         for case in _cases(own, pair, experiment, is_pooled=False):
-            row: Row = {"effect": name, **case.names, **_difference(case)}
+            row: Row = {"effect": name, **case.names, **_difference(case.cells)}
             del row["random_success"]  # the sides may differ in it
             for endpoint in ENDPOINTS:
                 x, y = case.sides(endpoint)
@@ -176,35 +167,30 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
 
 def _cases(cells: pd.DataFrame, pair: Pair, experiment: Experiment, *, is_pooled: bool) -> Iterator[Case]:
     """Yields the pairs of cells that two sides name, by what names their row."""
-    x = cells[np.logical_and.reduce([cells[axis] == name for axis, name in pair.x.items()])]
-    # The cell that differs from each of these by what the sides name, if it is there
-    known, wanted = (pd.MultiIndex.from_frame(frame[[*AXES]]) for frame in (cells, x.assign(**pair.y)))
-    others = known.get_indexer(wanted)
-    is_there = others >= 0
-    x, y = x[is_there].reset_index(drop=True), cells.iloc[others[is_there]].reset_index(drop=True)
-    keys = ["scenario"] if "scenario" not in pair.x and not is_pooled else []
-    keys += ["condition"] if "condition" not in pair.x and len(experiment.conditions) > 1 else []
-    keys += ["algorithm", "observation"] if "learner" not in pair.x else []
+    x, y = (cells[(cells[[*side]] == side).all(axis=1)] for side in pair)
+    open_axes = [axis for axis in AXES if axis not in pair.x]
+    how: Literal["inner", "cross"] = "inner" if open_axes else "cross"
+    pairs = x.merge(y, how, open_axes or None, suffixes=("", "_y"))
+    keys = ["scenario"] if "scenario" in open_axes and not is_pooled else []
+    keys += ["condition"] if "condition" in open_axes and len(experiment.conditions) > 1 else []
+    keys += ["algorithm", "observation"] if "learner" in open_axes else []
     sides = {"x": side_name(pair.x), "y": side_name(pair.y)}
-    for _, rows in x.groupby([x[key] for key in keys] or np.zeros(len(x)), sort=False):
-        yield Case({key: rows[key].iloc[0] for key in keys} | sides, rows, y.loc[rows.index])
+    for _, rows in pairs.groupby(keys or np.zeros(len(pairs)), sort=False):
+        yield Case({key: rows[key].iloc[0] for key in keys} | sides, rows)
 
 
-def _difference(case: Case) -> Row:
+def _difference(cells: pd.DataFrame) -> Row:
     """Returns what a row says besides its endpoints: sizes, policies, wrong PINGs, and the random policy."""
-    row: Row = {"n": case.fewest_runs}
-    share = 1 / len(case.x)
-    rates = []
-    for side, cells in (("x", case.x), ("y", case.y)):
-        row[f"policy_{side}"] = cells["policy"].iloc[0]
-        row["random_success"] = random = share * sum(cells["random_success"])
-        means, sizes = [*cells["success"]], [*cells["n"]]
+    row: Row = {"n": int(min(*cells["n"], *cells["n_y"]))}
+    share = 1 / len(cells)
+    for side, end in (("x", ""), ("y", "_y")):
+        row[f"policy_{side}"] = cells[f"policy{end}"].iloc[0]
+        row["random_success"] = random = share * sum(cells[f"random_success{end}"])
+        means, sizes = [*cells[f"success{end}"]], [*cells[f"n{end}"]]
         row[f"p_random_{side}"] = p_above([share] * len(cells), means, sizes, random)
-        rates.append(float(np.mean(cells["wrong_pings"].to_numpy())))
-        row[f"wrong_pings_{side}"] = rates[-1]
-    value = rates[0] - rates[1]
-    reaches = [*case.x["wrong_pings_reach"], *case.y["wrong_pings_reach"]]
-    reach = share * float(np.linalg.norm(reaches))
+        row[f"wrong_pings_{side}"] = float(np.mean(cells[f"wrong_pings{end}"].to_numpy()))
+    value = row["wrong_pings_x"] - row["wrong_pings_y"]
+    reach = share * float(np.linalg.norm([*cells["wrong_pings_reach"], *cells["wrong_pings_reach_y"]]))
     return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
 
 
@@ -220,10 +206,6 @@ def _over_scenarios(verdict: str, x: Means, y: Means, margin: float) -> tuple[st
         contrast(Means([a], [n]), Means([b], [m]), margin)
         for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
     ]
-    if contradicting := mixed(verdict, [one.difference for one in alone], margin):
-        return MIXED, contradicting
-    lows, highs = [one.low_90 for one in alone], [one.high_90 for one in alone]
-    apart = set() if verdict == WORSE else {i for i, low in enumerate(lows) if low <= -margin}
-    if verdict != BETTER:
-        apart |= {i for i, high in enumerate(highs) if high >= margin}
-    return verdict, sorted(apart)
+    if apart := contradicting(verdict, [(one.difference, one.difference) for one in alone], margin):
+        return MIXED, apart
+    return verdict, contradicting(verdict, [(one.low_90, one.high_90) for one in alone], margin)

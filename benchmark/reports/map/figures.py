@@ -34,7 +34,8 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "?": "? undecided",
     "": "blank: not trained",
 }
-_SIGN_OF: Final = {EQUAL: "=", NEITHER: "neither", TOO_SHORT: "short"}
+# Of verdicts without a ratio
+_SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "neither", TOO_SHORT: "short"}
 _FIXED: Final = "\N{NO-BREAK SPACE}"
 _LABELS: Final = {
     "places": "places in which the person may stand",
@@ -102,10 +103,7 @@ def _draw(tables: Frames, experiment: Experiment, kinds: Mapping[str, str]) -> F
 
 
 def _axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float], list[str]]:
-    """Returns the only axis of a grid, its values as numbers, by name, and as they are written.
-
-    5x6 is written 5×6, and is the number 30.
-    """
+    """Returns the only axis of a grid, its values as numbers, by name (5x6 is 30), and as written, 5×6."""
     ((axis, names),) = experiment.declared.grids[grid].axes.items()
     values = {name: math.prod(float(part) for part in name.split("x")) for name in names}
     return axis, values, [name.replace("x", "×") for name in names]
@@ -220,11 +218,9 @@ def _draw_square(axis: Axes, tables: Frames, experiment: Experiment, grid: str) 
 
 def _sign(row: pd.Series, point: str, pairs: pd.DataFrame) -> tuple[str, float]:
     """Returns the text and the colour of a contrast: the logarithm of its ratio of steps, or NaN for none."""
-    if row["verdict"] not in (FASTER, SLOWER):
+    if row["verdict"] not in (FASTER, SLOWER) or np.isnan(row["ratio"]):
         return _SIGN_OF.get(row["verdict"], "?"), np.nan
-    logarithm = np.log(row["ratio"]) if row["ratio"] > 0 else -_MOST
-    if np.isnan(logarithm):
-        return "!", (1 if row["verdict"] == FASTER else -1) * _MOST / 4
+    logarithm = np.log(row["ratio"])
     own = pairs[(pairs["grid"] == row["grid"]) & (pairs["point"] == point)]
     own = own[(own["x"] == row["x"]) & (own["y"] == row["y"])]
     # Where most runs of a side never learn, the ratio is a bound.

@@ -115,11 +115,7 @@ def cpu(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     _columns("grid point x y n verdict faster ratio") | {"n": "pairs of runs"},
 )
 def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Tabulates the declared contrasts. Intervals of `faster` hold for all contrasts and looks at once.
-
-    `ratio` is of medians, with a 95 % interval by resampling runs and what they draw, not adjusted; where one
-    of the two never solves, its budget counts in its place, and the ratio is a bound.
-    """
+    """Tabulates the declared contrasts."""
     for contrast in _contrasts(experiment, curves):
         yield {
             **_point(contrast.x),
@@ -265,9 +261,8 @@ def _contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
 def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
     """Returns how many times as much y takes as x, by medians over pairs of runs, given what they took.
 
-    Where most runs never solve, what they spend within the smaller budget counts. It is NaN if that is so of
-    both, or if a median is 0. The interval is by resampling pairs, whose runs have the same draw of the
-    scenario.
+    Where most runs never solve, what they spend within the smaller budget counts, so the ratio is a bound. It
+    is NaN if that is so of both, or if a median is 0. The 95 % interval is by resampling pairs.
     """
     n, rng = len(x), np.random.default_rng(BOOTSTRAP_SEED)
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from agents.policy import contains, greedy_masks
 from benchmark.analysis.frames import RecordsOf
 from benchmark.analysis.intervals import proportion
-from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_values
+from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, anchors, optimal_values
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
 from benchmark.experiments import Experiment
@@ -169,7 +169,7 @@ def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, ob
         row |= {"first_seed": seeds[0], "last_seed": seeds[-1]}
         row["success"] = proportion(agents.arrays["success"][:, -1])
         row["optimal_share"] = proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM)
-        for name, (random, best) in agents.anchors.items():
+        for name, (random, best) in anchors(model, agents.run.horizon, "start").items():
             learned = agents.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
             row[f"{name}_regret"] = best - learned

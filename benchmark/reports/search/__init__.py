@@ -13,34 +13,21 @@ from envs import InputError
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, an experiment without a search, or with a planner in it."""
+    """Refuses, by an InputError, an experiment without a search."""
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
-    for learner in experiment.learners.values():
-        if learner.family == "planner":
-            where = f"{experiment.argument}: algorithms.{learner.variant}"
-            raise InputError(
-                f"{where}.algorithm = {learner.declared.algorithm}: it is a planner, which learns nothing; "
-                "accepted: learning algorithms."
-            )
 
 
 def headline(folder: Folder) -> str:
-    """Says what the best table and the best net gain by chosen settings."""
-    table, search, parts = folder.frame("chosen"), folder.manifest["search"], []
-    families = table["algorithm"].map(
-        {name: variant["family"] for name, variant in folder.manifest["algorithms"].items()}
-    )
-    for family, kind in {"tabular": "table", "deep": "net"}.items():
-        rows = table[families == family]
-        if len(rows):
-            best = rows.iloc[int(rows["chosen"].argmax())]
-            default, chosen = (link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen"))
-            learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
-            parts.append(f"from {default} to {chosen} for the best {kind}, {learner}")
+    """Says what the best learner gains by chosen settings."""
+    table = folder.frame("chosen")
+    best = table.iloc[int(table["chosen"].argmax())]
+    default, chosen = (link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen"))
+    learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
+    trials = folder.manifest["search"]["trials"]
     return (
-        f"With the best of the defaults and {search['trials']} trials, success averaged over training goes "
-        f"{', and '.join(parts)}."
+        f"With the best of the defaults and {trials} trials, success averaged over training goes from "
+        f"{default} to {chosen} for the best learner, {learner}."
     )
 
 

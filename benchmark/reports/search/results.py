@@ -14,8 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from benchmark.analysis.contrasts import Means
-from benchmark.analysis.intervals import Estimate, combined, interval, resample
+from benchmark.analysis.intervals import Estimate, combined, interval, mean_over_scenarios, resample
 from benchmark.analysis.search import AROUND, Areas, best_apart, chosen_by, everywhere, outcomes, settings_of
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import figure_of
@@ -64,7 +63,7 @@ _LABELS: Final = {
 _item: Final = partial(item, meanings=_MEANINGS)
 _columns: Final = partial(labelled_columns, _LABELS)
 _AREA: Final = "mean area under the curve of success"
-_TITLES: Final = {"tabular": "tables", "deep": "nets"}
+_TITLES: Final = {"tabular": "tables", "deep": "nets", "planner": "planners"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
 _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
 _CLOSE: Final = 0.05  # areas that differ by less are close to each other
@@ -87,10 +86,10 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         yield _names(learner) | {
             "trial": outcome.chosen,
             "settings": _text(experiment, learner, outcome.chosen),
-            "default": mean(default),
-            "chosen": mean(best),
+            "default": mean_over_scenarios(default),
+            "chosen": mean_over_scenarios(best),
             "gain": gain(best, default),
-            "per_scenario": mean(apart),
+            "per_scenario": mean_over_scenarios(apart),
             "sensitivity": gain(apart, best),
             "found": float(max(areas.mean() for areas in outcome.searched)),
         }
@@ -116,8 +115,7 @@ def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @best_of.figure("What tuning buys: the result that is expected of the best of b trials.")
 def _(tables: Frames, experiment: Experiment) -> Figure:
     frame, default = tables["best_of"], tables["chosen"]
-    families = [learner.family for learner in experiment.learners.values()]
-    panels = [family for family in _TITLES if family in families]
+    panels = [*dict.fromkeys(learner.family for learner in experiment.learners.values())]
     million = (frame["steps"] / frame["trials"]).iloc[0] / 1e6
     with figure_of(1, len(panels), (11.0, 5.0)) as (figure, axes):
         for axis, family in zip(axes[0], panels, strict=True):
@@ -241,7 +239,7 @@ def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
                 "setting": setting or "none",
                 "value": value or "as chosen",
                 "n": sum(map(len, parts)),
-                "area": mean(parts),
+                "area": mean_over_scenarios(parts),
                 "difference": gain(parts, areas["", ""]),
             }
 
@@ -342,17 +340,9 @@ def _text(experiment: Experiment, learner: Learner, trial: int) -> str:
     return ", ".join(texts) or "default"
 
 
-def mean(areas: Sequence[Areas]) -> Estimate:
-    """Returns the mean over scenarios of means over runs, given the numbers in [0, 1] of each scenario."""
-    means = Means([float(part.mean()) for part in areas], [*map(len, areas)])
-    return Estimate(means.mean, *means.interval)
-
-
 def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
-    """Returns the difference of two such means, x minus y, as of independent runs.
-
-    Scenarios in which both sides are the same runs change neither the difference nor its interval.
-    """
+    """Returns the difference of two means over scenarios, x minus y, as of independent runs."""
+    # Scenarios in which both sides are the same runs change neither the difference nor its interval.
     apart = [pair for pair in zip(x, y, strict=True) if pair[0] is not pair[1]]
     sides, weights = [side for pair in apart for side in pair], [1 / len(x), -1 / len(x)] * len(apart)
     means = [float(side.mean()) for side in sides]

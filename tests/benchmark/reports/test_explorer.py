@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.analysis.records import Records
+from benchmark.analysis.records import Records, anchors
 from benchmark.reports.explorer import FILE, MOST_MASKS, typical_agent, write
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
@@ -32,7 +32,7 @@ UP, RIGHT, PING = (1 << ACTIONS.index(name) for name in ("UP", "RIGHT", "PING"))
 def test_typical_agent_has_the_median_mean_score(
     scores: list[list[float]], seeds: list[int], typical: int
 ) -> None:
-    random, optimal = blank().anchors["grid_return"]
+    random, optimal = anchors(blank().model, blank().run.horizon, "start")["grid_return"]
     grid_return = random + np.array(scores) * (optimal - random)
     assert typical_agent(replace(blank(n=len(seeds), grid_return=grid_return), seeds=seeds)) == typical
 

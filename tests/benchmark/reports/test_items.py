@@ -124,16 +124,18 @@ def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> N
     assert document.folder.frame("summary")["algorithm"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
 
 
-def test_many_contrasts_are_counted_in_a_table() -> None:
-    learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0))}
-    scenarios = ["S1", "S2", "S3", "Hall"]
-    few = compared(learners, [("x", "y")], ["y"], scenarios, pool="none")
+def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:
+    learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0, 0.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0, 0.0))}
+    scenarios = ["S1", "S2", "S3", "Hall", "Walls"]
+    few = compared(learners, [("x", "y")], ["y"], scenarios[:4], pool="none")
     assert item("verdicts").tabulate(few) is None
+    tables = compared({"y": learners["y"]}, scenarios=scenarios, pool="none")
+    assert item("verdicts").tabulate(tables) is None  # there are no contrasts
     learners["z"] = Made("deep", 1.0)
     many = compared(learners, [("x", "y"), ("z", "y")], ["y"], scenarios, pool="none")
     assert table("verdicts", many).to_dict("records") == [
-        {"x": "x, index", "y": "y, index", "n": 4, "better": 1, "worse": 1, "equivalent": 2},
-        {"x": "z, index", "y": "y, index", "n": 4, "better": 1, "worse": 0, "equivalent": 3},
+        {"x": "x, index", "y": "y, index", "n": 5, "better": 1, "worse": 1, "equivalent": 3},
+        {"x": "z, index", "y": "y, index", "n": 5, "better": 2, "worse": 0, "equivalent": 3},
     ]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from benchmark.analysis.intervals import RESAMPLES
-from benchmark.analysis.records import Records, optimal_values
+from benchmark.analysis.records import Records, anchors, optimal_values
 from benchmark.drawing.tables import LINK
 from benchmark.experiments import load_experiment
 from benchmark.reports.document import Document
@@ -41,7 +41,7 @@ def table(item: Item, few: int | None = None, n: int = 4, **arrays: Any) -> pd.D
 
 
 def test_learning_table_by_hand() -> None:
-    random, optimal = population().anchors["grid_return"]
+    random, optimal = anchors(population().model, population().run.horizon, "start")["grid_return"]
     scores = np.array([[0, -9, 0, 1.0], [0, 0.2, 0, 1], [0, 0.4, 0, 1], [0, 0.9, 1, 1]])
     frame = table(learned.learning, grid_return=random + scores * (optimal - random))[:4]
     assert frame["step"].tolist() == [0, 200, 400, 600]

@@ -9,26 +9,15 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.reports.folder import PICTURES
-from benchmark.reports.search import check
-from benchmark.reports.search.results import expected_best, gain, mean
-from envs import InputError
-from tests.benchmark.reports.conftest import experiment_of
+from benchmark.reports.search.results import expected_best, gain
 from tests.support import ROOT, mistyped_columns
 
 PUBLISHED = ROOT / "results" / "tuning"
 TUNING = load_experiment("tuning")
-PLANNER = """
-extends = "tuning_smoke"
-description = "A search for the settings of a planner."
-[changes."algorithms.mine"]
-algorithm = "memoryless"
-observations = ["index"]
-seeds = 2
-search = { guidance = { low = 0.1, high = 1.0, why = "-" } }
-"""
 
 
 @pytest.mark.parametrize("b", [1, 2, 3])
@@ -46,8 +35,9 @@ def test_expected_best_of_all_draws(b: int) -> None:
 
 def test_means_are_over_scenarios() -> None:
     x, y = [np.ones(10), np.zeros(20)], [np.zeros(10), np.zeros(20)]
-    assert mean(x).value == gain(x, y).value == 0.5
-    assert mean(x).low < 0.5 < mean(x).high
+    mean = mean_over_scenarios(x)
+    assert mean.value == gain(x, y).value == 0.5
+    assert mean.low < 0.5 < mean.high
     assert gain(x, y).low > 0
     assert gain(x, x) == (0, 0, 0)  # the same runs
     assert gain(y, [np.zeros(10), np.zeros(20)]).low < 0  # others that fail, too
@@ -59,11 +49,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     results = tmp_path_factory.mktemp("results")
     assert main(["run", "tuning_smoke", "--results", str(results), "--report"]) == 0
     return results / "tuning_smoke"
-
-
-def test_what_does_not_learn_has_no_search(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"mine\.algorithm = memoryless: it is a planner, which learns"):
-        check(experiment_of(tmp_path / "planner.toml", PLANNER))
 
 
 def test_a_policy_that_training_does_not_return_is_refused(
