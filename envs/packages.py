@@ -17,7 +17,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba", "packaging",
         "pandas", "rich", "scipy", "seaborn", "tabulate",
     ),
-    "deep": ("sb3_contrib", "stable_baselines3", "torch"),
+    "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
     "docs": ("pdoc",),
     "cluster": ("distributed",),
     "render": ("pygame",),

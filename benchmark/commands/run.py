@@ -24,7 +24,7 @@ def main(options: argparse.Namespace) -> int:
     experiment = load_experiment(options.experiment)
     name, seeds = experiment.name, parse_seeds(options.seeds)
     if options.report or experiment.report is not None:
-        draw.report_of(experiment)
+        draw.report_of(experiment, is_drawn=options.report)
     if options.report and min(map(len, experiment.seed_ranges if seeds is None else [seeds])) < 2:
         raise InputError(
             "--report: one seed gives no interval; accepted: at least two seeds for every variant."

@@ -6,6 +6,7 @@ What is up to date is not made again.
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from benchmark.reports.folder import MANIFEST
 from benchmark.reports.item import Item, Report
 from benchmark.reports.manifest import manifest_of
 from envs import InputError
+from envs.packages import missing_package
 
 
 class Made(NamedTuple):
@@ -75,17 +77,22 @@ def draw(
     return Made(is_new=True, certificate=certificate)
 
 
-def report_of(experiment: Experiment) -> Report:
+def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
     """Returns the report of an experiment, with the items that it declares.
 
+    If it is drawn now, its packages have to be there.
+
     Raises:
-      InputError: It has none, or asks for something else than the experiment has.
+      InputError: It has none, or asks for something else than the experiment has, or a package is missing.
     """
     declared, where = experiment.report, experiment.argument
     if declared is None:
         raise InputError(f"{where}: there is no key report; accepted: an experiment with one.")
     report = load_report(declared.kind, where)
     items = load_items(report, declared.model_dump(), where)
+    missing = [package for package in report.packages if find_spec(package) is None]
+    if is_drawn and missing:
+        raise missing_package(f"{experiment.name}: its report", missing[0])
     of_maps = {"solved": experiment.declared.solved, "grids": experiment.declared.grids}
     for key, value in (of_maps | {"looks": declared.looks}).items():
         if value and not report.reads_curves:

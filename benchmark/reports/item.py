@@ -234,6 +234,7 @@ class Report:
     document: Path  # a template of Markdown with places for the items, see `benchmark.reports.document`
     headline: Callable[[Folder], str | None] = lambda _: None  # one sentence in Markdown, from tables alone
     lead: str = ""  # the item whose figure stands above the headline on the page
+    packages: Sequence[str] = ()  # that it needs beyond the basic ones
     reads_curves: bool = False  # whether curves alone are enough, see `Solved` in the experiments' schema
     can_be_partial: bool = False  # whether it can be drawn if runs are missing
     columns: Sequence[str] = ()  # results that it needs of runs; by default all

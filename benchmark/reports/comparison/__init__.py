@@ -33,5 +33,6 @@ REPORT = Report(
     document=Path(__file__).parent / "document.md.jinja",
     headline=results.headline,
     lead="summary",
+    packages=("rliable",),
     can_be_partial=True,
 )

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy import stats
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, VERDICTS, WORSE
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
@@ -287,6 +286,8 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
 )
 def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Computes means over scenarios, if these are pooled."""
+    from rliable import metrics
+
     if reporting_of(experiment).pool != "scenarios":
         return
     for names, learner, rows in populations(runs, experiment, "scenario"):
@@ -297,7 +298,7 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
                 row[name] = mean_over_scenarios([here[name].to_numpy() for here in scenarios])
         final = [here["unbounded_score"].to_numpy() for here in scenarios]
         row["unbounded_score"] = np.mean([values.mean() for values in final])
-        row["iqm"] = stats.trim_mean(np.concatenate(final), 0.25)
+        row["iqm"] = metrics.aggregate_iqm(np.concatenate(final)[:, None])
         yield row
 
 

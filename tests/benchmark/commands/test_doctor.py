@@ -96,10 +96,10 @@ def test_cache_that_cannot_be_written_is_a_problem(tmp_path: Path) -> None:
 def test_extras_are_complete_absent_or_lack_a_package(
     examine: Examine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    absent = {"pdoc", "sb3_contrib"}  # all of one extra, and one of another
+    absent = {"pdoc", "rliable"}  # all of one extra, and one of another
     monkeypatch.setattr(doctor, "find_spec", lambda name: None if name in absent else True)
     note, extras = about("packages", examine()[1])
-    assert note.startswith("note the extra deep needs the package sb3_contrib, which is not installed; ")
+    assert note.startswith("note the extra deep needs the package rliable, which is not installed; ")
     assert re.match(r"ok installed extras: reproduce, .*cluster, .*; others: docs \(", extras)
     monkeypatch.setattr(packages, "unusable", lambda *_: {"torch": "torch is broken."})
     code, lines = examine()
