@@ -2,13 +2,14 @@
 
 An experiment is a product: conditions x scenarios x learners x seeds. A learner is a variant, that is an
 algorithm with settings, together with one observation. A condition changes values of scenarios and settings.
-The readings of the paper are conditions. A sweep adds axes, and each point of their product is a condition.
+The readings of the paper are conditions. Grids add axes, and each point of their product is a condition.
 """
 
 import json
 import math
+import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
@@ -27,7 +28,6 @@ from envs.inputs import (
     Table,
     check_all,
     check_file_name,
-    in_either_case,
     is_name,
     override,
     parse,
@@ -40,7 +40,7 @@ EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 # Folders of experiments that were read, where Python also looks for modules.
 SEARCHED: Final[list[str]] = []
 DEFAULT_CONDITION: Final = "default"
-MOST_CONDITIONS: Final = 10_000  # of an experiment
+MOST_POINTS: Final = 10_000  # of a grid
 MOST_BASES: Final = 16  # of an experiment that extends one that extends another, and so on
 MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others power
 LARGEST_MARGIN: Final = 0.2
@@ -94,6 +94,11 @@ class Changes(Table):
     settings: dict[str, object] = Field(default_factory=dict)
     """Changes of the settings of every variant, as dotted keys."""
 
+    @property
+    def keys(self) -> list[str]:
+        """What it changes, such as "settings.epsilon"."""
+        return [*(f"scenario.{key}" for key in self.scenario), *(f"settings.{key}" for key in self.settings)]
+
 
 class Reading(Changes):
     """One way to read the paper, or a control."""
@@ -108,18 +113,21 @@ class Reading(Changes):
     """Runs per scenario and learner; by default the variant's."""
 
 
-Value = Annotated[str, Field(pattern=r"^\d+(\.\d+)?(x\d+)?$")]  # of an axis: a number, or two joined by "x"
+_NUMBER: Final = re.compile(r"[0-9]+(\.[0-9]+)?(x[0-9]+)?")
 
 
-def _check_axes(table: str, keys: Mapping[str, Sequence[Sequence[str]]]) -> None:
-    """Checks that every axis changes something, and no two the same, by the keys that each value changes."""
-    axis_of_key: dict[str, str] = {}
-    for axis, values in keys.items():
-        require(bool(values), f"{table}.{axis}", "a table with at least one value")
-        require(any(values), f"{table}.{axis}", "at least one value that changes something")
-        for key in chain(*values):
-            other = axis_of_key.setdefault(key, axis)
-            require(other == axis, f"{table}.{axis} and {table}.{other}: {key}", "different keys")
+def is_number(value: str) -> bool:
+    """Returns whether a value of an axis is a number, or two joined by "x", such as 0.5 or 5x6."""
+    return _NUMBER.fullmatch(value) is not None
+
+
+def _is_value(value: str) -> str:
+    if not (is_name(value) or is_number(value)):
+        raise ValueError("accepted: a name or a number, such as high, 0.5 or 5x6")
+    return value
+
+
+Value = Annotated[str, AfterValidator(_is_value)]
 
 
 def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
@@ -132,23 +140,19 @@ def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
     return {"/".join(f"{axis}={value}" for axis, value in point.items()): point for point in points}
 
 
-class Grid(Table):
-    """Conditions of a map: the product of its axes, in scenarios that are drawn anew for every run."""
+class Grid(Changes):
+    """Conditions that are the product of axes, with changes at all its points. A map draws grids."""
 
-    question: Annotated[Line, Field(min_length=1)]
-    """What the grid is to answer, for readers."""
+    question: Line = ""
+    """What the grid is to answer, for readers; required in a map."""
     learners: tuple[str, ...] = ()
     """Names of learners, or of variants with all their observations; all by default. A learner that no grid
     names is in all grids."""
-    scenario: dict[str, object] = Field(default_factory=dict)
-    """Changes of the scenario at all its points, as dotted keys."""
-    settings: dict[str, object] = Field(default_factory=dict)
-    """Changes of the settings of every variant at all its points, as dotted keys."""
-    axes: Annotated[dict[Name, dict[Value, dict[str, object]]], Field(min_length=1)]
-    """Changes of the scenario, as dotted keys: `axes.AXIS.VALUE`, where a value is a number, or two joined by
-    "x"."""
+    axes: Annotated[dict[Name, Annotated[dict[Value, Changes], Field(min_length=1)]], Field(min_length=1)]
+    """Changes at each value of an axis, as `axes.AXIS.VALUE`. A value is a name or a number; in a map, a
+    number, or two joined by "x"."""
     is_compared: bool = True
-    """Whether contrasts are decided at its points."""
+    """Whether a map decides contrasts at its points."""
     without: tuple[str, ...] = ()
     """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
@@ -159,12 +163,13 @@ class Grid(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        keys = {axis: [[*changes] for changes in values.values()] for axis, values in self.axes.items()}
-        _check_axes("axes", keys)
-        few = f"{MOST_CONDITIONS:,} points"
-        require(
-            math.prod(map(len, keys.values())) <= MOST_CONDITIONS, f"axes: more than {few}", f"at most {few}"
-        )
+        axis_of_key: dict[str, str] = {}
+        for axis, values in self.axes.items():
+            for key in chain(*(changes.keys for changes in values.values())):
+                other = axis_of_key.setdefault(key, axis)
+                require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
+        n_points, few = math.prod(map(len, self.axes.values())), f"{MOST_POINTS:,} points"
+        require(n_points <= MOST_POINTS, f"axes: more than {few}", f"at most {few}")
         names = [*_points_of(self.axes)]
         for name in self.without:
             require(name in names, f"without: {name}", f"points such as {names[0]}")
@@ -235,8 +240,6 @@ class Reporting(Table):
     """How p-values are adjusted for the number of contrasts."""
     margins: Margins = Margins()
     """Differences between x and y that are too small to matter."""
-    fewest_runs: Annotated[int, Field(ge=10)] = 10
-    """Runs per scenario and learner below which there is no verdict."""
     contrasts: tuple[tuple[str, str], ...] = ()
     """Pairs x, y that are compared, with verdicts."""
     looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
@@ -315,28 +318,15 @@ class Declaration(Table):
         }
     )
     """Readings of the paper and controls, by name; one is called "default"."""
-    sweep: dict[Name, dict[Name, Changes]] = Field(default_factory=dict)
-    """Conditions, as `sweep.AXIS.NAME`; their product is run."""
     grids: dict[Name, Grid] = Field(default_factory=dict)
-    """Grids of a map, by name, instead of a sweep."""
+    """Further conditions, by name: products of axes."""
     solved: Solved | None = None
     """If it is there, runs are measured until their scenario is solved."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        check_all(
-            self._check_names, self._check_schedules, self._check_search, self._check_grids,
-            self._check_sweep, self._check_number,
-        )  # fmt: skip
+        check_all(self._check_schedules, self._check_search, self._check_grids)
         return self
-
-    def _check_names(self) -> None:
-        """Checks that names differ, whatever their case."""
-        tables = {"algorithms": [*self.algorithms], "readings": [*self.readings], "sweep": [*self.sweep]}
-        tables |= {f"sweep.{axis}": [*conditions] for axis, conditions in self.sweep.items()}
-        for table, names in tables.items():
-            pair = in_either_case(names) or ()
-            require(not pair, f"{table}: {' and '.join(pair)}", "names that differ in more than case")
 
     def _check_schedules(self) -> None:
         """Checks where and when policies are evaluated and mapped."""
@@ -355,8 +345,8 @@ class Declaration(Table):
                 require(not variant.search, f"algorithms.{name}.search", "a table [search] beside it")
             return
         is_changed = any(reading.scenario or reading.settings for reading in self.readings.values())
-        is_alone = not (self.sweep or self.solved or is_changed or len(self.readings) > 1)
-        require(is_alone, "search", "no sweep, readings or solved in the same experiment")
+        is_alone = not (self.grids or self.solved or is_changed or len(self.readings) > 1)
+        require(is_alone, "search", "no grids, readings or solved in the same experiment")
         check_all(*(partial(self._check_searched, name) for name in self.algorithms))
 
     def _effort(self, name: str) -> tuple[object, ...]:
@@ -379,10 +369,6 @@ class Declaration(Table):
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
 
     def _check_grids(self) -> None:
-        if not self.grids:
-            return
-        is_alone = not self.sweep and self.search is None and len(self.readings) == 1
-        require(is_alone, "grids", "no sweep, search or further reading in the same experiment")
         known = {*self.algorithms, *self._learners}
         for name, grid in self.grids.items():
             for learner in grid.learners:
@@ -395,22 +381,6 @@ class Declaration(Table):
         return {
             f"{name}, {form}": name for name in self.algorithms for form in self.algorithms[name].observations
         }
-
-    def _check_sweep(self) -> None:
-        """Checks that every axis of a sweep changes something, and no two the same."""
-        keys: dict[str, list[list[str]]] = {axis: [] for axis in self.sweep}
-        for axis, conditions in self.sweep.items():
-            for changes in conditions.values():
-                tables = {"scenario": changes.scenario, "settings": changes.settings}
-                keys[axis].append([f"{name}.{key}" for name, table in tables.items() for key in table])
-        _check_axes("sweep", keys)
-
-    def _check_number(self) -> None:
-        n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
-        n_conditions *= sum(len(grid.points) for grid in self.grids.values()) or 1
-        n_conditions *= 1 if self.search is None else self.search.trials + 1
-        accepted = f"at most {MOST_CONDITIONS:,} conditions"
-        require(n_conditions <= MOST_CONDITIONS, "readings, sweep or grids", accepted)
 
     @property
     def argument(self) -> str:
@@ -442,7 +412,7 @@ class Declaration(Table):
 
     @cached_property
     def conditions(self) -> dict[str, Condition]:
-        """All conditions by name: each reading with each point of a sweep, of grids, or of a search."""
+        """All conditions by name: each reading with each point of grids, or of a search."""
         points = [*self._points()]
         conditions = {}
         for reading, changes in self.readings.items():
@@ -454,7 +424,7 @@ class Declaration(Table):
         return conditions
 
     def _points(self) -> Iterator[Condition]:
-        """Yields the points of a sweep, of grids, or of a search, as conditions without a reading."""
+        """Yields the points of grids, or of a search, as conditions without a reading."""
         if self.search is not None:
             n = self.search.trials
             drawn = {name: trials(name, variant.search, n) for name, variant in self.algorithms.items()}
@@ -466,18 +436,15 @@ class Declaration(Table):
             unnamed = [name for name, variant in self._learners.items() if named.isdisjoint((name, variant))]
             for grid_name, grid in self.grids.items():
                 table, learners = f"grids.{grid_name}", grid.learners and (*grid.learners, *unnamed)
-                everywhere = {table: Changes(scenario=grid.scenario, settings=grid.settings)}
                 for name, point in grid.points.items():
                     changes = {
-                        f"{table}.axes.{axis}.{value}": Changes(scenario=grid.axes[axis][value])
+                        f"{table}.axes.{axis}.{value}": grid.axes[axis][value]
                         for axis, value in point.items()
                     }
                     axes = {"grid": grid_name, **point}
-                    yield Condition(f"{grid_name}/{name}", axes, everywhere | changes, learners)
+                    yield Condition(f"{grid_name}/{name}", axes, {table: grid, **changes}, learners)
         else:
-            for name, axes in _points_of(self.sweep).items():
-                swept = {f"sweep.{axis}.{value}": self.sweep[axis][value] for axis, value in axes.items()}
-                yield Condition(name, axes, swept)
+            yield Condition("", {}, {})
 
 
 class Extension(Table):

@@ -42,6 +42,7 @@ from benchmark.reports.comparison.declared import (
 
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
 ALPHA: Final = 1 - LEVEL
+FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
 
 
 class Case(NamedTuple):
@@ -73,7 +74,7 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
         order = [*experiment.scenarios]
         cases.sort(key=lambda case: order.index(case.x["scenario"].iloc[0]))
     rows: list[Row] = [{**case.names, **_difference(case)} for case in cases]
-    allowed = [not is_partial and case.fewest_runs >= reporting.fewest_runs for case in cases]
+    allowed = [not is_partial and case.fewest_runs >= FEWEST_RUNS for case in cases]
     adjust = holm if reporting.adjust == "holm" else list
     for key in ("p_random_x", "p_random_y"):
         for row, p in zip(rows, adjust([row.pop(key) for row in rows]), strict=True):

@@ -38,7 +38,7 @@ def check(experiment: Experiment) -> None:
                 "observes its cell alone, there is one start and one phase, no wall, and the regions are "
                 "squares by their radii."
             )
-    foreign = ["sweep"] if experiment.declared.sweep else []
+    foreign = ["grids"] if experiment.declared.grids else []
     if report is not None:
         declared = report.model_dump(exclude_defaults=True, exclude=_DECLARED)
         foreign += [f"report.{key}" for key in declared]

@@ -194,7 +194,7 @@ def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
 
 
 MARGINS = "margins = { success = 0.1, score"
-SWEEP = "[readings.default]"  # where a sweep is put before
+READINGS, ALL = "[readings.default]", "[grids.all.axes]\n"  # a grid is put before readings
 OF_A_REPLICATION = [
     ("seeds = 100 ", "seeds = 0 ", "algorithms.q_learning.seeds = 0: input should be greater than"),
     ("seeds = 1000", "seeds = 1", "readings.default.seeds = 1: input should be greater than"),
@@ -210,16 +210,14 @@ OF_A_REPLICATION = [
     ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
     ("map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple of evaluation_every"),
     ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
-    (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one value"),
-    (SWEEP, f"[sweep.rate.low]\n[sweep.rate.high]\n{SWEEP}", "sweep.rate: accepted: at least one value that"),
-    (SWEEP, f"[sweep.rate.low]\nsetting = {{}}\n{SWEEP}", "[sweep.rate.low]: unknown key setting"),
-    (SWEEP, f"[sweep]\nrate.low.settings.epsilon = 2.0\n{SWEEP}", "rate.low.settings: epsilon = 2.0"),
-    (SWEEP, f"[sweep]\npay.low.scenario.ping_limit = 0\n{SWEEP}", "mine.toml: sweep.pay.low.scenario: "),
-    (SWEEP, f"[sweep]\na.x.settings.epsilon = 0.1\nb.y.settings.epsilon = 0.2\n{SWEEP}", "settings.epsilon"),
+    (READINGS, f"{ALL}rate = {{}}\n{READINGS}", "grids.all.axes.rate = {}: "),
+    (READINGS, f"{ALL}rate.low.setting = {{}}\n{READINGS}", "[grids.all.axes.rate.low]: unknown key setting"),
+    (READINGS, f"{ALL}rate.'a b' = {{}}\n{READINGS}", "accepted: a name or a number"),
+    (READINGS, f"{ALL}rate.low.settings.epsilon = 2.0\n{READINGS}", "axes.rate.low.settings: epsilon = 2.0"),
+    (READINGS, f"{ALL}pay.low.scenario.ping_limit = 0\n{READINGS}", "grids.all.axes.pay.low.scenario: "),
 ]
 LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
-    ("[algorithms.ppo_sb3]", "[algorithms.PPO]", "algorithms: ppo and PPO: accepted: names that differ in"),
     ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
     ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
@@ -262,11 +260,11 @@ NOT_NAMES = [
 
 @pytest.mark.parametrize("name", NOT_NAMES)
 def test_what_is_no_name_is_refused_in_a_sentence(name: str) -> None:
-    for table in ("algorithms", "readings", "sweep", "sweep.axis"):
+    for table in ("algorithms", "readings", "grids"):
         tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
         del tables["report"]
-        tables["sweep"] = {"axis": {"low": {}}}
-        named = tables["sweep"]["axis"] if table == "sweep.axis" else tables[table]
+        tables["grids"] = {"all": {"axes": {"axis": {"low": {}}}}}
+        named = tables[table]
         named[name] = next(iter(named.values()))
         with pytest.raises(InputError, match=rf"^mine\.toml: (the key )?{table}\..*accepted: "):
             parse(Declaration, tables, "mine.toml", name="mine")
@@ -280,10 +278,10 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
         f"algorithms__{name}__seeds": 1,
         f"readings__{name}__question": "a",
         f"readings__{name}__answer": "b",
-        f"sweep__{name}__{name}__settings__budget": 800,
+        f"grids__{name}__axes__{name}__{name}__settings__budget": 800,
     }
     experiment = extended(tmp_path, name, stream=name, **changes)
-    condition = f"{name}/{name}={name}"
+    condition = f"{name}/{name}/{name}={name}"
     run, *_ = specifications(experiment, condition, "S1", name, "index")
     assert run.folder == f"{name}/S1/{name}_index/{condition}/seed_0"
 

@@ -144,7 +144,7 @@ def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str, issue
     changes = [('"S1"', f'"{tmp_path / "Mine.toml"}"')]
     if start == "[0, 0]":
         assert tuned(tmp_path, *changes).name == "tuned"
-        condition = '[sweep.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
+        condition = '[grids.all.axes.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
         changes.append(("[algorithms.plain]", condition))
     with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
         tuned(tmp_path, *changes)
@@ -198,7 +198,7 @@ def test_missing_and_damaged_choices_are_refused(tmp_path: Path, text: str | Non
         ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),
         ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
         ("first_seed = 10", "first_seed = 1", "accepted: seeds outside 1 to 5, which its"),
-        ("search = { trials", "sweep.a.b = {}\nsearch = { trials", "no sweep, readings or solved"),
+        ("search = { trials", "grids.a.axes.b.c = {}\nsearch = { trials", "no grids, readings or solved"),
         ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", "", "a table .search."),
     ],
 )  # fmt: skip

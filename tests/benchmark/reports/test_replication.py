@@ -252,7 +252,7 @@ def test_items_of_disjoint_sets() -> None:
         ('scenarios = ["S1", "S2", "Egg"]', "scenarios"),
         ('"readings.origin.scenario" = { observe = ["agent", "issuer"] }', r"scenarios: S1 \(origin\)"),
         ('report = { kind = "replication", baseline = "q_learning, index" }', "report.baseline"),
-        ('"sweep.noise.little.scenario" = { "issuer.position" = [6, 8] }', "sweep"),
+        ('"grids.all.axes.noise.little.scenario" = { "issuer.position" = [6, 8] }', "grids"),
     ],
 )
 def test_a_replication_takes_one_table_in_scenarios_like_the_papers(
