@@ -34,19 +34,10 @@ question = "?"
 answer = "!"
 scenario = { "grid.rows" = 250, "grid.columns" = 400, ping_limit = 1 }
 """
-NET_ARCH = "policy_kwargs = { net_arch = [1000000] }"
-ROLLOUT = "n_steps = 1000000000"
 # Seven axes of ten values
 GRID = f"{EXPERIMENT}[grids.all]\n" + "".join(
     f"axes.a{axis}.{i}.settings.key{axis} = {i}\n" for axis in range(7) for i in range(10)
 )
-NET = EXPERIMENT.replace("q_learning", "compiled_dqn").replace('"index"', '"one_hot"').replace("500", "20000")
-
-
-def with_settings(algorithm: str, settings: str) -> str:
-    """Returns the text of an experiment with a net."""
-    text = NET.replace("compiled_dqn", algorithm)
-    return text.replace("budget = 1000", f"budget = 1000000000, {settings}").replace("20000", "100000000")
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -71,21 +62,8 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"), "horizon: too many digits"),
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
         (GRID, "axes: more than 10,000 points: accepted: at most 10,000 points"),
-        *(
-            (
-                with_settings(algorithm, settings),
-                f"algorithms.table: {expected}; accepted: at most 2 GB",
-            )
-            for algorithm, settings, expected in (
-                # By hand: 4 bytes for each of the 10^12 weights of a square matrix, and little else.
-                ("compiled_dqn", NET_ARCH, "policy_kwargs.net_arch = [1000000]: 4,004 GB of memory"),
-                ("dqn", "buffer_size = 1000000000", "buffer_size = 1000000000: 1,000 GB of memory"),
-                ("ppo", ROLLOUT, "n_steps = 1000000000 with n_envs = 1: 1,000 GB of memory"),
-            )
-        ),
         (f"description = '{'x' * 1_000_001}'", "larger than 1,000,000 bytes"),
         (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
-        (LONG.replace("= 500", "= 1"), "evaluation_every = 1 with budget = 1000000000: 1,000,000,001 evalu"),
         # By hand: 120 observations, 50,001 times 1 byte of greedy actions and 5 values of 4 bytes.
         (LONG.replace("500", "20000"), f"records of {120 * 50_001 * 21 / 1e6:,.0f} MB"),
         (

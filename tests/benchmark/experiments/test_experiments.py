@@ -21,7 +21,6 @@ from benchmark.experiments.schema import Declaration
 from benchmark.reports import load_report
 from envs import InputError
 from envs.inputs import parse, read_toml
-from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT, specifications
 
 SMALL = load_experiment("reproduce_smoke")
@@ -34,15 +33,6 @@ def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
     path = tmp_path / f"{name}.toml"
     path.write_text("\n".join(['extends = "reproduce_smoke"', 'description = ""', "[changes]", *lines]))
     return load_experiment(path)
-
-
-def copies_of_s1(folder: Path, *paths: str) -> list[str]:
-    """Writes the scenario S1 to files of other names, each with a description of its own."""
-    text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
-    for path in paths:
-        (folder / path).parent.mkdir(exist_ok=True)
-        (folder / path).write_text(re.sub("description.*", f'description = "{path}"', text))
-    return [str(folder / path) for path in paths]
 
 
 # What is declared
@@ -210,6 +200,7 @@ OF_A_REPLICATION = [
     ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
     ("map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple of evaluation_every"),
     ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
+    ("horizon = 200", 'stream = "../x"\nhorizon = 200', 'stream = "../x": accepted: a name of'),
     (READINGS, f"{ALL}rate = {{}}\n{READINGS}", "grids.all.axes.rate = {}: "),
     (READINGS, f"{ALL}rate.low.setting = {{}}\n{READINGS}", "[grids.all.axes.rate.low]: unknown key setting"),
     (READINGS, f"{ALL}rate.'a b' = {{}}\n{READINGS}", "accepted: a name or a number"),
@@ -293,20 +284,6 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     with pytest.raises(InputError, match="results are named after the"):
         extended(tmp_path, stem)
-
-
-def test_files_of_two_scenarios_do_not_meet(tmp_path: Path) -> None:
-    scenarios = copies_of_s1(tmp_path, "room/room.toml", "Room/Room.toml")
-    with pytest.raises(InputError, match="scenarios: room and Room"):
-        extended(tmp_path, "mine", scenarios=scenarios)
-    with pytest.raises(InputError, match=r'stream = "\.\./x": accepted: a name of'):
-        extended(tmp_path, "mine", stream="../x")
-
-
-def test_a_scene_under_several_names_is_refused(tmp_path: Path) -> None:
-    scenarios = copies_of_s1(tmp_path, "A.toml", "B.toml", "C.toml")
-    with pytest.raises(InputError, match="A and B are the same scenario; accepted: different ones"):
-        extended(tmp_path, "mine", scenarios=scenarios)
 
 
 @pytest.mark.parametrize("key", ["note", "algorithms__q_learning__group", "readings__ties__answer"])

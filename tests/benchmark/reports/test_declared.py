@@ -65,14 +65,6 @@ def test_a_net_without_hidden_layers_over_one_hot_cells_is_a_table(
     assert {learner.family for learner in experiment.learners.values()} == {family}
 
 
-def test_no_condition_makes_a_table_of_a_net(tmp_path: Path) -> None:
-    text = NETS_OF_ONE.replace("LAYERS", "[8]").replace("ALGORITHM", "compiled_dqn")
-    text += "grids.all.axes.layers = { two = {}, zero = { settings = { 'policy_kwargs.net_arch' = [] } } }"
-    experiment_of(tmp_path / "nets.toml", text.replace("FORMS", '["coordinates"]'))
-    with pytest.raises(InputError, match=r"x: on one_hot, it is deep under .*two and tabular under .*zero"):
-        experiment_of(tmp_path / "nets.toml", text.replace("FORMS", '["one_hot"]'))
-
-
 def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path: Path) -> None:
     experiment = declared(tmp_path)
     nets = ["net, one_hot", "net, coordinates"]  # a reference is no learner of its own
