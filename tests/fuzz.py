@@ -77,7 +77,7 @@ kind = "comparison"
 question = "Which?"
 items = []
 omit = ["maps"]
-baseline = "table, index"
+baseline = ["table, index"]
 pool = "none"
 adjust = "none"
 margins = { success = 0.1, score = 0.05 }

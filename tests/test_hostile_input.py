@@ -9,7 +9,7 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution.store import Store
-from benchmark.experiments import EXPERIMENT_DIRECTORY, load_experiment
+from benchmark.experiments import EXPERIMENT_DIRECTORY
 from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT
@@ -78,16 +78,6 @@ def test_files_that_are_too_much(
 ) -> None:
     (tmp_path / "mine.toml").write_text(text)
     assert expected in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-
-
-def test_chain_of_extensions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for i in range(1200):
-        text = f'extends = "{tmp_path}/e{i + 1}.toml"\ndescription = ""\nchanges = {{}}\n'
-        (tmp_path / f"e{i}.toml").write_text(text)
-    (tmp_path / "e1200.toml").write_text(EXPERIMENT)
-    line = refused(capsys, "run", tmp_path / "e0.toml", "--results", tmp_path)
-    assert "a chain of more than 16; accepted: at most 16" in line
-    load_experiment(tmp_path / "e1184.toml")
 
 
 def test_module_that_exits_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

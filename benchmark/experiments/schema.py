@@ -18,7 +18,7 @@ from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from benchmark.experiments.search import Search, Space, trials
 from envs import InputError
@@ -41,12 +41,13 @@ EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 SEARCHED: Final[list[str]] = []
 DEFAULT_CONDITION: Final = "default"
 MOST_POINTS: Final = 10_000  # of a grid
-MOST_BASES: Final = 16  # of an experiment that extends one that extends another, and so on
 MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others power
-LARGEST_MARGIN: Final = 0.2
 
-# Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
+# Folders of results that are not those of an experiment, or not of its declared seeds.
 _RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*")
+
+# What a reference implementation takes from its variant, and does not set itself.
+_SHARED: Final = {"group", "settings", "policy", "tuned_by"}
 
 
 class Variant(Table):
@@ -191,13 +192,7 @@ class Solved(Table):
     """About how many times as late each evaluation is as the one before."""
 
 
-def _is_small(margin: float) -> float:
-    if margin > LARGEST_MARGIN:
-        raise ValueError(f"accepted: at most {LARGEST_MARGIN}, since a larger difference matters")
-    return margin
-
-
-Margin = Annotated[float, Field(gt=0), AfterValidator(_is_small)]
+Margin = Annotated[float, Field(gt=0, le=0.2)]  # a larger difference matters
 
 
 class Margins(Table):
@@ -209,12 +204,6 @@ class Margins(Table):
     """Of the score."""
     faster: Margin = 0.2
     """Of the probability of being faster, from 1/2."""
-
-
-def _as_tuple(value: object) -> object:
-    """Returns a name, or a list of names, as a tuple; "" is none."""
-    names = [value] * bool(value) if isinstance(value, str) else value
-    return tuple(names) if isinstance(names, list) else names
 
 
 class Reporting(Table):
@@ -232,8 +221,8 @@ class Reporting(Table):
     """Further tables and figures, each as `module:attribute`."""
     omit: tuple[str, ...] = ()
     """Names of the kind's items that are left out."""
-    baseline: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
-    """The tables that deep learners have to beat: a name or a list; none if the question is another."""
+    baseline: tuple[str, ...] = ()
+    """The tables that deep learners have to beat; none if the question is another."""
     pool: Literal["scenarios", "none"] = "scenarios"
     """Whether verdicts are on means over scenarios."""
     adjust: Literal["holm", "none"] = "holm"
@@ -347,20 +336,17 @@ class Declaration(Table):
         is_changed = any(reading.scenario or reading.settings for reading in self.readings.values())
         is_alone = not (self.grids or self.solved or is_changed or len(self.readings) > 1)
         require(is_alone, "search", "no grids, readings or solved in the same experiment")
+        efforts = [
+            (variant.seeds, *self.schedule(name), (self.settings | variant.settings).get("budget"))
+            for name, variant in self.algorithms.items()
+        ]
+        is_fair = all(effort == efforts[0] for effort in efforts)
+        require(is_fair, "algorithms", "the same seeds, schedule and budget for all in a search")
         check_all(*(partial(self._check_searched, name) for name in self.algorithms))
-
-    def _effort(self, name: str) -> tuple[object, ...]:
-        """Returns what all variants of a search have in common."""
-        variant = self.algorithms[name]
-        return variant.seeds, *self.schedule(name), (self.settings | variant.settings).get("budget")
 
     def _check_searched(self, name: str) -> None:
         variant, where = self.algorithms[name], f"algorithms.{name}"
-        is_equal = self._effort(name) == self._effort(next(iter(self.algorithms)))
-        require(is_equal, where, "the seeds, schedule and budget of all others")
         require(bool(variant.search), where, "a table search, as the experiment has one")
-        unit = (self.settings | variant.settings).get("budget_unit", "steps")
-        require(unit == "steps", f"{where}.settings.budget_unit = {unit}", "steps")
         fixed = sorted({"budget", "budget_unit", "time_limit"} & variant.search.keys())
         require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
         require(variant.seeds > 1, f"{where}.seeds = 1", "at least 2 in a search")
@@ -475,7 +461,7 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     """
     path = _path(experiment)
     check_file_name(path, "results are")
-    if any(fnmatchcase(path.stem.lower(), name) for name in _RESERVED):
+    if any(fnmatchcase(path.stem, name) for name in _RESERVED):
         raise InputError(
             f"{path}: results are named after the file; accepted: any name but {', '.join(_RESERVED)}."
         )
@@ -494,7 +480,7 @@ def _path(experiment: str | Path) -> Path:
     path, names = Path(experiment), experiment_names()
     shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
     if path.suffix == ".toml":
-        if path.stem.lower() in map(str.lower, names) and path.resolve() != shipped.resolve():
+        if path.stem in names and path.resolve() != shipped.resolve():
             reason = f"results are named after the experiment's file, and {path.stem} is a shipped one"
             raise InputError(f"{path}: {reason}; rename it.")
         return path
@@ -522,11 +508,8 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
     if "extends" in data:
         extension = parse(Extension, data, str(path))
         base = _path(extension.extends)
-        where = f"{path}: extends = {json.dumps(extension.extends)}"
         if base in (path, *extended_by):
-            raise InputError(f"{where}: it extends itself.")
-        if len(extended_by) >= MOST_BASES:
-            raise InputError(f"{where}: a chain of more than {MOST_BASES}; accepted: at most {MOST_BASES}.")
+            raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
         changes = {"description": extension.description} | extension.changes
         data = override(_read(base, (path, *extended_by)), changes, str(path))
     if isinstance(data.get("report"), str):
@@ -537,24 +520,21 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
 def _with_references(data: dict[str, object], source: str) -> dict[str, object]:
     """Returns an experiment's tables, references with what they take from their variants.
 
-    Refuses by an InputError a `reference_for` that names no variant, or one that has such a key itself; and a
-    reference that sets what it takes.
+    Refuses by an InputError a `reference_for` that names no variant, and a reference that sets what it takes.
     """
     variants = data.get("algorithms")
-    if not isinstance(variants, dict) or not all(
-        is_name(name) and isinstance(variants[name], dict) for name in variants
-    ):
+    if not isinstance(variants, dict) or not all(isinstance(variant, dict) for variant in variants.values()):
         return data  # is refused with the other tables
     own = {name: variant for name, variant in variants.items() if not variant.get("reference_for")}
-    references = {}
-    for name in [name for name in variants if name not in own]:
-        where, of = f"{source}: algorithms.{name}", str(variants[name]["reference_for"])
-        if of not in own:
-            unknown_name(f"{where}: reference_for", "variant", of, own)
-        taken = ("group", "settings", "policy", "tuned_by")
-        for key in taken:
-            if key in variants[name]:
+    complete = {}
+    for name, variant in variants.items():
+        if name not in own:
+            where, of = f"{source}: algorithms.{name}", str(variant["reference_for"])
+            if of not in own:
+                unknown_name(f"{where}: reference_for", "variant", of, own)
+            for key in sorted(_SHARED & variant.keys()):
                 raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
-        shared = {key: own[of][key] for key in own[of].keys() & {*taken, "observations"}}
-        references[name] = shared | variants[name]
-    return data | {"algorithms": variants | references}
+            shared = {key: own[of][key] for key in own[of].keys() & {*_SHARED, "observations"}}
+            variant = shared | variant
+        complete[name] = variant
+    return data | {"algorithms": complete}

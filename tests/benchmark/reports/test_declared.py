@@ -76,7 +76,7 @@ def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path
     assert (reporting.pool, reporting.adjust) == ("scenarios", "holm")
 
 
-@pytest.mark.parametrize("baseline", ['"table, index"', '["table, index", "other, index"]'])
+@pytest.mark.parametrize("baseline", ['["table, index"]', '["table, index", "other, index"]'])
 def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
     more = f"""
     baseline = {baseline}
@@ -113,11 +113,11 @@ def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
         ('contrasts = [["net, one_hot", "net, one_hot"]]', ["report.contrasts.0", "net, one_hot"]),
         ('contrasts = [["net, one_hot @ S1", "table, index"]]', ["report.contrasts.0"]),
         (f'contrasts = [{CONTRAST}, ["table, index", "net, one_hot"]]', ["report.contrasts.1", "twice"]),
-        (f'baseline = "net, one_hot"\ncontrasts = [{CONTRAST}]', ["report.baseline", "net, one_hot"]),
-        (f'baseline = "tables, index"\ncontrasts = [{CONTRAST}]', ["report.baseline", "table, index"]),
-        (f'baseline = "other, index"\ncontrasts = [{CONTRAST}]', ["report.contrasts", "other, index"]),
-        ('baseline = "table, index"', ["report.contrasts", "table, index"]),
-        ('baseline = "table, index"\ncontrasts = [["table, index", "net, one_hot"]]', ["contrasts.0"]),
+        (f'baseline = ["net, one_hot"]\ncontrasts = [{CONTRAST}]', ["report.baseline", "net, one_hot"]),
+        (f'baseline = ["tables, index"]\ncontrasts = [{CONTRAST}]', ["report.baseline", "table, index"]),
+        (f'baseline = ["other, index"]\ncontrasts = [{CONTRAST}]', ["report.contrasts", "other, index"]),
+        ('baseline = ["table, index"]', ["report.contrasts", "table, index"]),
+        ('baseline = ["table, index"]\ncontrasts = [["table, index", "net, one_hot"]]', ["contrasts.0"]),
         (
             f'baseline = ["table, index", "table, index"]\ncontrasts = [{CONTRAST}]',
             ["report.baseline", "twice"],

@@ -251,7 +251,7 @@ def test_items_of_disjoint_sets() -> None:
         ('"algorithms.q_learning.observations" = ["index", "offset"]', "algorithms"),
         ('scenarios = ["S1", "S2", "Egg"]', "scenarios"),
         ('"readings.origin.scenario" = { observe = ["agent", "issuer"] }', r"scenarios: S1 \(origin\)"),
-        ('report = { kind = "replication", baseline = "q_learning, index" }', "report.baseline"),
+        ('report = { kind = "replication", baseline = ["q_learning, index"] }', "report.baseline"),
         ('"grids.all.axes.noise.little.scenario" = { "issuer.position" = [6, 8] }', "grids"),
     ],
 )
