@@ -218,19 +218,12 @@ class Store:
 
     def statuses(self) -> dict[str, str]:
         """Returns the status of every stored run, by digest."""
-        return self._by_digest("SELECT digest, status FROM runs")
+        with self._input_errors():
+            return dict(self._connection.execute("SELECT digest, status FROM runs"))
 
     def ended(self) -> set[str]:
         """Returns the digests of the runs with a valid record: those that are done, or diverged."""
         return {digest for digest, status in self.statuses().items() if status != "failed"}
-
-    def contents(self) -> dict[str, str]:
-        """Returns the specification of every run that has ended, by digest."""
-        return self._by_digest("SELECT digest, specification FROM runs WHERE status != 'failed'")
-
-    def _by_digest(self, query: str) -> dict[str, str]:
-        with self._input_errors():
-            return dict(self._connection.execute(query))
 
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""

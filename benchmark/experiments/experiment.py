@@ -121,11 +121,6 @@ class Experiment:
         return self.declared.argument
 
     @property
-    def description(self) -> str:
-        """What it is about, for readers."""
-        return self.declared.description
-
-    @property
     def report(self) -> Reporting | None:
         """What is drawn of it."""
         return self.declared.report
