@@ -67,11 +67,6 @@ class Display:
     def _print_line(self) -> None:
         task = self._progress.tasks[0]
         failed = f", {task.fields['failed']} failed" if task.fields["failed"] else ""
-        left = time_left(task.time_remaining) if task.time_remaining else ""
+        left = f", about {task.time_remaining / 60:,.1f} min left" if task.time_remaining else ""
         line = f"{task.description}: {task.completed:,.0f} of {task.total:,.0f} runs{failed}{left}"
         self._console.print(line, markup=False, soft_wrap=True)
-
-
-def time_left(seconds: float) -> str:
-    """Returns what a display adds about the time left."""
-    return f", about {seconds:,.0f} s left" if seconds < 120 else f", about {seconds / 60:,.0f} min left"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 class Solved(NamedTuple):
     """When a run has solved its scenario, by its curve so far."""
 
-    place: int  # of the first evaluation from which success stays; the number of evaluations if none
+    first: int  # index of the first evaluation from which success stays; the number of evaluations if none
     is_certain: bool  # success has stayed until twice as many steps; later evaluations change nothing
 
 
@@ -22,7 +22,7 @@ def solved(success: Sequence[float], steps: Sequence[int], enough: float, until:
 
     >>> steps = [0, 100, 200, 300, 400, 500]
     >>> solved([0, 1, 0, 1, 1], steps, 0.9), solved([0, 1, 1, 0], steps, 0.9)
-    (Solved(place=3, is_certain=False), Solved(place=1, is_certain=True))
+    (Solved(first=3, is_certain=False), Solved(first=1, is_certain=True))
     """
     first = 0
     for i, value in enumerate(success):

@@ -386,9 +386,9 @@ class Declaration(Table):
 
     def all_seeds(self, variant: str) -> set[range]:
         """Returns the seeds that a variant's runs may have, those at further looks, too."""
-        looks = () if self.report is None else self.report.looks
+        largest = 0 if self.report is None else max(self.report.looks, default=0)
         ranges = {self.seeds_of(variant, condition) for condition in self.conditions.values()}
-        return {range(r.start, max([r.stop, *(r.start + n for n in looks)])) for r in ranges}
+        return {range(seeds.start, max(seeds.stop, seeds.start + largest)) for seeds in ranges}
 
     def seeds_of_search(self, variant: str) -> tuple[range, range]:
         """Returns the seeds of a variant's trials, and those of the further stages of the search."""

@@ -6,7 +6,7 @@ import re
 import pytest
 from rich.console import Console
 
-from benchmark.execution.progress import Display, time_left
+from benchmark.execution.progress import Display
 from benchmark.execution.store import Record
 from benchmark.experiments import all_specifications, load_experiment
 
@@ -33,7 +33,3 @@ def test_runs_are_counted_in_a_bar_or_in_occasional_lines(
     else:
         assert len(lines) == 2
         assert all(line.startswith(f"mine: 2 of {len(RUNS)} runs, 1 failed") for line in lines)
-
-
-def test_time_left_is_in_words() -> None:
-    assert (time_left(119), time_left(1200)) == (", about 119 s left", ", about 20 min left")
