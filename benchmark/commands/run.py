@@ -75,7 +75,7 @@ def _execute(
             # A worker finds its next job waiting.
             jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
         with Display(name, runs, store.ended()) as display:
-            errors = driver.run(runs, store, jobs, display.advance, display.start, executor)
+            errors = driver.run(runs, store, jobs, display.advance, executor)
     statuses = store.statuses()
     n_lost = sum(run.digest not in statuses for run in runs)
     problem = ""

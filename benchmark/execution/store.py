@@ -283,7 +283,7 @@ class Store:
                 if _code(error) != sqlite3.SQLITE_CORRUPT:
                     raise
                 result = error
-        return "" if result == "ok" else _in_one_line(result)
+        return "" if result == "ok" else " ".join(str(result).split())
 
     def _salvage(self) -> None:
         """Replaces a damaged file by one with its intact records, and opens that."""
@@ -320,16 +320,12 @@ class Store:
             code = _code(error)
             advice = _ADVICE.get(code, "try again, or choose another folder with --results")
             kind = DamagedError if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB) else InputError
-            raise kind(f"{self._path}: {_UNUSABLE}: {_in_one_line(error)}; {advice}.") from error
+            raise kind(f"{self._path}: {_UNUSABLE}: {error}; {advice}.") from error
 
 
 def _code(error: sqlite3.Error) -> int:
     """Returns SQLite's primary code of an error; 0 if it has none."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
-
-
-def _in_one_line(text: object) -> str:
-    return " ".join(str(text).split())
 
 
 def _head(*columns: object) -> int:

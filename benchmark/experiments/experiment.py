@@ -222,8 +222,7 @@ class _Loading:
             with self.noted():
                 chosen = choices.chosen_for(self.declared, name, observation)
             changed = tuple(choices.changed_settings(self.declared, name))
-            learner = Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed)
-            learners.append(learner)
+            learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed))
         with suppress(InputError):  # of settings, which is noted under each condition
             families = {_family(learner, self._settings(learner, first)) for learner in learners}
         family = families.pop() if len(families) == 1 else algorithm.family
@@ -351,10 +350,7 @@ def _check_titles(learners: Iterable[Learner], where: str) -> None:
 def _family(learner: Learner, settings: LearnerSettings) -> str:
     """Returns what a learner counts as with these settings, see `_Loading.learners`."""
     layers = dict(getattr(settings, "policy_kwargs", None) or {}).get("net_arch")
-    if isinstance(layers, dict):  # of actor and critic
-        layers = [widths for widths in layers.values() if widths]
-    is_linear = layers is not None and len(layers) == 0
-    is_table = is_linear and ENCODINGS[learner.observation] == "one_hot"
+    is_table = layers is not None and len(layers) == 0 and ENCODINGS[learner.observation] == "one_hot"
     return "tabular" if is_table else learner.algorithm.family
 
 
