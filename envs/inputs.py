@@ -169,15 +169,6 @@ def check_file_name(path: Path, what: str) -> None:
         raise InputError(f"{shown}: {what} named after the file; accepted: {_NAME_RULE}.")
 
 
-def in_either_case(names: Iterable[str]) -> tuple[str, str] | None:
-    """Returns two names that differ in case alone, and so share files on some systems; None if none do."""
-    first: dict[str, str] = {}
-    for name in names:
-        if first.setdefault(name.lower(), name) != name:
-            return first[name.lower()], name
-    return None
-
-
 def read_toml(path: Path) -> dict[str, Any]:
     """Reads a TOML file; one that cannot be read, is too large or nested too deeply raises an InputError."""
     try:
