@@ -77,7 +77,7 @@ kind = "comparison"
 question = "Which?"
 items = []
 omit = ["maps"]
-baseline = "table, index"
+baseline = ["table, index"]
 pool = "none"
 adjust = "none"
 margins = { success = 0.1, score = 0.05 }
@@ -94,13 +94,13 @@ scenario = { "issuer.position" = [5, 5] }
 scenarios = ["S1"]
 settings = { time_limit = 100 }
 curve = "table"
-[sweep.size.small]
+[grids.all.axes.size.small]
 scenario = { "grid.rows" = 11 }
-[sweep.size.large]
+[grids.all.axes.size.large]
 scenario = { "grid.rows" = 12 }
 """
 # What is left out of it, since a report takes some of it alone, or none.
-WITHOUT: Final = (("readings", "sweep"), ("readings",), ("report",), ("report", "readings"))
+WITHOUT: Final = (("readings", "grids"), ("readings",), ("report",), ("report", "readings"))
 EXTENSION: Final = """
 extends = "reproduce_smoke"
 description = "Another budget."

@@ -4,7 +4,6 @@ They are written out here because importing SB3 loads torch, and its signatures 
 sense. A test compares names and defaults with the signatures.
 """
 
-from itertools import pairwise
 from typing import Annotated, Any, Final, Self
 
 from pydantic import Field, model_validator
@@ -51,24 +50,6 @@ class Sb3Settings(LearnerSettings):
     def arguments(self) -> dict[str, Any]:
         """The arguments of SB3's class, except policy and env."""
         return self._fitted(self.model_dump(mode="json", exclude=OUR_SETTINGS, exclude_none=True))
-
-    def memory(self, n_inputs: int, n_kept: int) -> dict[str, int]:
-        """Returns about how many bytes an agent takes, by the settings that decide it.
-
-        An observation has `n_inputs` numbers, of which a rollout or replay buffer keeps `n_kept`.
-        """
-        values = vars(self)
-        widths: tuple[int, ...] = getattr(self.policy_kwargs, "net_arch", ())
-        layers = [n_inputs, *widths, 1]
-        n_parameters = sum((n + 1) * m for n, m in pairwise(layers))
-        n_steps, key = self.rollout, f"n_steps = {values.get('n_steps')} with n_envs = {self.n_envs}"
-        sizes = {f"policy_kwargs.net_arch = {[*widths]}": 4 * (8 * n_parameters + max(layers) ** 2)}
-        if isinstance(n_rows := values.get("batch_size"), int):
-            n_rows = n_rows if "buffer_size" in values else min(n_rows, n_steps)
-            sizes[f"batch_size = {values['batch_size']}"] = 4 * n_rows * (4 * sum(widths) + 2 * n_inputs + 20)
-        if "buffer_size" in values:
-            n_steps, key = min(values["buffer_size"], self.budget), f"buffer_size = {values['buffer_size']}"
-        return sizes | {key: n_steps * (8 * n_kept + 40)}
 
     def _fitted(self, arguments: dict[str, Any]) -> dict[str, Any]:
         """Returns the arguments with a buffer no larger than the budget: the rest would only take memory."""

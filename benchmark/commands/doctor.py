@@ -200,7 +200,7 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
         if not missing:
             yield _finding("runs", f"all {len(runs):,} are done")
             return
-        estimated = estimate(missing, store, options.jobs, usable_cores())
+        estimated = estimate(runs, missing, store, options.jobs, usable_cores())
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs")
     if estimated.unknown:
         names = shortened(", ".join(dict.fromkeys(estimated.unknown)))

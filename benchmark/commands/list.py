@@ -22,7 +22,7 @@ def main(options: argparse.Namespace) -> int:
         runs = all_specifications(experiment)
         n_done = sum(run.digest in ended for run in runs)
         which = "runs of the first stage" if experiment.has_stages else "runs"
-        return f"{n_done} of {len(runs)} {which} done. {experiment.description}"
+        return f"{n_done} of {len(runs)} {which} done. {experiment.declared.description}"
 
     _print("scenarios", scenario_names(), lambda name: load_scenario(name).description)
     _print("algorithms", ALGORITHMS, lambda name: ALGORITHMS[name])

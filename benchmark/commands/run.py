@@ -71,7 +71,7 @@ def _execute(
             # A worker finds its next job waiting.
             jobs, executor = options.jobs or 2 * cluster.workers, lambda _: cluster
         with Display(name, runs, store.ended()) as display:
-            errors = driver.run(runs, store, jobs, display.advance, display.start, executor)
+            errors = driver.run(runs, store, jobs, display.advance, executor)
     if errors:
         failed = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"
         print(f"error: {failed}", file=sys.stderr)

@@ -40,7 +40,7 @@ def specification(
     if observation not in learners:
         unknown_name(f"{experiment.name}: {variant}", "observation", observation, learners)
     if DEFAULT_CONDITION not in experiment.conditions or experiment.declared.solved is not None:
-        accepted = "an experiment without sweep, grids, search or solved"
+        accepted = "an experiment without grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
     population = experiment.population(DEFAULT_CONDITION, scenario, learners[observation].name)
     return population.first.with_seed(seed)

@@ -1,22 +1,20 @@
 """Estimates what missing runs cost, from stored runs of the same populations on such a machine."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from agents import load_algorithm
 from benchmark.execution.plan import plan
 from benchmark.execution.provenance import machine
 from benchmark.execution.store import Provenance, Store
-from benchmark.experiments import RunSpecification, population_of
+from benchmark.experiments import RunSpecification
 from envs import InputError
 
 DOUBT: Final = 1.3  # by what factor a time may be wrong: a rule of thumb
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """What it costs to execute missing runs; time and memory are of populations with stored runs."""
 
     jobs: int
@@ -27,11 +25,17 @@ class Estimate:
     unknown: Sequence[str]  # the variant of every other population
 
 
-def estimate(runs: Sequence[RunSpecification], store: Store | None, jobs: int, cores: int) -> Estimate:
-    """Returns what it costs to execute runs that are missing in the store, so many jobs at a time."""
-    planned = plan(runs)
+def estimate(
+    runs: Sequence[RunSpecification],
+    missing: Sequence[RunSpecification],
+    store: Store | None,
+    jobs: int,
+    cores: int,
+) -> Estimate:
+    """Returns what it costs to execute those of these runs that are missing, so many jobs at a time."""
+    planned, todo = plan(missing), {run.digest for run in missing}
     variants = {job[0].population: job[0].variant for job in planned}
-    stored = {} if store is None else _stored(variants, store)
+    stored = {} if store is None else _stored([run for run in runs if run.digest not in todo], store)
     known = [job for job in planned if job[0].population in stored]
     times, peaks = [0.0], [0.0]
     for job in known:
@@ -40,24 +44,23 @@ def estimate(runs: Sequence[RunSpecification], store: Store | None, jobs: int, c
         peaks += [run["peak_memory_mb"] or 0.0 for run in measured]
     seconds = max(sum(times) / min(jobs, cores), *times)
     n_processes = sum(load_algorithm(job[0].algorithm).placement == "process" for job in known)
+    unknown = [variant for population, variant in variants.items() if population not in stored]
     return Estimate(
         jobs=len(planned),
         seconds=(seconds / DOUBT, seconds * DOUBT),
         peak_memory=2**20 * max(peaks) * max(1, min(jobs, n_processes)),  # threads share that of one process
-        size=sum(run.record_size for run in runs),
-        known=len(stored),
-        unknown=[variant for population, variant in variants.items() if population not in stored],
+        size=sum(run.record_size for run in missing),
+        known=len(variants) - len(unknown),
+        unknown=unknown,
     )
 
 
-def _stored(populations: Collection[str], store: Store) -> dict[str, list[Provenance]]:
+def _stored(done: Sequence[RunSpecification], store: Store) -> dict[str, list[Provenance]]:
     """Returns the provenance of stored runs of such a machine, by population."""
     stored: dict[str, list[Provenance]] = {}
-    with suppress(InputError):  # the file is damaged
-        for digest, content in store.contents().items():
-            with suppress(InputError, TypeError, ValueError):  # a damaged record
-                if (population := population_of(content)) in populations:
-                    (record,) = store.get([digest], arrays=False)
-                    if record.provenance["machine"] == machine():
-                        stored.setdefault(population, []).append(record.provenance)
+    for run in done:
+        with suppress(InputError):  # a damaged record
+            (record,) = store.get([run.digest], arrays=False)
+            if record.provenance["machine"] == machine():
+                stored.setdefault(run.population, []).append(record.provenance)
     return stored

@@ -20,7 +20,6 @@ def run(
     store: Store,
     jobs: int,
     on_progress: Callable[[list[Record]], None] = lambda _: None,
-    on_start: Callable[[Job], None] = lambda _: None,
     executor: ExecutorFactory | None = None,
 ) -> list[str]:
     """Executes the runs that have no valid record, and stores their records as they come.
@@ -33,7 +32,6 @@ def run(
       store: Where records are stored.
       jobs: How many jobs are submitted at a time.
       on_progress: Called with the records of every job that has ended.
-      on_start: Called with every job that starts.
       executor: Executes all jobs; by default, each algorithm's placement decides.
 
     Returns:
@@ -61,7 +59,6 @@ def run(
             done: set[Future[list[Record]]] = set()
             while True:
                 for job in islice(waiting, jobs - len(under_way) + len(done)):
-                    on_start(job)
                     under_way[executors.of(job).submit(job)] = job, time.perf_counter()
                 for future in done:
                     keep(future)
@@ -69,8 +66,9 @@ def run(
                     return errors
                 done = wait(under_way, return_when=FIRST_COMPLETED).done
     except KeyboardInterrupt:
-        for future in [future for future in under_way if _is_finished(future)]:
-            keep(future)
+        for future in [*under_way]:
+            if future.done() and not future.cancelled() and future.exception() is None:
+                keep(future)
         raise
 
 
@@ -96,10 +94,6 @@ def _records(future: Future[list[Record]], job: Job, started: float) -> list[Rec
         return future.result()
     except Exception as error:
         return failures(job, error, started)
-
-
-def _is_finished(future: Future[list[Record]]) -> bool:
-    return future.done() and not future.cancelled() and future.exception() is None
 
 
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:

@@ -1,4 +1,4 @@
-"""Shows the progress of an experiment: how many runs are done, running and failed, and the time left."""
+"""Shows the progress of an experiment: how many runs are done and failed, and the time left."""
 
 import time
 from collections.abc import Collection
@@ -7,7 +7,6 @@ from typing import Final, Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
 from benchmark.experiments import RunSpecification
 
@@ -27,14 +26,14 @@ class Display:
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[running]} running, {task.fields[failed]} failed"),
+            TextColumn("{task.fields[failed]} failed"),
             TimeRemainingColumn(elapsed_when_finished=True),
             console=self._console,
             disable=not self._console.is_terminal,
             speed_estimate_period=_RECENT_S,
         )
         done = sum(run.digest in ended for run in runs)
-        self._task = self._progress.add_task(name, total=len(runs), completed=done, running=0, failed=0)
+        self._task = self._progress.add_task(name, total=len(runs), completed=done, failed=0)
         self._line_s = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -42,36 +41,22 @@ class Display:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._progress.update(self._task, running=0)  # nothing is running after an interrupt
         self._progress.stop()
         if not self._console.is_terminal:
             self._print_line()
 
-    def start(self, job: Job) -> None:
-        """Notes that a job has started."""
-        self._count(len(job), 0, 0)
-
     def advance(self, records: list[Record]) -> None:
         """Notes that a job has ended, with these records."""
         failed = sum(record.status == "failed" for record in records)
-        self._count(-len(records), len(records) - failed, failed)
+        all_failed = self._progress.tasks[0].fields["failed"] + failed
+        self._progress.update(self._task, advance=len(records) - failed, failed=all_failed)
         if not self._console.is_terminal and time.monotonic() - self._line_s > _LINE_EVERY_S:
             self._line_s = time.monotonic()
             self._print_line()
 
-    def _count(self, running: int, done: int, failed: int) -> None:
-        now = self._progress.tasks[0].fields
-        running, failed = now["running"] + running, now["failed"] + failed
-        self._progress.update(self._task, advance=done, running=running, failed=failed)
-
     def _print_line(self) -> None:
         task = self._progress.tasks[0]
         failed = f", {task.fields['failed']} failed" if task.fields["failed"] else ""
-        left = time_left(task.time_remaining) if task.time_remaining else ""
+        left = f", about {task.time_remaining / 60:,.1f} min left" if task.time_remaining else ""
         line = f"{task.description}: {task.completed:,.0f} of {task.total:,.0f} runs{failed}{left}"
         self._console.print(line, markup=False, soft_wrap=True)
-
-
-def time_left(seconds: float) -> str:
-    """Returns what a display adds about the time left."""
-    return f", about {seconds:,.0f} s left" if seconds < 120 else f", about {seconds / 60:,.0f} min left"

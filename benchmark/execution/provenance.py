@@ -90,13 +90,8 @@ def digest_of_source(module: str) -> str:
     folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
     paths = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix in _SOURCES]
     paths += [Path(spec.origin)] if spec.origin and not folders else []
-    named = (f"{path.name}\0{digest_of_file(path)}" for path in paths)
+    named = (f"{path.name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths)
     return hashlib.sha256("".join(named).encode()).hexdigest()
-
-
-def digest_of_file(path: Path) -> str:
-    """Returns the digest of a file's content."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def commit(file: Path) -> str | None:

@@ -6,16 +6,15 @@ records. Every record has checksums, which are verified whenever it is read: a d
 
 import fcntl
 import json
-import os
 import shutil
 import sqlite3
 import sys
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,15 +56,11 @@ _UNUSABLE: Final = "cannot be used as the store of runs"
 _MOVE: Final = "move it away, or choose another folder with --results"
 # What to do about an error of SQLite, by its code.
 _ADVICE: Final = {
-    sqlite3.SQLITE_BUSY: "another process is writing to it; try again when that has ended",
     sqlite3.SQLITE_FULL: "free some space; the same command continues, and finished runs are kept",
     sqlite3.SQLITE_IOERR: "check the disk and its free space; the same command continues",
-    sqlite3.SQLITE_READONLY: "make the file and its folder writable",
-    sqlite3.SQLITE_CANTOPEN: "make the file and its folder readable and writable",
     sqlite3.SQLITE_CORRUPT: f"it is damaged; {REPAIR_ADVICE}",
     sqlite3.SQLITE_NOTADB: _MOVE,
 }
-_T = TypeVar("_T")
 Arrays = Mapping[str, NDArray[Any]]
 Provenance = Mapping[str, Any]  # of a record: versions, commit, machine, times
 _Row = tuple[str | int | bytes | None, ...]  # _COLUMNS, and perhaps arrays
@@ -143,8 +138,8 @@ class _Packed(Arrays):
 class Store:
     """An open `runs.db`, used as a context manager.
 
-    A file that SQLite finds damaged is replaced by one with the intact records, if it may be written; the
-    damaged one is kept beside it, with a message on stderr.
+    A file whose structure is damaged is replaced when it is opened for writing: by one with its intact
+    records. The damaged one is kept beside it, with a message on stderr.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
@@ -155,47 +150,44 @@ class Store:
           DamagedError: It is not an SQLite file, holds something else, or is damaged and may not be written.
           InputError: It cannot be opened.
         """
-        self._path = Path(os.path.realpath(path)) if path.is_symlink() else path
-        self._read_only = read_only
-        folder = self._path.parent
+        self._path, self._read_only = path, read_only
         try:
             if not read_only:
-                folder.mkdir(parents=True, exist_ok=True)
-            if self._path.exists() and not self._path.is_file():
-                raise InputError(f"{self._path}: {_UNUSABLE}: it is not a file; {_MOVE}.")
+                path.parent.mkdir(parents=True, exist_ok=True)
             # SQLite leaves an empty file if it is killed early.
-            if read_only and not (self._path.exists() and self._path.stat().st_size):
-                raise NoRunsError(f"{self._path}: there are no runs yet; run the experiment first.")
+            elif not (path.exists() and path.stat().st_size):
+                raise NoRunsError(f"{path}: there are no runs yet; run the experiment first.")
         except OSError as error:
             what = f"cannot be {'read' if read_only else 'created'}: {error.strerror}"
-            raise InputError(f"{folder}: {what}; choose another folder with --results.") from error
+            raise InputError(f"{path.parent}: {what}; choose another folder with --results.") from error
         self._open()
 
     def _open(self) -> None:
-        """Opens the file, creates its table if it is new, and checks that it is a store."""
         # Readers, too, open it for writing, so that SQLite can undo an interrupted transaction.
         uri = f"{self._path.absolute().as_uri()}?mode={'rw' if self._read_only else 'rwc'}"
         with self._input_errors():
             self._connection = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level="IMMEDIATE")
-        self._inode = self._inode_now()
-        # Text that is not UTF-8 is damaged, which its checksum reveals.
-        self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
         try:
-            self._do(self._set_up)
+            self._set_up()
         except BaseException:
             self._connection.close()
             raise
 
     def _set_up(self) -> None:
-        if not self._read_only and self._number("PRAGMA schema_version") == 0:  # it is new
-            self._connection.executescript(_CREATE)
-        self._check_version()
-        self._connection.execute(f"PRAGMA query_only = {self._read_only}")
-
-    def _check_version(self) -> None:
-        version = self._number("PRAGMA application_id"), self._number("PRAGMA user_version")
-        if version != (_APPLICATION_ID, _FORMAT):
-            raise DamagedError(f"{self._path}: not a store of this version of the project; {_MOVE}.")
+        """Creates the table if the file is new, checks that it is a store, and saves it if it is damaged."""
+        # Text that is not UTF-8 is damaged, which its checksum reveals.
+        self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
+        with self._input_errors():
+            # Without this, SQLite refuses to read what is left of a truncated file.
+            self._connection.execute(f"PRAGMA writable_schema = {not self._read_only}")
+            if not self._read_only and self._number("PRAGMA schema_version") == 0:  # it is new
+                self._connection.executescript(_CREATE)
+            version = self._number("PRAGMA application_id"), self._number("PRAGMA user_version")
+            if version != (_APPLICATION_ID, _FORMAT):
+                raise DamagedError(f"{self._path}: not a store of this version of the project; {_MOVE}.")
+            self._connection.execute(f"PRAGMA query_only = {self._read_only}")
+            if not self._read_only and self.problem():
+                self._salvage()
 
     def _number(self, query: str) -> int:
         (number,) = self._connection.execute(query).fetchone()
@@ -226,36 +218,31 @@ class Store:
 
     def statuses(self) -> dict[str, str]:
         """Returns the status of every stored run, by digest."""
-        return self._by_digest("SELECT digest, status FROM runs")
+        with self._input_errors():
+            return dict(self._connection.execute("SELECT digest, status FROM runs"))
 
     def ended(self) -> set[str]:
         """Returns the digests of the runs with a valid record: those that are done, or diverged."""
         return {digest for digest, status in self.statuses().items() if status != "failed"}
 
-    def contents(self) -> dict[str, str]:
-        """Returns the specification of every run that has ended, by digest."""
-        return self._by_digest("SELECT digest, specification FROM runs WHERE status != 'failed'")
-
-    def _by_digest(self, query: str) -> dict[str, str]:
-        return self._do(lambda: dict(self._connection.execute(query)))
-
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""
-        rows = []
+        rows: list[_Row] = []
         for record in records:
             arrays, provenance = _pack(record.arrays), json.dumps(record.provenance, sort_keys=True)
             about = record.digest, record.specification, record.status, record.error, provenance
             checksum = zlib.crc32(arrays)
             rows.append((*about, checksum, _head(*about, checksum), arrays))
-        self._do(lambda: self._add(rows))
+        self._add(rows)
 
     def _add(self, rows: Iterable[_Row]) -> None:
-        with self._connection:
+        with self._input_errors(), self._connection:
             self._connection.executemany(_ADD, rows)
 
     def get(self, digests: Sequence[str], *, arrays: bool = True) -> list[Record]:
         """Returns the records of these runs in this order; an InputError says which is damaged or missing."""
-        return self._do(lambda: [self._get(digest, arrays) for digest in digests])
+        with self._input_errors():
+            return [self._get(digest, arrays) for digest in digests]
 
     def _get(self, digest: str, arrays: bool) -> Record:
         columns = _COLUMNS + ", arrays" * arrays
@@ -270,31 +257,21 @@ class Store:
 
     def damaged(self, digests: Collection[str]) -> list[str]:
         """Returns which of these stored runs have a record that is damaged or cannot be found."""
-
-        def is_damaged(digest: str) -> bool:
-            try:
-                self._get(digest, arrays=True)
-            except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
-                return True
-            return False
-
-        return self._do(lambda: list(filter(is_damaged, digests)))
+        damaged = []
+        with self._input_errors():
+            for digest in digests:
+                try:
+                    self._get(digest, arrays=True)
+                except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
+                    damaged.append(digest)
+        return damaged
 
     def discard_damaged(self, digests: Iterable[str]) -> int:
-        """Removes the damaged records of those of these runs that have ended; returns how many.
-
-        If the structure of the file is damaged, it is replaced by one with the intact records first.
-        """
-        if self.problem():
-            with self._input_errors():
-                self._salvage()
+        """Removes the damaged records of those of these runs that have ended; returns how many."""
         damaged = self.damaged(self.ended().intersection(digests))
-        if damaged:
-            with self._input_errors(), self._connection:
-                self._connection.execute("BEGIN IMMEDIATE")
-                damaged = self.damaged(damaged)  # another driver may have replaced some by intact ones
-                rows = [(digest,) for digest in damaged]
-                self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
+        with self._input_errors(), self._connection:
+            rows = [(digest,) for digest in damaged]
+            self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
         return len(damaged)
 
     def problem(self) -> str:
@@ -306,53 +283,22 @@ class Store:
                 if _code(error) != sqlite3.SQLITE_CORRUPT:
                     raise
                 result = error
-        return "" if result == "ok" else _in_one_line(result)
-
-    def _do(self, action: Callable[[], _T]) -> _T:
-        """Returns the result of an action on the database; an error of SQLite becomes an `InputError`.
-
-        If the file is damaged, its intact records are saved first. If it was replaced or removed meanwhile,
-        the present one is opened, or a new one.
-        """
-        with self._input_errors():
-            try:
-                return action()
-            except sqlite3.DatabaseError as error:
-                if self._read_only:
-                    raise
-                if _code(error) == sqlite3.SQLITE_CORRUPT:
-                    self._salvage()
-                elif self._inode_now() != self._inode:  # SQLite does not write to it
-                    self._reopen()
-                else:
-                    raise
-            return action()
-
-    def _reopen(self) -> None:
-        self._connection.close()
-        self._open()
-
-    def _inode_now(self) -> int:
-        """Returns the inode of the file that is at the path now; -1 if there is none."""
-        with suppress(OSError):
-            return self._path.stat().st_ino
-        return -1
+        return "" if result == "ok" else " ".join(str(result).split())
 
     def _salvage(self) -> None:
-        self._connection.execute("PRAGMA writable_schema = ON")  # else a truncated file cannot be read
-        self._check_version()
-        self._connection.execute("BEGIN EXCLUSIVE")  # waits for other drivers
-        if self._inode_now() == self._inode:  # else one of them has done it meanwhile
-            fresh, kept = (Path(f"{self._path}.{end}") for end in ("salvaged", "damaged"))
-            fresh.unlink(missing_ok=True)
-            with Store(fresh) as store:
-                store._add(self._whole_rows())
-                n_records = len(store.statuses())
-            shutil.copyfile(self._path, kept)
-            fresh.replace(self._path)
-            what = f"{self._path} was damaged: its {n_records} intact records have been saved"
-            print(f"{what}; the damaged file is kept as {kept}.", file=sys.stderr)
-        self._reopen()
+        """Replaces a damaged file by one with its intact records, and opens that."""
+        self._connection.execute("BEGIN EXCLUSIVE")  # waits for another driver
+        fresh, kept = (Path(f"{self._path}.{end}") for end in ("salvaged", "damaged"))
+        fresh.unlink(missing_ok=True)
+        with Store(fresh) as store:
+            store._add(self._whole_rows())
+            n_records = len(store.statuses())
+        shutil.copyfile(self._path, kept)
+        fresh.replace(self._path)
+        what = f"{self._path} was damaged: its {n_records} intact records have been saved"
+        print(f"{what}; the damaged file is kept as {kept}.", file=sys.stderr)
+        self._connection.close()
+        self._open()
 
     def _whole_rows(self) -> Iterator[_Row]:
         """Yields the rows of a damaged file that are intact."""
@@ -374,16 +320,12 @@ class Store:
             code = _code(error)
             advice = _ADVICE.get(code, "try again, or choose another folder with --results")
             kind = DamagedError if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB) else InputError
-            raise kind(f"{self._path}: {_UNUSABLE}: {_in_one_line(error)}; {advice}.") from error
+            raise kind(f"{self._path}: {_UNUSABLE}: {error}; {advice}.") from error
 
 
 def _code(error: sqlite3.Error) -> int:
     """Returns SQLite's primary code of an error; 0 if it has none."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
-
-
-def _in_one_line(text: object) -> str:
-    return " ".join(str(text).split())
 
 
 def _head(*columns: object) -> int:

@@ -12,7 +12,7 @@ from benchmark.experiments.experiment import (
     load_experiment,
     title_of,
 )
-from benchmark.experiments.run import RunSpecification, evaluation_steps, population_of
+from benchmark.experiments.run import RunSpecification, evaluation_steps
 from benchmark.experiments.schema import (
     DEFAULT_CONDITION,
     EXPERIMENT_DIRECTORY,
@@ -48,6 +48,5 @@ __all__ = [
     "experiment_names",
     "interleaved",
     "load_experiment",
-    "population_of",
     "title_of",
 ]

@@ -6,8 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from agents import dynamic_programming, load_algorithm
 from benchmark.experiments.schema import Declaration, overlap, read_experiment
 from benchmark.experiments.search import Chosen, read_chosen
@@ -57,6 +55,7 @@ def digest_of_search(search: Declaration) -> str:
             del axis["why"]
     content["scenarios"] = [load_scenario(name).model_dump(mode="json") for name in search.scenarios]
     algorithms = [load_algorithm(variant.algorithm).version for variant in search.algorithms.values()]
+    content["sweep"] = {}  # a key of earlier versions, on which digests depend
     content["versions"] = [*algorithms, dynamic_programming.VERSION]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -65,10 +64,8 @@ def check_source(declared: Declaration, variant: str, path: Path) -> None:
     """Refuses, by an InputError, what does not name a variant of a search."""
     if not (tuned_by := declared.algorithms[variant].tuned_by):
         return
-    where, (name, searched) = (
-        f"{path}: algorithms.{variant}.tuned_by = {tuned_by}",
-        source_of(declared, variant),
-    )
+    where = f"{path}: algorithms.{variant}.tuned_by = {tuned_by}"
+    name, searched = source_of(declared, variant)
     if not name:
         raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
     search = _search(name).declared
@@ -94,32 +91,15 @@ def check_seeds(declared: Declaration, variant: str, path: Path) -> None:
 
 
 def check_unseen(scenario: Scenario, search: str) -> None:
-    """Refuses, by an InputError, a scenario of a search, in whatever reflection."""
-    for other, essence in _search(search).scenarios:
-        is_alike = scenario.grid.size == other.grid.size and len(scenario.places) == len(other.places)
-        if is_alike and essence_of(scenario) == essence:
-            reason = f"{scenario.name} is {other.name}, a scenario of the search, or its reflection"
-            raise InputError(f"{reason}; accepted: other scenarios.")
+    """Refuses, by an InputError, a scenario of a search, under whatever name."""
+    if other := _search(search).scenarios.get(content_of(scenario)):
+        reason = f"{scenario.name} is {other}, a scenario of the search"
+        raise InputError(f"{reason}; accepted: other scenarios.")
 
 
-def essence_of(scenario: Scenario) -> str:
-    """Returns what makes a scenario another task than others: all but texts and reflections of the room."""
-    cells = np.arange(len(scenario.grid.is_wall)).reshape(scenario.grid.size)
-    rooms = []
-    for view in (cells, cells[::-1], cells[:, ::-1], cells[::-1, ::-1]):
-        shown = view.ravel()  # the cell at each index
-        index = shown.argsort()
-        positions = []
-        for j, zone in enumerate(scenario.zone):
-            starts = sorted([int(t), int(index[c])] for i, t, c in scenario.starts if i == j)
-            positions.append([zone[:, shown].tolist(), starts])
-        rooms.append(json.dumps([scenario.grid.is_wall[shown].tolist(), sorted(positions)]))
-    apart = {"name", "description", "grid", "issuer", "regions", "others", "phases"}
-    rest = scenario.model_dump(mode="json", exclude=apart)
-    spoken = [scenario.issuer.feedback, *(person.feedback for person in scenario.others)]
-    feedback = [table.model_dump() for table in spoken]
-    clock = [part.tolist() for part in (scenario.ticks, *scenario.following)]
-    return json.dumps([min(rooms), rest, feedback, clock], sort_keys=True)
+def content_of(scenario: Scenario) -> str:
+    """Returns what makes a scenario another task than others: all but its texts."""
+    return scenario.model_dump_json(exclude={"name", "description"})
 
 
 class _Search(NamedTuple):
@@ -127,7 +107,7 @@ class _Search(NamedTuple):
 
     declared: Declaration
     path: Path
-    scenarios: list[tuple[Scenario, str]]  # and their essence
+    scenarios: dict[str, str]  # names, by content
     digest: str
 
 
@@ -135,5 +115,5 @@ class _Search(NamedTuple):
 def _search(name: str) -> _Search:
     declared, path = read_experiment(name)
     loaded = [load_scenario(scenario) for scenario in declared.scenarios]
-    scenarios = [(scenario, essence_of(scenario)) for scenario in loaded]
+    scenarios = {content_of(scenario): scenario.name for scenario in loaded}
     return _Search(declared, path, scenarios, digest_of_search(declared))

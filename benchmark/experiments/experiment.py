@@ -3,11 +3,10 @@
 Nothing after `load_experiment` looks up a name again, or asks in which way a condition was declared.
 """
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Final
@@ -29,9 +28,7 @@ from envs.inputs import check_all, override, parse, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
 
 MOST_RUNS: Final = 500_000  # of an experiment
-MOST_EVALUATIONS: Final = 100_000  # of a run
 LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
-LARGEST_AGENT: Final = 2_000_000_000  # bytes that one setting may take
 
 
 @dataclass(frozen=True)
@@ -124,11 +121,6 @@ class Experiment:
         return self.declared.argument
 
     @property
-    def description(self) -> str:
-        """What it is about, for readers."""
-        return self.declared.description
-
-    @property
     def report(self) -> Reporting | None:
         """What is drawn of it."""
         return self.declared.report
@@ -142,13 +134,6 @@ class Experiment:
     def conditions(self) -> Mapping[str, Condition]:
         """All conditions, by name."""
         return self.declared.conditions
-
-    @cached_property
-    def axes(self) -> dict[str, list[str]]:
-        """The axes of all conditions, with their values."""
-        points = [condition.axes for condition in self.conditions.values()]
-        names = dict.fromkeys(axis for point in points for axis in point)
-        return {name: [*dict.fromkeys(point[name] for point in points if name in point)] for name in names}
 
     @property
     def seed_ranges(self) -> set[range]:
@@ -188,9 +173,7 @@ class _Loading:
 
     def __init__(self, declared: Declaration, path: Path) -> None:
         self.declared, self.path = declared, path
-        self.known: dict[str, LearnerSettings] = {}  # checked settings, by what decides them
-        self.scenarios: dict[str, Scenario] = {}  # changed scenarios, by what decides them
-        self.mistakes: dict[tuple[str, str], str] = {}  # by variant, if it is that of one, and reason
+        self.mistakes: dict[str, str] = {}  # by what tells them apart
 
     def experiment(self) -> Experiment:
         """Returns the experiment; raises an InputError with all mistakes at once."""
@@ -216,81 +199,53 @@ class _Loading:
         return Experiment(declared, self.path, learners, scenarios, populations)
 
     @contextmanager
-    def noted(self, prefix: str = "", common: str = "", variant: str = "") -> Iterator[None]:
-        """Notes what is refused, after a prefix; what several conditions or variants share, once.
-
-        The beginning `common` of lines does not tell mistakes apart. A mistake is that of a variant if it is
-        about a key that this variant has itself.
-        """
-        own: set[str] = set()
-        if variant:
-            declared = self.declared.algorithms[variant]
-            own = {*declared.settings, *(declared.model_fields_set & {"evaluation_every", "map_every"})}
+    def noted(self, prefix: str = "", common: str = "") -> Iterator[None]:
+        """Notes what is refused, after a prefix; once, if lines differ in their beginning `common` alone."""
         try:
             yield
         except InputError as error:
             for line in error.args:
-                reason = line.removeprefix(common)
-                about = variant if any(key in reason.partition(" = ")[0] for key in own) else ""
-                if variant and self.declared.search is not None:  # all of its trials may be refused alike
-                    about, reason = variant, ""
-                self.mistakes.setdefault((about, reason), prefix + line)
+                self.mistakes.setdefault(line.removeprefix(common), prefix + line)
 
     def learners(self, name: str) -> Iterator[Learner]:
-        """Yields the learners of a variant, whose settings are then known under all conditions.
+        """Yields the learners of a variant.
 
         A variant counts as what its algorithm is, but a net that has no hidden layers and learns from one-hot
         observations alone is a table: it has a row of weights for each observation.
         """
-        variant = self.declared.algorithms[name]
+        variant, first = self.declared.algorithms[name], next(iter(self.declared.conditions.values()))
         algorithm = load_algorithm(variant.algorithm)
-        first, *others = self.declared.conditions.values()
-        cases: list[tuple[Condition, dict[str, object]]] = [(first, {})]
-        cases += [(first, {key: mark}) for key, axis in variant.search.items() for mark in axis.marks]
-        cases += [(condition, {}) for condition in others]
-        learners, families = [], set[str]()
+        learners: list[Learner] = []
+        families: set[str] = {algorithm.family}
         for observation in variant.observations:
             chosen = None
             with self.noted():
                 chosen = choices.chosen_for(self.declared, name, observation)
             changed = tuple(choices.changed_settings(self.declared, name))
-            learner = Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed)
-            learners.append(learner)
-            under: dict[str, str] = {}  # a condition for each family
-            for condition, mark in cases:
-                with self.noted(common=f"{self._where(learner, condition)}: ", variant=name):
-                    settings = self._settings(learner, condition, mark)
-                    if not mark:
-                        under.setdefault(_family(learner, settings), condition.name)
-            families |= {*under}
-            if len(under) > 1:
-                named = " and ".join(f"{family} under {where}" for family, where in under.items())
-                self.mistakes[name, observation] = (
-                    f"{self.path}: algorithms.{name}: on {observation}, it is {named}, as a net without "
-                    "hidden layers is a table there; accepted: the same under all conditions."
-                )
-        family = families.pop() if len(families) == 1 else "deep" if families else algorithm.family
+            learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed))
+        with suppress(InputError):  # of settings, which is noted under each condition
+            families = {_family(learner, self._settings(learner, first)) for learner in learners}
+        family = families.pop() if len(families) == 1 else algorithm.family
         yield from (replace(learner, family=family) for learner in learners)
 
     def populations(self, condition: Condition, learners: Iterable[Learner]) -> Iterator[Population]:
         """Yields the populations of a condition whose scenario, settings and sizes are accepted."""
-        declared, names = self.declared, [Path(scenario).stem for scenario in self.declared.scenarios]
+        names = [Path(scenario).stem for scenario in self.declared.scenarios]
         for table, change in condition.changes.items():
             for name in {*(change.scenarios or ())}.difference(names):
                 with self.noted():
                     unknown_name(f"{self.path}: {table}.scenarios", "scenario", name, names)
+        accepted: list[tuple[Learner, LearnerSettings]] = []
+        for learner in learners:
+            if condition.has(learner.variant, learner.observation):
+                with self.noted(common=f"{self._where(learner, condition)}: "):
+                    accepted.append((learner, self._settings(learner, condition)))
         tables = [f"{table}.scenario" for table, change in condition.changes.items() if change.scenario]
-        for path in declared.scenarios:
-            scenario = None
-            with self.noted(f"{self.path}: {' with '.join(tables)}: ", f"{Path(path).stem}: "):
-                scenario = self._scenario(path, condition)
-            if scenario is None:
-                continue
-            for learner in learners:
-                if condition.has(learner.variant, learner.observation):
-                    with suppress(InputError):  # of settings, which is noted
-                        settings = self._settings(learner, condition)
-                        yield self._population(condition, scenario, learner, settings)
+        for path, name in zip(self.declared.scenarios, names, strict=True):
+            with self.noted(f"{self.path}: {' with '.join(tables)}: ", f"{name}: "):
+                scenario = load_scenario(path, condition.scenario_changes(name))
+                for learner, settings in accepted:
+                    yield self._population(condition, scenario, learner, settings)
 
     def _population(
         self, condition: Condition, scenario: Scenario, learner: Learner, settings: LearnerSettings
@@ -321,7 +276,7 @@ class _Loading:
             solved=None if solved is None else {**solved, "policy": variant.policy},
         )
         where = f"{self.path}: algorithms.{learner.variant}"
-        with self.noted(f"{where}: ", variant=learner.variant):
+        with self.noted(f"{where}: "):
             check_size(run)
         if variant.tuned_by:
             search, _ = choices.source_of(declared, learner.variant)
@@ -329,34 +284,22 @@ class _Loading:
                 choices.check_unseen(scenario, search)
         return Population(condition, scenario, learner, run, seeds)
 
-    def _scenario(self, path: str, condition: Condition) -> Scenario:
-        changes = condition.scenario_changes(Path(path).stem)
-        key = json.dumps([path, changes], default=str)
-        if key not in self.scenarios:
-            self.scenarios[key] = load_scenario(path, changes)
-        return self.scenarios[key]
-
-    def _settings(
-        self, learner: Learner, condition: Condition, mark: Mapping[str, object] | None = None
-    ) -> LearnerSettings:
-        """Returns a learner's settings under a condition, and with more changes, checked."""
-        changed = condition.settings_changes(learner.variant) | dict(mark or {})
-        key = json.dumps([learner.name, changed], default=str)
-        if key not in self.known:
-            shared, cls = self.declared.settings, learner.algorithm.settings
-            for name in shared:
-                if name not in cls.model_fields:
-                    where = f"{self.path}: [settings], which {learner.variant} shares"
-                    unknown_name(where, "key", name, cls.model_fields)
-            where = self._where(learner, condition)
-            own = {
-                f"{name}.{inner}" if inner else name: value
-                for name, table in learner.declared.settings.items()
-                for inner, value in (table.items() if isinstance(table, dict) else [("", table)])
-            }
-            chosen = {} if learner.chosen is None else learner.chosen.settings
-            self.known[key] = parse(cls, override(shared | chosen, own | changed, where), where)
-        return self.known[key]
+    def _settings(self, learner: Learner, condition: Condition) -> LearnerSettings:
+        """Returns a learner's settings under a condition, checked."""
+        shared, cls = self.declared.settings, learner.algorithm.settings
+        for name in shared:
+            if name not in cls.model_fields:
+                where = f"{self.path}: [settings], which {learner.variant} shares"
+                unknown_name(where, "key", name, cls.model_fields)
+        own = {
+            f"{name}.{inner}" if inner else name: value
+            for name, table in learner.declared.settings.items()
+            for inner, value in (table.items() if isinstance(table, dict) else [("", table)])
+        }
+        changed = own | condition.settings_changes(learner.variant)
+        chosen = {} if learner.chosen is None else learner.chosen.settings
+        where = self._where(learner, condition)
+        return parse(cls, override(shared | chosen, changed, where), where)
 
     def _where(self, learner: Learner, condition: Condition) -> str:
         """Returns the tables that a learner's settings come from, for messages."""
@@ -383,21 +326,14 @@ def _check_observations(declared: Declaration, name: str, path: Path) -> None:
 
 
 def _check_scenarios(declared: Declaration, path: Path) -> None:
-    """Checks that all scenarios can be loaded and differ, in their names too."""
+    """Checks that all scenarios can be loaded and have different names."""
     try:
         check_all(*(partial(load_scenario, scenario) for scenario in declared.scenarios))
     except InputError as error:
         raise InputError(*(f"{path}: {line}" for line in error.args)) from error
-    scenarios = [load_scenario(scenario) for scenario in declared.scenarios]
-    names, where = [scenario.name for scenario in scenarios], f"{path}: scenarios"
+    names = [Path(scenario).stem for scenario in declared.scenarios]
     if repeated := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"{where}: {repeated[0]} is named twice.")
-    first: dict[str, str] = {}
-    for scenario in scenarios:
-        other = first.setdefault(scenario.model_dump_json(exclude={"name", "description"}), scenario.name)
-        if other != scenario.name:
-            reason = "are the same scenario; accepted: different ones"
-            raise InputError(f"{where}: {other} and {scenario.name} {reason}.")
+        raise InputError(f"{path}: scenarios: {repeated[0]} is named twice.")
 
 
 def _check_titles(learners: Iterable[Learner], where: str) -> None:
@@ -414,35 +350,21 @@ def _check_titles(learners: Iterable[Learner], where: str) -> None:
 def _family(learner: Learner, settings: LearnerSettings) -> str:
     """Returns what a learner counts as with these settings, see `_Loading.learners`."""
     layers = dict(getattr(settings, "policy_kwargs", None) or {}).get("net_arch")
-    if isinstance(layers, dict):  # of actor and critic
-        layers = [widths for widths in layers.values() if widths]
-    is_linear = layers is not None and len(layers) == 0
-    is_table = is_linear and ENCODINGS[learner.observation] == "one_hot"
+    is_table = layers is not None and len(layers) == 0 and ENCODINGS[learner.observation] == "one_hot"
     return "tabular" if is_table else learner.algorithm.family
 
 
 def check_size(run: RunSpecification) -> None:
-    """Refuses, by an InputError, observations, agents and records of a run that do not fit into memory."""
+    """Refuses, by an InputError, observations and records of a run that do not fit into memory."""
     scenario = seen_as(run.scenario, run.observation)
-    every, n_inputs = f"evaluation_every = {run.evaluation_every}", 2 * len(scenario.observe)
     if ENCODINGS[run.observation] == "one_hot":
         check_one_hot(scenario.n_observations, sum(scenario.observed_sizes))
-        n_inputs = sum(scenario.observed_sizes)
-    for setting, size in load_algorithm(run.algorithm).memory(run.settings, n_inputs).items():
-        if size > LARGEST_AGENT:
-            accepted = f"at most {LARGEST_AGENT / 1e9:.0f} GB"
-            raise InputError(f"{setting}: {size / 1e9:,.0f} GB of memory; accepted: {accepted}.")
-    n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1 if run.solved is None else 0
-    if n_evaluations > MOST_EVALUATIONS:
-        raise InputError(
-            f"{every} with budget = {run.settings.budget}: {n_evaluations:,} evaluations; "
-            f"accepted: at most {MOST_EVALUATIONS:,}."
-        )
     if run.record_size > LARGEST_RECORD:
         raise InputError(
-            f"{every} and map_every = {run.map_every} with budget = {run.settings.budget} and "
-            f"{scenario.n_observations:,} observations in {scenario.name}: records of "
-            f"{run.record_size / 1e6:,.0f} MB; accepted: at most {LARGEST_RECORD / 1e6:,.0f} MB."
+            f"evaluation_every = {run.evaluation_every} and map_every = {run.map_every} with "
+            f"budget = {run.settings.budget} and {scenario.n_observations:,} observations in "
+            f"{scenario.name}: records of {run.record_size / 1e6:,.0f} MB; accepted: at most "
+            f"{LARGEST_RECORD / 1e6:,.0f} MB."
         )
 
 

@@ -114,11 +114,6 @@ class RunSpecification:
         return np.random.SeedSequence(int.from_bytes(entropy))
 
 
-def population_of(content: str) -> str:
-    """Returns the population of a run, by its content, see `RunSpecification`."""
-    return content[: content.rindex(',"seed":')] + "}"
-
-
 def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
     """Lists when policies are evaluated: from 0 to the budget, the end always included.
 

@@ -2,22 +2,22 @@
 
 An experiment is a product: conditions x scenarios x learners x seeds. A learner is a variant, that is an
 algorithm with settings, together with one observation. A condition changes values of scenarios and settings.
-The readings of the paper are conditions. A sweep adds axes, and each point of their product is a condition.
+The readings of the paper are conditions. Grids add axes, and each point of their product is a condition.
 """
 
 import json
 import math
+import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from itertools import chain, product
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from benchmark.experiments.search import Search, Space, trials
 from envs import InputError
@@ -39,12 +39,10 @@ EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 # Folders of experiments that were read, where Python also looks for modules.
 SEARCHED: Final[list[str]] = []
 DEFAULT_CONDITION: Final = "default"
-MOST_CONDITIONS: Final = 10_000  # of an experiment
-MOST_BASES: Final = 16  # of an experiment that extends one that extends another, and so on
-LARGEST_MARGIN: Final = 0.2
+MOST_POINTS: Final = 10_000  # of a grid
 
-# Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
-_RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*")
+# What a reference implementation takes from its variant, and does not set itself.
+_SHARED: Final = {"group", "settings", "policy", "tuned_by"}
 
 
 class Variant(Table):
@@ -92,6 +90,11 @@ class Changes(Table):
     settings: dict[str, object] = Field(default_factory=dict)
     """Changes of the settings of every variant, as dotted keys."""
 
+    @property
+    def keys(self) -> list[str]:
+        """What it changes, such as "settings.epsilon"."""
+        return [*(f"scenario.{key}" for key in self.scenario), *(f"settings.{key}" for key in self.settings)]
+
 
 class Reading(Changes):
     """One way to read the paper, or a control."""
@@ -106,18 +109,21 @@ class Reading(Changes):
     """Runs per scenario and learner; by default the variant's."""
 
 
-Value = Annotated[str, Field(pattern=r"^\d+(\.\d+)?(x\d+)?$")]  # of an axis: a number, or two joined by "x"
+_NUMBER: Final = re.compile(r"[0-9]+(\.[0-9]+)?(x[0-9]+)?")
 
 
-def _check_axes(table: str, keys: Mapping[str, Sequence[Sequence[str]]]) -> None:
-    """Checks that every axis changes something, and no two the same, by the keys that each value changes."""
-    axis_of_key: dict[str, str] = {}
-    for axis, values in keys.items():
-        require(bool(values), f"{table}.{axis}", "a table with at least one value")
-        require(any(values), f"{table}.{axis}", "at least one value that changes something")
-        for key in chain(*values):
-            other = axis_of_key.setdefault(key, axis)
-            require(other == axis, f"{table}.{axis} and {table}.{other}: {key}", "different keys")
+def is_number(value: str) -> bool:
+    """Returns whether a value of an axis is a number, or two joined by "x", such as 0.5 or 5x6."""
+    return _NUMBER.fullmatch(value) is not None
+
+
+def _is_value(value: str) -> str:
+    if not (is_name(value) or is_number(value)):
+        raise ValueError("accepted: a name or a number, such as high, 0.5 or 5x6")
+    return value
+
+
+Value = Annotated[str, AfterValidator(_is_value)]
 
 
 def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
@@ -130,23 +136,19 @@ def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
     return {"/".join(f"{axis}={value}" for axis, value in point.items()): point for point in points}
 
 
-class Grid(Table):
-    """Conditions of a map: the product of its axes, in scenarios that are drawn anew for every run."""
+class Grid(Changes):
+    """Conditions that are the product of axes, with changes at all its points. A map draws grids."""
 
-    question: Annotated[Line, Field(min_length=1)]
-    """What the grid is to answer, for readers."""
+    question: Line = ""
+    """What the grid is to answer, for readers; required in a map."""
     learners: tuple[str, ...] = ()
     """Names of learners, or of variants with all their observations; all by default. A learner that no grid
     names is in all grids."""
-    scenario: dict[str, object] = Field(default_factory=dict)
-    """Changes of the scenario at all its points, as dotted keys."""
-    settings: dict[str, object] = Field(default_factory=dict)
-    """Changes of the settings of every variant at all its points, as dotted keys."""
-    axes: Annotated[dict[Name, dict[Value, dict[str, object]]], Field(min_length=1)]
-    """Changes of the scenario, as dotted keys: `axes.AXIS.VALUE`, where a value is a number, or two joined by
-    "x"."""
+    axes: Annotated[dict[Name, Annotated[dict[Value, Changes], Field(min_length=1)]], Field(min_length=1)]
+    """Changes at each value of an axis, as `axes.AXIS.VALUE`. A value is a name or a number; in a map, a
+    number, or two joined by "x"."""
     is_compared: bool = True
-    """Whether contrasts are decided at its points."""
+    """Whether a map decides contrasts at its points."""
     without: tuple[str, ...] = ()
     """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
@@ -157,12 +159,13 @@ class Grid(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        keys = {axis: [[*changes] for changes in values.values()] for axis, values in self.axes.items()}
-        _check_axes("axes", keys)
-        few = f"{MOST_CONDITIONS:,} points"
-        require(
-            math.prod(map(len, keys.values())) <= MOST_CONDITIONS, f"axes: more than {few}", f"at most {few}"
-        )
+        axis_of_key: dict[str, str] = {}
+        for axis, values in self.axes.items():
+            for key in chain(*(changes.keys for changes in values.values())):
+                other = axis_of_key.setdefault(key, axis)
+                require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
+        n_points, few = math.prod(map(len, self.axes.values())), f"{MOST_POINTS:,} points"
+        require(n_points <= MOST_POINTS, f"axes: more than {few}", f"at most {few}")
         names = [*_points_of(self.axes)]
         for name in self.without:
             require(name in names, f"without: {name}", f"points such as {names[0]}")
@@ -184,13 +187,7 @@ class Solved(Table):
     """About how many times as late each evaluation is as the one before."""
 
 
-def _is_small(margin: float) -> float:
-    if margin > LARGEST_MARGIN:
-        raise ValueError(f"accepted: at most {LARGEST_MARGIN}, since a larger difference matters")
-    return margin
-
-
-Margin = Annotated[float, Field(gt=0), AfterValidator(_is_small)]
+Margin = Annotated[float, Field(gt=0, le=0.2)]  # a larger difference matters
 
 
 class Margins(Table):
@@ -202,12 +199,6 @@ class Margins(Table):
     """Of the score."""
     faster: Margin = 0.2
     """Of the probability of being faster, from 1/2."""
-
-
-def _as_tuple(value: object) -> object:
-    """Returns a name, or a list of names, as a tuple; "" is none."""
-    names = [value] * bool(value) if isinstance(value, str) else value
-    return tuple(names) if isinstance(names, list) else names
 
 
 class Reporting(Table):
@@ -225,16 +216,14 @@ class Reporting(Table):
     """Further tables and figures, each as `module:attribute`."""
     omit: tuple[str, ...] = ()
     """Names of the kind's items that are left out."""
-    baseline: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
-    """The tables that deep learners have to beat: a name or a list; none if the question is another."""
+    baseline: tuple[str, ...] = ()
+    """The tables that deep learners have to beat; none if the question is another."""
     pool: Literal["scenarios", "none"] = "scenarios"
     """Whether verdicts are on means over scenarios."""
     adjust: Literal["holm", "none"] = "holm"
     """How p-values are adjusted for the number of contrasts."""
     margins: Margins = Margins()
     """Differences between x and y that are too small to matter."""
-    fewest_runs: Annotated[int, Field(ge=10)] = 10
-    """Runs per scenario and learner below which there is no verdict."""
     contrasts: tuple[tuple[str, str], ...] = ()
     """Pairs x, y that are compared, with verdicts."""
     looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
@@ -313,19 +302,14 @@ class Declaration(Table):
         }
     )
     """Readings of the paper and controls, by name; one is called "default"."""
-    sweep: dict[Name, dict[Name, Changes]] = Field(default_factory=dict)
-    """Conditions, as `sweep.AXIS.NAME`; their product is run."""
     grids: dict[Name, Grid] = Field(default_factory=dict)
-    """Grids of a map, by name, instead of a sweep."""
+    """Further conditions, by name: products of axes."""
     solved: Solved | None = None
     """If it is there, runs are measured until their scenario is solved."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        check_all(
-            self._check_schedules, self._check_search, self._check_grids, self._check_sweep,
-            self._check_number,
-        )  # fmt: skip
+        check_all(self._check_schedules, self._check_search, self._check_grids)
         return self
 
     def _check_schedules(self) -> None:
@@ -345,22 +329,19 @@ class Declaration(Table):
                 require(not variant.search, f"algorithms.{name}.search", "a table [search] beside it")
             return
         is_changed = any(reading.scenario or reading.settings for reading in self.readings.values())
-        is_alone = not (self.sweep or self.solved or is_changed or len(self.readings) > 1)
-        require(is_alone, "search", "no sweep, readings or solved in the same experiment")
+        is_alone = not (self.grids or self.solved or is_changed or len(self.readings) > 1)
+        require(is_alone, "search", "no grids, readings or solved in the same experiment")
+        efforts = [
+            (variant.seeds, *self.schedule(name), (self.settings | variant.settings).get("budget"))
+            for name, variant in self.algorithms.items()
+        ]
+        is_fair = all(effort == efforts[0] for effort in efforts)
+        require(is_fair, "algorithms", "the same seeds, schedule and budget for all in a search")
         check_all(*(partial(self._check_searched, name) for name in self.algorithms))
-
-    def _effort(self, name: str) -> tuple[object, ...]:
-        """Returns what all variants of a search have in common."""
-        variant = self.algorithms[name]
-        return variant.seeds, *self.schedule(name), (self.settings | variant.settings).get("budget")
 
     def _check_searched(self, name: str) -> None:
         variant, where = self.algorithms[name], f"algorithms.{name}"
-        is_equal = self._effort(name) == self._effort(next(iter(self.algorithms)))
-        require(is_equal, where, "the seeds, schedule and budget of all others")
         require(bool(variant.search), where, "a table search, as the experiment has one")
-        unit = (self.settings | variant.settings).get("budget_unit", "steps")
-        require(unit == "steps", f"{where}.settings.budget_unit = {unit}", "steps")
         fixed = sorted({"budget", "budget_unit", "time_limit"} & variant.search.keys())
         require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
         require(variant.seeds > 1, f"{where}.seeds = 1", "at least 2 in a search")
@@ -369,10 +350,6 @@ class Declaration(Table):
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
 
     def _check_grids(self) -> None:
-        if not self.grids:
-            return
-        is_alone = not self.sweep and self.search is None and len(self.readings) == 1
-        require(is_alone, "grids", "no sweep, search or further reading in the same experiment")
         known = {*self.algorithms, *self._learners}
         for name, grid in self.grids.items():
             for learner in grid.learners:
@@ -385,22 +362,6 @@ class Declaration(Table):
         return {
             f"{name}, {form}": name for name in self.algorithms for form in self.algorithms[name].observations
         }
-
-    def _check_sweep(self) -> None:
-        """Checks that every axis of a sweep changes something, and no two the same."""
-        keys: dict[str, list[list[str]]] = {axis: [] for axis in self.sweep}
-        for axis, conditions in self.sweep.items():
-            for changes in conditions.values():
-                tables = {"scenario": changes.scenario, "settings": changes.settings}
-                keys[axis].append([f"{name}.{key}" for name, table in tables.items() for key in table])
-        _check_axes("sweep", keys)
-
-    def _check_number(self) -> None:
-        n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
-        n_conditions *= sum(len(grid.points) for grid in self.grids.values()) or 1
-        n_conditions *= 1 if self.search is None else self.search.trials + 1
-        accepted = f"at most {MOST_CONDITIONS:,} conditions"
-        require(n_conditions <= MOST_CONDITIONS, "readings, sweep or grids", accepted)
 
     @property
     def argument(self) -> str:
@@ -420,9 +381,9 @@ class Declaration(Table):
 
     def all_seeds(self, variant: str) -> set[range]:
         """Returns the seeds that a variant's runs may have, those at further looks, too."""
-        looks = () if self.report is None else self.report.looks
+        largest = 0 if self.report is None else max(self.report.looks, default=0)
         ranges = {self.seeds_of(variant, condition) for condition in self.conditions.values()}
-        return {range(r.start, max([r.stop, *(r.start + n for n in looks)])) for r in ranges}
+        return {range(seeds.start, max(seeds.stop, seeds.start + largest)) for seeds in ranges}
 
     def seeds_of_search(self, variant: str) -> tuple[range, range]:
         """Returns the seeds of a variant's trials, and those of the further stages of the search."""
@@ -432,7 +393,7 @@ class Declaration(Table):
 
     @cached_property
     def conditions(self) -> dict[str, Condition]:
-        """All conditions by name: each reading with each point of a sweep, of grids, or of a search."""
+        """All conditions by name: each reading with each point of grids, or of a search."""
         points = [*self._points()]
         conditions = {}
         for reading, changes in self.readings.items():
@@ -444,7 +405,7 @@ class Declaration(Table):
         return conditions
 
     def _points(self) -> Iterator[Condition]:
-        """Yields the points of a sweep, of grids, or of a search, as conditions without a reading."""
+        """Yields the points of grids, or of a search, as conditions without a reading."""
         if self.search is not None:
             n = self.search.trials
             drawn = {name: trials(name, variant.search, n) for name, variant in self.algorithms.items()}
@@ -456,18 +417,15 @@ class Declaration(Table):
             unnamed = [name for name, variant in self._learners.items() if named.isdisjoint((name, variant))]
             for grid_name, grid in self.grids.items():
                 table, learners = f"grids.{grid_name}", grid.learners and (*grid.learners, *unnamed)
-                everywhere = {table: Changes(scenario=grid.scenario, settings=grid.settings)}
                 for name, point in grid.points.items():
                     changes = {
-                        f"{table}.axes.{axis}.{value}": Changes(scenario=grid.axes[axis][value])
+                        f"{table}.axes.{axis}.{value}": grid.axes[axis][value]
                         for axis, value in point.items()
                     }
                     axes = {"grid": grid_name, **point}
-                    yield Condition(f"{grid_name}/{name}", axes, everywhere | changes, learners)
+                    yield Condition(f"{grid_name}/{name}", axes, {table: grid, **changes}, learners)
         else:
-            for name, axes in _points_of(self.sweep).items():
-                swept = {f"sweep.{axis}.{value}": self.sweep[axis][value] for axis, value in axes.items()}
-                yield Condition(name, axes, swept)
+            yield Condition("", {}, {})
 
 
 class Extension(Table):
@@ -498,10 +456,6 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     """
     path = _path(experiment)
     check_file_name(path, "results are")
-    if any(fnmatchcase(path.stem.lower(), name) for name in _RESERVED):
-        raise InputError(
-            f"{path}: results are named after the file; accepted: any name but {', '.join(_RESERVED)}."
-        )
     read = parse(Declaration, _with_references(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
@@ -517,7 +471,7 @@ def _path(experiment: str | Path) -> Path:
     path, names = Path(experiment), experiment_names()
     shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
     if path.suffix == ".toml":
-        if path.stem.lower() in map(str.lower, names) and path.resolve() != shipped.resolve():
+        if path.stem in names and path.resolve() != shipped.resolve():
             reason = f"results are named after the experiment's file, and {path.stem} is a shipped one"
             raise InputError(f"{path}: {reason}; rename it.")
         return path
@@ -545,11 +499,8 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
     if "extends" in data:
         extension = parse(Extension, data, str(path))
         base = _path(extension.extends)
-        where = f"{path}: extends = {json.dumps(extension.extends)}"
         if base in (path, *extended_by):
-            raise InputError(f"{where}: it extends itself.")
-        if len(extended_by) >= MOST_BASES:
-            raise InputError(f"{where}: a chain of more than {MOST_BASES}; accepted: at most {MOST_BASES}.")
+            raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
         changes = {"description": extension.description} | extension.changes
         data = override(_read(base, (path, *extended_by)), changes, str(path))
     if isinstance(data.get("report"), str):
@@ -560,24 +511,21 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
 def _with_references(data: dict[str, object], source: str) -> dict[str, object]:
     """Returns an experiment's tables, references with what they take from their variants.
 
-    Refuses by an InputError a `reference_for` that names no variant, or one that has such a key itself; and a
-    reference that sets what it takes.
+    Refuses by an InputError a `reference_for` that names no variant, and a reference that sets what it takes.
     """
     variants = data.get("algorithms")
-    if not isinstance(variants, dict) or not all(
-        is_name(name) and isinstance(variants[name], dict) for name in variants
-    ):
+    if not isinstance(variants, dict) or not all(isinstance(variant, dict) for variant in variants.values()):
         return data  # is refused with the other tables
     own = {name: variant for name, variant in variants.items() if not variant.get("reference_for")}
-    references = {}
-    for name in [name for name in variants if name not in own]:
-        where, of = f"{source}: algorithms.{name}", str(variants[name]["reference_for"])
-        if of not in own:
-            unknown_name(f"{where}: reference_for", "variant", of, own)
-        taken = ("group", "settings", "policy", "tuned_by")
-        for key in taken:
-            if key in variants[name]:
+    complete = {}
+    for name, variant in variants.items():
+        if name not in own:
+            where, of = f"{source}: algorithms.{name}", str(variant["reference_for"])
+            if of not in own:
+                unknown_name(f"{where}: reference_for", "variant", of, own)
+            for key in sorted(_SHARED & variant.keys()):
                 raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
-        shared = {key: own[of][key] for key in own[of].keys() & {*taken, "observations"}}
-        references[name] = shared | variants[name]
-    return data | {"algorithms": variants | references}
+            shared = {key: own[of][key] for key in own[of].keys() & {*_SHARED, "observations"}}
+            variant = shared | variant
+        complete[name] = variant
+    return data | {"algorithms": complete}

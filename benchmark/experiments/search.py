@@ -158,13 +158,11 @@ def chosen_file(path: Path) -> Path:
 def read_chosen(path: Path, source: str) -> Choices:
     """Reads what the search in an experiment's file has chosen.
 
-    Refuses by an InputError, which begins with the source, a search without any, and a damaged file.
+    Refuses by an InputError, which begins with the source, a missing or damaged file.
     """
     file = chosen_file(path)
-    again = f"run the search {path.stem} with --report"
     try:
         return Choices.model_validate_json(file.read_bytes())
-    except OSError as error:
-        raise InputError(f"{source}: {file} cannot be read ({error.strerror}): {again} first.") from error
-    except ValidationError as error:
-        raise InputError(f"{source}: {file} is damaged; {again} again, which replaces it.") from error
+    except (OSError, ValidationError) as error:
+        problem = f"{file} is missing or damaged; run the search {path.stem} with --report"
+        raise InputError(f"{source}: {problem}, which writes it.") from error

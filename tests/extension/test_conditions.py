@@ -1,11 +1,11 @@
-"""A sweep, declared in an experiment's file: its conditions, its runs and their records."""
+"""A grid, declared in an experiment's file: its conditions, its runs and their records."""
 
 from pathlib import Path
 
 from benchmark.experiments import all_specifications
 from tests.benchmark.reports.conftest import experiment_of
 
-UNSWEPT = """
+PLAIN = """
 description = "A table in S1 and S3."
 scenarios = ["S1", "S3"]
 horizon = 200
@@ -15,9 +15,9 @@ settings = { learning_rate = 0.6, budget = 200 }
 algorithms.q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
 """
 
-SWEPT = f"""
-stream = "unswept"
-{UNSWEPT}
+GRID = f"""
+stream = "plain"
+{PLAIN}
 [readings.default]
 question = "Is there a longest episode?"
 answer = "no"
@@ -27,39 +27,39 @@ question = "Is there a longest episode?"
 answer = "20 steps"
 settings = {{ time_limit = 20 }}
 
-[sweep]
-learning_rate = {{ paper = {{}}, low = {{ settings = {{ learning_rate = 0.2 }} }} }}
+[grids.both.axes]
+learning_rate = {{ paper = {{}}, "0.2" = {{ settings = {{ learning_rate = 0.2 }} }} }}
 cost = {{ paper = {{}}, half = {{ scenarios = ["S1"], scenario = {{ "rewards.other" = -0.05 }} }} }}
 """
 
 
 def test_conditions_are_the_product_of_readings_and_axes(tmp_path: Path) -> None:
-    swept = experiment_of(tmp_path / "swept.toml", SWEPT)
-    assert list(swept.conditions) == [
-        f"{reading}/learning_rate={rate}/cost={cost}"
+    grid = experiment_of(tmp_path / "grid.toml", GRID)
+    assert list(grid.conditions) == [
+        f"{reading}/both/learning_rate={rate}/cost={cost}"
         for reading in ("default", "time_limit")
-        for rate in ("paper", "low")
+        for rate in ("paper", "0.2")
         for cost in ("paper", "half")
     ]
     values = {}
-    for population in swept.populations:
+    for population in grid.populations:
         first = population.runs()[0]
         assert [run.seed for run in population.runs()] == [0, 1, 2]
         settings, cost = first.settings.model_dump(), first.scenario.rewards.other
         names = population.condition.name, population.scenario.name
         values[names] = settings["learning_rate"], settings["time_limit"], cost
-    assert values["default/learning_rate=paper/cost=paper", "S1"] == (0.6, None, -0.1)
-    assert values["default/learning_rate=low/cost=half", "S1"] == (0.2, None, -0.05)
-    assert values["time_limit/learning_rate=low/cost=half", "S1"] == (0.2, 20, -0.05)
-    assert values["time_limit/learning_rate=paper/cost=half", "S3"] == (0.6, 20, -0.1)  # not in S3
+    assert values["default/both/learning_rate=paper/cost=paper", "S1"] == (0.6, None, -0.1)
+    assert values["default/both/learning_rate=0.2/cost=half", "S1"] == (0.2, None, -0.05)
+    assert values["time_limit/both/learning_rate=0.2/cost=half", "S1"] == (0.2, 20, -0.05)
+    assert values["time_limit/both/learning_rate=paper/cost=half", "S3"] == (0.6, 20, -0.1)  # not in S3
 
 
-def test_sweep_keeps_the_runs_of_the_experiment_without_it(tmp_path: Path) -> None:
-    texts = {"unswept": UNSWEPT, "swept": SWEPT}
+def test_a_grid_keeps_the_runs_of_the_experiment_without_it(tmp_path: Path) -> None:
+    texts = {"plain": PLAIN, "grid": GRID}
     experiments = [experiment_of(tmp_path / f"{name}.toml", text) for name, text in texts.items()]
-    plain, swept = map(all_specifications, experiments)
+    plain, grid = map(all_specifications, experiments)
     # Two readings and two learning rates in both scenarios; two costs in S1 alone.
-    assert len(swept) == len({run.digest for run in swept}) == 2 * 2 * 3 * (2 + 1)
-    unchanged = [run for run in swept if run.condition == "default/learning_rate=paper/cost=paper"]
+    assert len(grid) == len({run.digest for run in grid}) == 2 * 2 * 3 * (2 + 1)
+    unchanged = [run for run in grid if run.condition == "default/both/learning_rate=paper/cost=paper"]
     assert [run.digest for run in unchanged] == [run.digest for run in plain]
-    assert len({run.folder for run in swept}) == len(swept)
+    assert len({run.folder for run in grid}) == len(grid)

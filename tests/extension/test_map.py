@@ -23,8 +23,8 @@ seeds = 3
 [changes."grids.pings"]
 question = "What does patience bring?"
 scenario = { "grid.rows" = 5, "grid.columns" = 6, "issuer.places" = 2 }
-axes.pings.1 = { ping_limit = 1 }
-axes.pings.5 = { ping_limit = 5 }
+axes.pings.1.scenario = { ping_limit = 1 }
+axes.pings.5.scenario = { ping_limit = 5 }
 """
 
 

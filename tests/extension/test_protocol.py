@@ -1,4 +1,4 @@
-"""Contrasts of one's own, in TOML alone: of two tables, and of the conditions of a sweep and of scenarios."""
+"""Contrasts of one's own, in TOML alone: of two tables, and of the conditions of a grid and of scenarios."""
 
 from pathlib import Path
 
@@ -19,13 +19,12 @@ settings = { budget = 10000, time_limit = 200, record_every = 10000 }
 kind = "comparison"
 omit = ["agents", "learning", "wrong_pings", "curves"]
 margins = { success = 0.2 }
-fewest_runs = 20
 contrasts = [
   ["curious, index", "calm, index"],
-  ["default/noise=high", "default/noise=low"],
+  ["default/all/noise=high", "default/all/noise=low"],
   ["curious, index @ S2", "curious, index @ S1"],
 ]
-effects = [["default/noise=high", "default/noise=low", "noise"]]
+effects = [["default/all/noise=high", "default/all/noise=low", "noise"]]
 
 [algorithms]
 curious = { algorithm = "q_learning", observations = ["index"], seeds = 30, settings = { epsilon = 0.6 } }
@@ -35,7 +34,7 @@ observations = ["index"]
 seeds = 30
 settings = { epsilon = 0.1, learning_rate = 0.2 }
 
-[sweep.noise]
+[grids.all.axes.noise]
 low = {}
 high = { scenario = { ping_limit = 1 } }
 """
@@ -73,7 +72,7 @@ def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Pa
     contrasts = pd.read_csv(folder / "contrasts.csv")
     scores = pd.read_csv(folder / "scores.csv.gz")
     mean = scores.groupby(["algorithm", "condition", "scenario"])["success"].mean()
-    low, high = "default/noise=low", "default/noise=high"
+    low, high = "default/all/noise=low", "default/all/noise=high"
     expected = [
         *(mean["curious", condition].mean() - mean["calm", condition].mean() for condition in (low, high)),
         *(mean[name, high].mean() - mean[name, low].mean() for name in ("curious", "calm")),

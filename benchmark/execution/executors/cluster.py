@@ -3,7 +3,6 @@
 import asyncio
 import logging
 import pickle
-import re
 import sys
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
@@ -37,31 +36,21 @@ class Cluster:
         Raises:
           InputError: There is no scheduler or no worker, or a worker's results might differ from those here.
         """
-        self._address, where = address, f"--cluster {address}"
-        if not re.fullmatch(r"tcp://.+:[0-9]{1,5}", address):
-            raise InputError(f"{where}: accepted: tcp://HOST:PORT, that of a Dask scheduler.")
+        self._address, self._where = address, f"--cluster {address}"
         self._jobs: set[Future[list[Record]]] = set()
         here = {name: environment(name) for name in algorithms}
         for name in ("distributed", "distributed.client"):  # whatever they log is an exception, too
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
-        except (OSError, OverflowError) as error:  # no answer, or no such port
+        except (OSError, OverflowError, ValueError) as error:  # no answer, or no such port or protocol
             reason = f"no Dask scheduler answered within {_ANSWER_S} s; 'dask scheduler' starts one"
-            raise InputError(f"{where}: {reason}.") from error
+            raise InputError(f"{self._where}: {reason}; accepted: tcp://HOST:PORT.") from error
         try:
-            answers = self._answers(here)
-            for worker, answer in answers.items():
-                if isinstance(answer, Exception):
-                    answer = f"worker {worker} does not have this project's code, or has died: {answer}."
-                if answer is not None:
-                    raise InputError(f"--cluster: {answer}")
-        except BaseException as error:
+            self.workers: Final = self._checked_workers(here)
+        except BaseException:
             self.cancel()
-            if isinstance(error, OSError):
-                raise InputError(f"{where}: the scheduler no longer answers.") from error
             raise
-        self.workers: Final = len(answers)
 
     def submit(self, job: Job) -> Future[list[Record]]:
         """Executes a job on some worker."""
@@ -79,17 +68,22 @@ class Cluster:
         with suppress(TimeoutError):
             self._client.close(_ANSWER_S)
 
-    def _answers(self, here: Mapping[str, Mapping[str, str]]) -> dict[str, str | Exception | None]:
-        """Returns what `refusal` says on each worker, or the exception that it raises there."""
-        where = f"--cluster {self._address}"
+    def _checked_workers(self, here: Mapping[str, Mapping[str, str]]) -> int:
+        """Waits for the first worker, and returns how many there are; refuses what `refusal` does."""
         if not self._client.scheduler_info()["workers"]:
             print(f"waiting up to {_WORKER_S} s for a worker at {self._address}", file=sys.stderr)
         try:
             self._client.wait_for_workers(1, _WORKER_S)
         except TimeoutError:
             advice = f"dask worker {self._address} --nthreads 1 starts one"
-            raise InputError(f"{where}: there is no worker; {advice}.") from None
-        return dict(self._client.run(refusal, here, folders=SEARCHED, on_error="return"))
+            raise InputError(f"{self._where}: there is no worker; {advice}.") from None
+        answers = self._client.run(refusal, here, folders=SEARCHED, on_error="return")
+        for worker, answer in answers.items():
+            if isinstance(answer, Exception):
+                answer = f"worker {worker} does not have this project's code, or has died: {answer}."
+            if answer is not None:
+                raise InputError(f"--cluster: {answer}")
+        return len(answers)
 
     async def _execute(self, job: Job) -> list[Record]:
         name = job[0].algorithm

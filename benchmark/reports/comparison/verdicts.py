@@ -40,6 +40,7 @@ from benchmark.reports.comparison.declared import (
 
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
 ALPHA: Final = 1 - LEVEL
+FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
 
 
 class Case(NamedTuple):
@@ -64,7 +65,7 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
         order = [*experiment.scenarios]
         cases.sort(key=lambda case: order.index(case.cells["scenario"].iloc[0]))
     rows: list[Row] = [case.names | _difference(case.cells) for case in cases]
-    allowed = [not is_partial and row["n"] >= reporting.fewest_runs for row in rows]
+    allowed = [not is_partial and row["n"] >= FEWEST_RUNS for row in rows]
     adjust = holm if reporting.adjust == "holm" else list
     for key in ("p_random_x", "p_random_y"):
         for row, p in zip(rows, adjust([row.pop(key) for row in rows]), strict=True):

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import filterfalse
 
 from agents.dynamic_programming import largest_success
 from benchmark.analysis.looks import compared
 from benchmark.experiments import Experiment
+from benchmark.experiments.schema import is_number
 from envs import InputError, Scenario, compile_scenario
 
 
@@ -23,8 +25,15 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
     needed: dict[str, object] = {"[grids]": declared.grids, "[solved]": declared.solved}
     needed |= {"report.looks": report.looks, "report.contrasts": report.contrasts}
     yield from (f"{key} is missing; this report needs it." for key, value in needed.items() if not value)
-    if len(experiment.scenarios) > 1:
-        yield f"scenarios: {len(experiment.scenarios)}: accepted: exactly one."
+    for key, names in {"scenarios": experiment.scenarios, "readings": declared.readings}.items():
+        if len(names) > 1:
+            yield f"{key}: {len(names)}: accepted: exactly one."
+    for name, grid in declared.grids.items():
+        if not grid.question:
+            yield f"grids.{name}.question is missing; this report needs it."
+        for axis, values in grid.axes.items():
+            for value in filterfalse(is_number, values):
+                yield f'grids.{name}.axes.{axis}: {value}: accepted: a number, or two joined by "x".'
     if [*report.looks] != sorted({*report.looks}):
         yield f"report.looks = {[*report.looks]}: accepted: increasing numbers."
     for contrast in report.contrasts:

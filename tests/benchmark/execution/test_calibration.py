@@ -27,9 +27,9 @@ def test_stored_runs_of_such_a_machine_are_believed(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db") as store:
         store.add(record(run, 3.0, 450.0) for run in NETS[:25])
         store.add([record(NETS[25], 1e6, 450.0, "another machine")])
-        store.add([record(NETS[26].with_seed(700), 3.0, 500.0)])  # a seed that is not declared
-        estimated = estimate([*NETS[50:], *TABLES], store, 2, 2)
-        few = estimate(NETS[98:], store, jobs=64, cores=2)
+        store.add([record(NETS[26], 3.0, 500.0)])
+        estimated = estimate([*NETS, *TABLES], [*NETS[50:], *TABLES], store, 2, 2)
+        few = estimate(NETS, NETS[98:], store, jobs=64, cores=2)
     assert estimated.seconds == pytest.approx((75 / DOUBT, 75 * DOUBT))
     assert estimated.size == 50 * NETS[0].record_size + len(TABLES) * TABLES[0].record_size
     assert few.seconds == pytest.approx((3 / DOUBT, 3 * DOUBT))

@@ -21,7 +21,6 @@ from benchmark.experiments.schema import Declaration
 from benchmark.reports import load_report
 from envs import InputError
 from envs.inputs import parse, read_toml
-from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT, specifications
 
 SMALL = load_experiment("reproduce_smoke")
@@ -34,15 +33,6 @@ def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
     path = tmp_path / f"{name}.toml"
     path.write_text("\n".join(['extends = "reproduce_smoke"', 'description = ""', "[changes]", *lines]))
     return load_experiment(path)
-
-
-def copies_of_s1(folder: Path, *paths: str) -> list[str]:
-    """Writes the scenario S1 to files of other names, each with a description of its own."""
-    text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
-    for path in paths:
-        (folder / path).parent.mkdir(exist_ok=True)
-        (folder / path).write_text(re.sub("description.*", f'description = "{path}"', text))
-    return [str(folder / path) for path in paths]
 
 
 # What is declared
@@ -194,7 +184,7 @@ def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
 
 
 MARGINS = "margins = { success = 0.1, score"
-SWEEP = "[readings.default]"  # where a sweep is put before
+READINGS, ALL = "[readings.default]", "[grids.all.axes]\n"  # a grid is put before readings
 OF_A_REPLICATION = [
     ("seeds = 100 ", "seeds = 0 ", "algorithms.q_learning.seeds = 0: input should be greater than"),
     ("seeds = 1000", "seeds = 1", "readings.default.seeds = 1: input should be greater than"),
@@ -210,19 +200,19 @@ OF_A_REPLICATION = [
     ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
     ("map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple of evaluation_every"),
     ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
-    (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one value"),
-    (SWEEP, f"[sweep.rate.low]\n[sweep.rate.high]\n{SWEEP}", "sweep.rate: accepted: at least one value that"),
-    (SWEEP, f"[sweep.rate.low]\nsetting = {{}}\n{SWEEP}", "[sweep.rate.low]: unknown key setting"),
-    (SWEEP, f"[sweep]\nrate.low.settings.epsilon = 2.0\n{SWEEP}", "rate.low.settings: epsilon = 2.0"),
-    (SWEEP, f"[sweep]\npay.low.scenario.ping_limit = 0\n{SWEEP}", "mine.toml: sweep.pay.low.scenario: "),
-    (SWEEP, f"[sweep]\na.x.settings.epsilon = 0.1\nb.y.settings.epsilon = 0.2\n{SWEEP}", "settings.epsilon"),
+    ("horizon = 200", 'stream = "../x"\nhorizon = 200', 'stream = "../x": accepted: a name of'),
+    (READINGS, f"{ALL}rate = {{}}\n{READINGS}", "grids.all.axes.rate = {}: "),
+    (READINGS, f"{ALL}rate.low.setting = {{}}\n{READINGS}", "[grids.all.axes.rate.low]: unknown key setting"),
+    (READINGS, f"{ALL}rate.'a b' = {{}}\n{READINGS}", "accepted: a name or a number"),
+    (READINGS, f"{ALL}rate.low.settings.epsilon = 2.0\n{READINGS}", "axes.rate.low.settings: epsilon = 2.0"),
+    (READINGS, f"{ALL}pay.low.scenario.ping_limit = 0\n{READINGS}", "grids.all.axes.pay.low.scenario: "),
 ]
 LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
     ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
     ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
-    (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: accepted: at most 0.2, since"),
+    (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: input should be less than"),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
@@ -260,11 +250,11 @@ NOT_NAMES = [
 
 @pytest.mark.parametrize("name", NOT_NAMES)
 def test_what_is_no_name_is_refused_in_a_sentence(name: str) -> None:
-    for table in ("algorithms", "readings", "sweep", "sweep.axis"):
+    for table in ("algorithms", "readings", "grids"):
         tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
         del tables["report"]
-        tables["sweep"] = {"axis": {"low": {}}}
-        named = tables["sweep"]["axis"] if table == "sweep.axis" else tables[table]
+        tables["grids"] = {"all": {"axes": {"axis": {"low": {}}}}}
+        named = tables[table]
         named[name] = next(iter(named.values()))
         with pytest.raises(InputError, match=rf"^mine\.toml: (the key )?{table}\..*accepted: "):
             parse(Declaration, tables, "mine.toml", name="mine")
@@ -278,35 +268,21 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
         f"algorithms__{name}__seeds": 1,
         f"readings__{name}__question": "a",
         f"readings__{name}__answer": "b",
-        f"sweep__{name}__{name}__settings__budget": 800,
+        f"grids__{name}__axes__{name}__{name}__settings__budget": 800,
     }
     experiment = extended(tmp_path, name, stream=name, **changes)
-    condition = f"{name}/{name}={name}"
+    condition = f"{name}/{name}/{name}={name}"
     run, *_ = specifications(experiment, condition, "S1", name, "index")
     assert run.folder == f"{name}/S1/{name}_index/{condition}/seed_0"
 
 
 @pytest.mark.parametrize(
     "stem",
-    ["..", "a.b", "a\nb", "2024", "SPEED", "speed_smoke", "mine_Partial", "mine_seeds_0-9", "Reproduce"],
+    ["..", "a.b", "a\nb", "2024", "reproduce"],
 )
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     with pytest.raises(InputError, match="results are named after the"):
         extended(tmp_path, stem)
-
-
-def test_files_of_two_scenarios_do_not_meet(tmp_path: Path) -> None:
-    scenarios = copies_of_s1(tmp_path, "room/room.toml", "Room/Room.toml")
-    with pytest.raises(InputError, match="scenarios: room and Room"):
-        extended(tmp_path, "mine", scenarios=scenarios)
-    with pytest.raises(InputError, match=r'stream = "\.\./x": accepted: a name of'):
-        extended(tmp_path, "mine", stream="../x")
-
-
-def test_a_scene_under_several_names_is_refused(tmp_path: Path) -> None:
-    scenarios = copies_of_s1(tmp_path, "A.toml", "B.toml", "C.toml")
-    with pytest.raises(InputError, match="A and B are the same scenario; accepted: different ones"):
-        extended(tmp_path, "mine", scenarios=scenarios)
 
 
 def test_control_characters_are_refused_in_labels(tmp_path: Path) -> None:

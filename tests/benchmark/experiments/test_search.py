@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.experiments import Experiment, choices, load_experiment
+from benchmark.experiments import Experiment, choices
 from benchmark.experiments.search import Choice, Space, Span, trials
-from envs import InputError, load_scenario, scenario_names
+from envs import InputError
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.reports.conftest import experiment_of
 
@@ -131,32 +131,19 @@ def test_what_the_search_has_seen_is_refused(tmp_path: Path, old: str, new: str,
 
 
 @pytest.mark.usefixtures("search")
-@pytest.mark.parametrize(
-    ("start", "issuer"),
-    [("[9, 11]", "[3, 4]"), ("[9, 0]", "[3, 7]"), ("[0, 0]", "[3, 4]")],
-    ids=["the same", "its reflection", "another start"],
-)
-def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str, issuer: str) -> None:
+@pytest.mark.parametrize("start", ["[9, 11]", "[0, 0]"], ids=["the same", "another start"])
+def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str) -> None:
     """Also one that a condition makes the same."""
     text = (SCENARIO_DIRECTORY / "FarCorner.toml").read_text(encoding="utf-8")
     text = re.sub("description.*", 'description = "Mine."', text)
-    (tmp_path / "Mine.toml").write_text(text.replace("[9, 11]", start).replace("[3, 4]", issuer))
+    (tmp_path / "Mine.toml").write_text(text.replace("[9, 11]", start))
     changes = [('"S1"', f'"{tmp_path / "Mine.toml"}"')]
     if start == "[0, 0]":
         assert tuned(tmp_path, *changes).name == "tuned"
-        condition = '[sweep.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
+        condition = '[grids.all.axes.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
         changes.append(("[algorithms.plain]", condition))
     with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
         tuned(tmp_path, *changes)
-
-
-def test_no_scene_of_the_search_is_reported() -> None:
-    seen = {
-        name: choices.essence_of(scenario) for name, scenario in load_experiment("tuning").scenarios.items()
-    }
-    assert len({*seen.values()}) == 4
-    others = {*scenario_names()} - {*seen}
-    assert [name for name in others if choices.essence_of(load_scenario(name)) in seen.values()] == []
 
 
 @pytest.mark.usefixtures("search")
@@ -179,12 +166,12 @@ def test_a_changed_search_is_run_again(tmp_path: Path) -> None:
     "text", [None, "[]", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}']
 )
 def test_missing_and_damaged_choices_are_refused(tmp_path: Path, text: str | None) -> None:
-    path, again = tmp_path / "search.chosen.json", "run the search search with --report"
+    path = tmp_path / "search.chosen.json"
     if text is None:
         path.unlink()
     else:
         path.write_text(text)
-    with pytest.raises(InputError, match=f"cannot be read .*: {again} first" if text is None else again):
+    with pytest.raises(InputError, match="missing or damaged; run the search search with --report"):
         tuned(tmp_path)
 
 
@@ -193,12 +180,11 @@ def test_missing_and_damaged_choices_are_refused(tmp_path: Path, text: str | Non
     [
         ("low = 0.03", "low = 3.0", "low = 3.0: accepted: less than high = 1.0"),
         ("low = 0.03", "low = 0.0", "low = 0.0: accepted: above 0, or scale"),
-        ('low = 0.03, high = 1.0, scale = "log"', "low = 0, high = 1", "= 0.0: .* greater than 0"),
         ("low = 0.03", "whole = true, low = 0.03", "accepted: whole numbers, both"),
         ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),
         ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
         ("first_seed = 10", "first_seed = 1", "accepted: seeds outside 1 to 5, which its"),
-        ("search = { trials", "sweep.a.b = {}\nsearch = { trials", "no sweep, readings or solved"),
+        ("search = { trials", "grids.a.axes.b.c = {}\nsearch = { trials", "no grids, readings or solved"),
         ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", "", "a table .search."),
     ],
 )  # fmt: skip

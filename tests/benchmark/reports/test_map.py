@@ -44,28 +44,28 @@ looks = [12, 16]
 [grids.places]
 question = "What does each further place cost?"
 scenario = { "grid.rows" = 5, "grid.columns" = 6 }
-axes.places.1 = { "issuer.places" = 1 }
-axes.places.4 = { "issuer.places" = 4 }
-axes.places.16 = { "issuer.places" = 16 }
+axes.places.1.scenario = { "issuer.places" = 1 }
+axes.places.4.scenario = { "issuer.places" = 4 }
+axes.places.16.scenario = { "issuer.places" = 16 }
 
 [grids.rooms]
 question = "What does a larger room cost?"
 without = ["room=6x7/places=2"]
-axes.room.5x6 = { "grid.rows" = 5, "grid.columns" = 6 }
-axes.room.6x7 = { "grid.rows" = 6, "grid.columns" = 7 }
-axes.places.1 = { "issuer.places" = 1 }
-axes.places.2 = { "issuer.places" = 2 }
+axes.room.5x6.scenario = { "grid.rows" = 5, "grid.columns" = 6 }
+axes.room.6x7.scenario = { "grid.rows" = 6, "grid.columns" = 7 }
+axes.places.1.scenario = { "issuer.places" = 1 }
+axes.places.2.scenario = { "issuer.places" = 2 }
 
 [grids.code]
 question = "Does the order of the coordinates matter?"
 scenario = { "grid.rows" = 5, "grid.columns" = 6, "issuer.places" = 4 }
-axes.permuted.0 = { "issuer.permuted" = 0.0 }
-axes.permuted.100 = { "issuer.permuted" = 1.0 }
+axes.permuted.0.scenario = { "issuer.permuted" = 0.0 }
+axes.permuted.100.scenario = { "issuer.permuted" = 1.0 }
 
 [grids.unseen]
 question = "What is learned about places in which the person never stood?"
 scenario = { "grid.rows" = 5, "grid.columns" = 6 }
-axes.places.8 = { "issuer.places" = 8, "issuer.unseen" = 13 }
+axes.places.8.scenario = { "issuer.places" = 8, "issuer.unseen" = 13 }
 
 [algorithms.shared]
 title = "shared table"
@@ -252,8 +252,9 @@ def test_a_run_has_learned_within_a_budget_if_success_stays_to_its_end() -> None
         ("seeds = 12", "seeds = 12\nfirst_seed = 5", "accepted: the same first_seed"),
         ('kind = "map"', 'kind = "comparison"', "solved with report.kind = comparison: accepted: "),
         ('["Anywhere"]', '["Anywhere", "AnywhereHidden"]', "scenarios: 2: accepted: exactly one"),
-        ("axes.places.2 = {", 'axes.places.2 = { "grid.rows" = 5, ', "grid.rows: accepted: different keys"),
-        ("axes.permuted.100", "axes.permuted.all", 'axes.permuted.all.[key] = "all"'),
+        ('{ "issuer.places" = 2', '{ "grid.rows" = 5, "issuer.places" = 2', "grid.rows: accepted: different"),
+        ("axes.permuted.100", "axes.permuted.all", "grids.code.axes.permuted: all: accepted: a number"),
+        ('question = "What does a larger room cost?"', "", "grids.rooms.question is missing"),
         ("room=6x7/places=2", "room=6x7", "without: room=6x7: accepted: points such as room=5x6/places=1"),
         ("[grids.code]", '[grids.code]\nlearners = ["dqn"]', "grids.code.learners: dqn: accepted: "),
     ],
