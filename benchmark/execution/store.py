@@ -269,9 +269,12 @@ class Store:
     def discard_damaged(self, digests: Iterable[str]) -> int:
         """Removes the damaged records of those of these runs that have ended; returns how many."""
         damaged = self.damaged(self.ended().intersection(digests))
-        with self._input_errors(), self._connection:
-            rows = [(digest,) for digest in damaged]
-            self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
+        if damaged:
+            with self._input_errors(), self._connection:
+                self._connection.execute("BEGIN IMMEDIATE")
+                damaged = self.damaged(damaged)  # another driver may have replaced some by intact ones
+                rows = [(digest,) for digest in damaged]
+                self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
         return len(damaged)
 
     def problem(self) -> str:
@@ -287,16 +290,18 @@ class Store:
 
     def _salvage(self) -> None:
         """Replaces a damaged file by one with its intact records, and opens that."""
+        inode = self._path.stat().st_ino
         self._connection.execute("BEGIN EXCLUSIVE")  # waits for another driver
-        fresh, kept = (Path(f"{self._path}.{end}") for end in ("salvaged", "damaged"))
-        fresh.unlink(missing_ok=True)
-        with Store(fresh) as store:
-            store._add(self._whole_rows())
-            n_records = len(store.statuses())
-        shutil.copyfile(self._path, kept)
-        fresh.replace(self._path)
-        what = f"{self._path} was damaged: its {n_records} intact records have been saved"
-        print(f"{what}; the damaged file is kept as {kept}.", file=sys.stderr)
+        if self._path.stat().st_ino == inode:  # else that one has done it
+            fresh, kept = (Path(f"{self._path}.{end}") for end in ("salvaged", "damaged"))
+            fresh.unlink(missing_ok=True)
+            with Store(fresh) as store:
+                store._add(self._whole_rows())
+                n_records = len(store.statuses())
+            shutil.copyfile(self._path, kept)
+            fresh.replace(self._path)
+            what = f"{self._path} was damaged: its {n_records} intact records have been saved"
+            print(f"{what}; the damaged file is kept as {kept}.", file=sys.stderr)
         self._connection.close()
         self._open()
 

@@ -319,8 +319,11 @@ def headline(folder: Folder) -> str | None:
         return None
     has_outcomes = "outcomes.csv" in folder
     name, column = ("outcomes", "outcome") if has_outcomes else ("contrasts", "success_verdict")
+    start = "Whether deep RL earns its keep" if has_outcomes else "Verdicts on success"
     table, parts = folder.frame(name), []
     for ending, text in (_OUTCOMES | dict(zip(VERDICTS, VERDICTS, strict=True))).items():
         if len(rows := table[table[column] == ending]):
-            parts.append(f"{text} ({link(str(len(rows)), name, rows)} of {len(table)})")
-    return f"{'Outcome' if has_outcomes else 'Verdicts on success'}: {'; '.join(parts)}."
+            parts.append(f"{text} in {link(str(len(rows)), name, rows)}")
+    if len(table) == 1:
+        return f"{start}: {parts[0].rpartition(' in ')[0]}."
+    return f"{start}, in {len(table)} {'cases' if has_outcomes else 'contrasts'}: {'; '.join(parts)}."

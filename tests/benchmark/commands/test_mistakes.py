@@ -21,7 +21,6 @@ FILES = {
     "mistaken_agent.py": AGENT,
     "file": "",  # which nobody can make a folder, not even root
     "reproduce.toml": "",
-    "grids.toml": EXTENDED + '"grids.all.axes.rate.low.settings" = { learning_rate = 0.2 }',
 }
 
 
@@ -36,7 +35,6 @@ FILES = {
         ("run reproduce --seeds ''", "--seeds : "),
         ("run reproduce --seeds 7-2000000", "--seeds 7-2000000: "),
         ("run reproduce --results FOLDER/file/results", "/file/results"),
-        ("run FOLDER/grids.toml", "grids"),  # which its report cannot show
         ("speed --smoke --results FOLDER/file/results", "/file/results"),
         ("report", "FOLDER"),  # no results
         ("report nothing.toml", "nothing.toml"),
