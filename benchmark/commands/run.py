@@ -77,14 +77,9 @@ def _execute(
         with Display(name, runs, store.ended()) as display:
             errors = driver.run(runs, store, jobs, display.advance, executor)
     statuses = store.statuses()
-    n_lost = sum(run.digest not in statuses for run in runs)
-    problem = ""
     if errors:
-        problem = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"
-    elif n_lost:
-        problem = f"runs that were stored but are no longer there: {n_lost}; the same command repeats them."
-    if problem:
-        print(f"error: {problem}", file=sys.stderr)
+        advice = f"the same command tries them again. First error: {errors[0]}"
+        print(f"error: {len(errors)} runs failed; {advice}", file=sys.stderr)
         return 1
     n_diverged = sum(statuses[run.digest] == "diverged" for run in todo)
     which = f", {n_diverged} of them diverged" if n_diverged else ""

@@ -269,9 +269,10 @@ class Store:
     def discard_damaged(self, digests: Iterable[str]) -> int:
         """Removes the damaged records of those of these runs that have ended; returns how many."""
         damaged = self.damaged(self.ended().intersection(digests))
-        with self._input_errors(), self._connection:
-            rows = [(digest,) for digest in damaged]
-            self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
+        if damaged:
+            with self._input_errors(), self._connection:
+                rows = [(digest,) for digest in damaged]
+                self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
         return len(damaged)
 
     def problem(self) -> str:
