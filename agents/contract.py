@@ -4,7 +4,7 @@ Axis letters: N agents, T evaluation steps, V map steps, O observations, A actio
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal
 
@@ -116,10 +116,6 @@ class Algorithm(ABC):
     """How many agents one call of `train` should get."""
     placement: Literal["thread", "process"] = "process"
     """Where to call `train`: in a thread if it releases Python's global lock, else in a process."""
-
-    def memory(self, settings: Any, n_inputs: int) -> Mapping[str, int]:  # noqa: ARG002
-        """Returns about how many bytes an agent that observes so many numbers takes, by setting, if known."""
-        return {}
 
     @abstractmethod
     def train(

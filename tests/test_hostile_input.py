@@ -34,8 +34,6 @@ question = "?"
 answer = "!"
 scenario = { "grid.rows" = 250, "grid.columns" = 400, ping_limit = 1 }
 """
-NET_ARCH = "policy_kwargs = { net_arch = [1000000] }"
-ROLLOUT = "n_steps = 1000000000"
 # Eight axes of twelve conditions.
 SWEEP = "".join(
     f"[sweep.axis{axis}.c{i}.settings]\nkey{axis} = {i}\n" for axis in range(8) for i in range(12)
@@ -44,13 +42,6 @@ SWEEP = "".join(
 GRID = f"{EXPERIMENT}[grids.all]\nquestion = '?'\n" + "".join(
     f"axes.a{axis}.{i} = {{ 'rewards.key{axis}' = {i} }}\n" for axis in range(7) for i in range(10)
 )
-NET = EXPERIMENT.replace("q_learning", "compiled_dqn").replace('"index"', '"one_hot"').replace("500", "20000")
-
-
-def with_settings(algorithm: str, settings: str) -> str:
-    """Returns the text of an experiment with a net."""
-    text = NET.replace("compiled_dqn", algorithm)
-    return text.replace("budget = 1000", f"budget = 1000000000, {settings}").replace("20000", "100000000")
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -76,18 +67,6 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
         (EXPERIMENT + SWEEP, "10,000 conditions"),
         (GRID, "axes: more than 10,000 points: accepted: at most 10,000 points"),
-        *(
-            (
-                with_settings(algorithm, settings),
-                f"algorithms.table: {expected}; accepted: at most 2 GB",
-            )
-            for algorithm, settings, expected in (
-                # By hand: 4 bytes for each of the 10^12 weights of a square matrix, and little else.
-                ("compiled_dqn", NET_ARCH, "policy_kwargs.net_arch = [1000000]: 4,004 GB of memory"),
-                ("dqn", "buffer_size = 1000000000", "buffer_size = 1000000000: 1,000 GB of memory"),
-                ("ppo", ROLLOUT, "n_steps = 1000000000 with n_envs = 1: 1,000 GB of memory"),
-            )
-        ),
         (f"description = '{'x' * 1_000_001}'", "larger than 1,000,000 bytes"),
         (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
         (LONG.replace("= 500", "= 1"), "evaluation_every = 1 with budget = 1000000000: 1,000,000,001 evalu"),

@@ -83,10 +83,6 @@ class NetAlgorithm(SequentialAlgorithm):
         self.agent = agent
         self.settings = settings
 
-    def memory(self, settings: Any, n_inputs: int) -> dict[str, int]:
-        """Returns the bytes of an agent, which keeps the numbers of observations."""
-        return dict(settings.memory(n_inputs, n_kept=0))
-
     def train_agent(
         self,
         model: Model,

@@ -29,10 +29,6 @@ class Sb3Algorithm(SequentialAlgorithm):
         """Imports the class."""
         return resolve_name(self.path)
 
-    def memory(self, settings: Any, n_inputs: int) -> dict[str, int]:
-        """Returns the bytes of an agent, which keeps observations themselves."""
-        return dict(settings.memory(n_inputs, n_kept=n_inputs))
-
     def train_agent(
         self,
         model: Model,

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Final, Self
 from pydantic import ConfigDict, create_model, model_validator
 
 from agents.sb3.algorithms import Sb3Algorithm
-from agents.sb3.settings import OUR_SETTINGS, Count, Sb3Settings, Share
+from agents.sb3.settings import OUR_SETTINGS, BufferSize, Count, Sb3Settings, Share, StepCount
 from envs.inputs import InputError
 from envs.packages import imported
 
@@ -23,7 +23,9 @@ from envs.packages import imported
 _SET_HERE: Final = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}
 _KNOWN: Final[dict[str, Any]] = {
     "gamma": Share,
-    **dict.fromkeys(("n_steps", "train_freq", "buffer_size"), Count),
+    "n_steps": StepCount,
+    "train_freq": Count,
+    "buffer_size": BufferSize,
     "policy_kwargs": dict[str, Any],
 }
 _SOUND: Final[set[tuple[str, str]]] = set()  # path and settings with which an agent could be made

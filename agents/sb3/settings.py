@@ -4,7 +4,6 @@ They are written out here because importing SB3 loads torch, and its signatures 
 sense. A test compares names and defaults with the signatures.
 """
 
-from itertools import pairwise
 from typing import Annotated, Any, Final, Self
 
 from pydantic import Field, model_validator
@@ -13,6 +12,9 @@ from agents.contract import LearnerSettings
 from envs.inputs import Table
 
 Count = Annotated[int, Field(ge=1, le=10**9)]
+Units = Annotated[int, Field(ge=1, le=4096)]
+BufferSize = Annotated[int, Field(ge=1, le=10_000_000)]
+StepCount = Annotated[int, Field(ge=1, le=1_000_000)]
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -22,7 +24,7 @@ OUR_SETTINGS: Final = {"budget", "time_limit", "n_envs"}  # they are not argumen
 class PolicyArguments(Table):
     """The part of SB3's `policy_kwargs` that can be set."""
 
-    net_arch: Annotated[tuple[Count, ...], Field(max_length=8)] = (64, 64)
+    net_arch: Annotated[tuple[Units, ...], Field(max_length=8)] = (64, 64)
     """Units of each hidden layer; an empty list makes a linear net."""
 
 
@@ -52,24 +54,6 @@ class Sb3Settings(LearnerSettings):
         """The arguments of SB3's class, except policy and env."""
         return self._fitted(self.model_dump(mode="json", exclude=OUR_SETTINGS, exclude_none=True))
 
-    def memory(self, n_inputs: int, n_kept: int) -> dict[str, int]:
-        """Returns about how many bytes an agent takes, by the settings that decide it.
-
-        An observation has `n_inputs` numbers, of which a rollout or replay buffer keeps `n_kept`.
-        """
-        values = vars(self)
-        widths: tuple[int, ...] = getattr(self.policy_kwargs, "net_arch", ())
-        layers = [n_inputs, *widths, 1]
-        n_parameters = sum((n + 1) * m for n, m in pairwise(layers))
-        n_steps, key = self.rollout, f"n_steps = {values.get('n_steps')} with n_envs = {self.n_envs}"
-        sizes = {f"policy_kwargs.net_arch = {[*widths]}": 4 * (8 * n_parameters + max(layers) ** 2)}
-        if isinstance(n_rows := values.get("batch_size"), int):
-            n_rows = n_rows if "buffer_size" in values else min(n_rows, n_steps)
-            sizes[f"batch_size = {values['batch_size']}"] = 4 * n_rows * (4 * sum(widths) + 2 * n_inputs + 20)
-        if "buffer_size" in values:
-            n_steps, key = min(values["buffer_size"], self.budget), f"buffer_size = {values['buffer_size']}"
-        return sizes | {key: n_steps * (8 * n_kept + 40)}
-
     def _fitted(self, arguments: dict[str, Any]) -> dict[str, Any]:
         """Returns the arguments with a buffer no larger than the budget: the rest would only take memory."""
         size = vars(self).get("buffer_size")
@@ -93,11 +77,11 @@ class DqnSettings(Sb3Settings):
 
     learning_rate: Positive = 1e-4
     """Of the optimiser, Adam."""
-    buffer_size: Count = 1_000_000
+    buffer_size: BufferSize = 1_000_000
     """Transitions that the replay buffer holds; no more are allocated than the budget fills."""
     learning_starts: Annotated[int, Field(ge=0, le=10**9)] = 100
     """Steps before the first update."""
-    batch_size: Count = 32
+    batch_size: Annotated[int, Field(ge=1, le=100_000)] = 32
     """Transitions of a gradient step, drawn from the replay buffer."""
     tau: Share = 1.0
     """How far the target network moves towards the other one whenever it is updated; 1: it is a copy."""
@@ -105,7 +89,7 @@ class DqnSettings(Sb3Settings):
     """Steps of each environment from one round of updates to the next."""
     gradient_steps: Annotated[int, Field(ge=-1, le=10**6)] = 1
     """Gradient steps of a round; -1: as many as steps were made since the last one."""
-    n_steps: Count = 1
+    n_steps: StepCount = 1
     """Rewards that are added up before the target network estimates the rest of the return."""
     target_update_interval: Count = 10_000
     """Steps from one update of the target network to the next."""
@@ -122,7 +106,7 @@ class DqnSettings(Sb3Settings):
 class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
 
-    n_steps: Count = 2048
+    n_steps: StepCount = 2048
     """Steps of each environment from one round of updates to the next."""
     gae_lambda: Share = 0.95
     """Lambda of generalized advantage estimation."""
@@ -136,7 +120,7 @@ class PpoSettings(Sb3Settings):
     """Whether the advantages of a mini-batch are standardized."""
     learning_rate: Positive = 3e-4
     """Of the optimiser, Adam."""
-    batch_size: Annotated[int, Field(ge=2, le=10**9)] = 64
+    batch_size: Annotated[int, Field(ge=2, le=100_000)] = 64
     """Transitions of a gradient step."""
     n_epochs: Count = 10
     """How often a round of updates goes through its transitions."""

@@ -31,7 +31,6 @@ from envs.observations import ENCODINGS, check_one_hot, seen_as
 MOST_RUNS: Final = 500_000  # of an experiment
 MOST_EVALUATIONS: Final = 100_000  # of a run
 LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
-LARGEST_AGENT: Final = 2_000_000_000  # bytes that one setting may take
 
 
 @dataclass(frozen=True)
@@ -424,16 +423,11 @@ def _family(learner: Learner, settings: LearnerSettings) -> str:
 
 
 def check_size(run: RunSpecification) -> None:
-    """Refuses, by an InputError, observations, agents and records of a run that do not fit into memory."""
+    """Refuses, by an InputError, observations and records of a run that do not fit into memory."""
     scenario = seen_as(run.scenario, run.observation)
-    every, n_inputs = f"evaluation_every = {run.evaluation_every}", 2 * len(scenario.observe)
+    every = f"evaluation_every = {run.evaluation_every}"
     if ENCODINGS[run.observation] == "one_hot":
         check_one_hot(scenario.n_observations, sum(scenario.observed_sizes))
-        n_inputs = sum(scenario.observed_sizes)
-    for setting, size in load_algorithm(run.algorithm).memory(run.settings, n_inputs).items():
-        if size > LARGEST_AGENT:
-            accepted = f"at most {LARGEST_AGENT / 1e9:.0f} GB"
-            raise InputError(f"{setting}: {size / 1e9:,.0f} GB of memory; accepted: {accepted}.")
     n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1 if run.solved is None else 0
     if n_evaluations > MOST_EVALUATIONS:
         raise InputError(

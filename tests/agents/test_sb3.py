@@ -139,6 +139,9 @@ def test_replay_buffer_is_as_large_as_the_budget() -> None:
         ("ppo", {"policy_kwargs": {"net_arc": [5]}}, r"did you mean net_arch\?"),
         ("dqn", {"exploration_fraction": 0.0}, "exploration_fraction = 0.0"),
         ("dqn", {"policy_kwargs": {"net_arch": [0]}}, "net_arch.0 = 0"),
+        ("compiled_dqn", {"policy_kwargs": {"net_arch": [5000]}}, "net_arch.0 = 5000: .*4096"),
+        ("dqn", {"buffer_size": 10**9}, "buffer_size = 1000000000: .*10000000"),
+        ("ppo", {"n_steps": 10**9}, "n_steps = 1000000000: .*1000000"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], expected: str) -> None:
