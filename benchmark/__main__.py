@@ -165,11 +165,8 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--seeds", "A-B", drawn)
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "then draw tables and figures, as 'report' does")
-    where = run.add_mutually_exclusive_group()
-    about = "run all jobs in a process or a thread (default: as each algorithm says)"
-    where.add_argument("--executor", choices=("process", "thread"), help=about)
-    address = "workers of the Dask scheduler at this address"
-    _add(where, "--cluster", "tcp://HOST:PORT", f"run all jobs on the {address}")
+    about = "run all jobs on the workers of the Dask scheduler at this address"
+    _add(run, "--cluster", "tcp://HOST:PORT", about)
     run.set_defaults(partial=False)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
@@ -215,8 +212,6 @@ def _parser() -> argparse.ArgumentParser:
     _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
     _add(doctor, "--seeds", "A-B", seeds)
     _add(doctor, "--jobs", "N", f"{jobs})", int)
-    about = f"also examine the {address}; estimates are for this machine"
-    _add(doctor, "--cluster", "tcp://HOST:PORT", about)
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     _add(speed, "--smoke", "", "measure very little, into speed_smoke; the numbers mean nothing")
