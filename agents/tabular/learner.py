@@ -6,9 +6,7 @@ An algorithm is an update rule, see `agents.tabular.updates`; all else is the sa
 import math
 import time
 from collections.abc import Sequence, Set
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
@@ -28,6 +26,7 @@ from envs.model import ACTIONS, Model
 VERSION: Final = 3
 
 MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
+_BLOCK: Final = 25  # agents that are trained in one call of compiled code, for which an interrupt waits
 
 
 class Settings(LearnerSettings):
@@ -91,7 +90,6 @@ def train(
     update: UpdateRule = updates.Q_LEARNING,
     *,
     record_table: bool = False,
-    threads: int = 1,
 ) -> TabularTraining:
     """Trains one agent per seed, see `agents.contract.Algorithm.train`.
 
@@ -139,25 +137,18 @@ def train(
     )
     streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
 
-    def work(first: int, last: int) -> None:
-        started_s = time.thread_time()
-        rows = Results(*(getattr(result, name)[first:last] for name in Results._fields))
-        kernel(process, constants, plan, streams[first:last], rows)
-        # An agent of a block trains too briefly to be timed; each gets its share, in proportion to its steps.
-        seconds = (time.thread_time() - started_s) / max(last - first, 1)
-        result.cpu_time_s[first:last] = seconds * plan.points[:-1] / settings.budget
+    def train_block(block: slice) -> None:
+        rows = Results(*(getattr(result, name)[block] for name in Results._fields))
+        kernel(process, constants, plan, streams[block], rows)
 
-    work(0, 0)  # compiles, or loads what was compiled, before the clock runs
-    # The blocks are small, so that threads end together and an interrupt waits for one block at most.
-    n_blocks = min(n_agents, threads * math.ceil(n_agents / (threads * 8)) if threads > 1 else 1)
-    edges = np.linspace(0, n_agents, n_blocks + 1).astype(int)
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            for future in [pool.submit(work, a, b) for a, b in pairwise(edges)]:
-                future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    train_block(slice(0))  # compiles, or loads what was compiled, before the clock runs
+    for first in range(0, n_agents, _BLOCK):
+        block = slice(first, first + _BLOCK)
+        started_s = time.thread_time()
+        train_block(block)
+        # One agent trains too briefly to be timed; each gets its share, in proportion to its steps.
+        seconds = (time.thread_time() - started_s) / len(streams[block])
+        result.cpu_time_s[block] = seconds * plan.points[:-1] / settings.budget
     result.updates[:] = result.steps_taken
     return result
 
@@ -166,7 +157,7 @@ class TabularAlgorithm(Algorithm):
     """An algorithm that learns a table by an update rule, which has its settings and version."""
 
     packages = ("numba",)
-    batch_size = 25
+    batch_size = _BLOCK
     placement = "thread"
 
     def __init__(self, update: UpdateRule) -> None:

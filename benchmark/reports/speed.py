@@ -11,7 +11,6 @@ from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final, NamedTuple, NoReturn
 
 import gymnasium
@@ -28,7 +27,6 @@ from agents.process import N_ACTIONS
 from agents.tabular import learner
 from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
-from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, Reporting
 from benchmark.reports import document, files
 from benchmark.reports.folder import MANIFEST, Folder
@@ -66,8 +64,7 @@ def measure(results: Path, *, smoke: bool) -> None:
 
     directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
     with files.alone(results), files.replaced(directory, is_stale=lambda _: False) as aside:
-        with TemporaryDirectory() as scratch:
-            frame = _measured(all_rows(smoke, Path(scratch)), n_turns=2 if smoke else 16)
+        frame = _measured(all_rows(smoke), n_turns=2 if smoke else 16)
         print(to_markdown(frame))
         manifest = {
             "experiment": REPORT.name,
@@ -115,8 +112,8 @@ def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
     return frame
 
 
-def all_rows(smoke: bool, scratch: Path) -> list[Row]:
-    """Lists all rows, which need an empty folder; for a smoke test they do a hundredth of the work."""
+def all_rows(smoke: bool) -> list[Row]:
+    """Lists all rows; for a smoke test they do a hundredth of the work."""
 
     def size(n: int) -> int:
         return max(n // 100, 1) if smoke else n
@@ -124,22 +121,18 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
     s1, anywhere = (compile_scenario(load_scenario(name)) for name in ("S1", "Anywhere"))
     short, long, policy = size(20_000), size(100_000), uniform_policy(s1)
     many, one = _kernel(s1, 1000, short), _kernel(s1, 1, short)
-    two_threads, one_thread = (_kernel(s1, 200, long, 10, threads) for threads in (2, 1))
     in_anywhere, in_s1 = (_kernel(model, 100, long, 100) for model in (anywhere, s1))
     batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
     exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
     played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
     states = f"the same in S1; Anywhere has {len(anywhere.observation):,} states"
-    runs = _reading(scratch, size(10_000)), _reading(scratch, size(100))
     rows = [
         Row("q_learning_kernel", "updates", _kernel(s1, 200, short), (long, partial(_loop, long)), _LOOP),
-        Row("q_learning_threads", "updates", two_threads, one_thread, "one thread, by two"),
         Row("vector_env_1000", "steps", batched, sync, "gymnasium.vector.SyncVectorEnv"),
         Row("evaluate", "policies", exact, played, "1,000 simulated episodes, uniform random policy"),
         # How cost grows: a ratio of 1 means in proportion.
         Row("q_learning_agents", "updates", many, one, "1 agent at a time, by 1,000"),
         Row("q_learning_anywhere", "updates", in_anywhere, in_s1, states),
-        Row("stored_statuses", "runs", *runs, "a store of 100 runs, by one of 10,000"),
     ]
     budget = 200 if smoke else 10_000
     for net, declared in read_toml(_NETS).items():
@@ -152,10 +145,10 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
     return rows
 
 
-def _kernel(model: Model, n_agents: int, steps: int, record_every: int = 1, threads: int = 1) -> Side:
+def _kernel(model: Model, n_agents: int, steps: int, record_every: int = 1) -> Side:
     """Trains agents by Q-learning with the paper's constants, with their visited max Q recorded."""
     settings, seeds = learner.Settings(budget=steps, record_every=record_every), _seeds(n_agents)
-    return n_agents * steps, partial(learner.train, model, settings, seeds, Schedule(steps), threads=threads)
+    return n_agents * steps, partial(learner.train, model, settings, seeds, Schedule(steps))
 
 
 def _training(model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int) -> Side:
@@ -173,19 +166,6 @@ def _stepping(mode: str, times: int) -> Side:
     envs.reset()
     actions = np.random.default_rng(0).integers(0, N_ACTIONS, (times, 1000))
     return actions.size, lambda: [envs.step(row) for row in actions]
-
-
-def _reading(folder: Path, n: int) -> Side:
-    """Reads the statuses of a store of so many runs, which it makes."""
-    path, q = folder / f"{n}.db", np.random.default_rng(0).random((120, 5))
-    with Store(path) as store:
-        store.add(Record(f"{i:064}", "{}", "done", {}, {"q": q}) for i in range(n))
-
-    def read() -> None:
-        with Store(path, read_only=True) as store:
-            store.statuses()
-
-    return n, read
 
 
 def _loop(steps: int) -> None:

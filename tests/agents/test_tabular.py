@@ -77,16 +77,15 @@ def check_same_agent(together: TabularTraining, i: int, alone: TabularTraining) 
             assert values[i].tobytes() == getattr(alone, key)[0].tobytes(), key
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_together_equals_one_at_a_time_on_any_number_of_threads(threads: int) -> None:
+def test_together_equals_one_at_a_time() -> None:
     model = compile_scenario(load_scenario("S2"))
     settings = Settings(budget=500)
     seeds = [SeedSequence([5, i]) for i in range(100)]
     schedule = Schedule(500, (0, 250, 500))
-    together = train(model, settings, seeds, schedule, record_table=True, threads=threads)
+    together = train(model, settings, seeds, schedule, record_table=True)
     for i in range(0, 100, 9):
         check_same_agent(together, i, train(model, settings, [seeds[i]], schedule, record_table=True))
-    backwards = train(model, settings, seeds[::-1], schedule, record_table=True, threads=threads)
+    backwards = train(model, settings, seeds[::-1], schedule, record_table=True)
     assert together.q.tobytes() == backwards.q[::-1].tobytes()
 
 
