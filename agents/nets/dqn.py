@@ -4,8 +4,8 @@ Observations are few and recur. So the target net's values are kept until the ne
 mini-batch computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of its envs draws whether to explore, and for
-each env a random action and what `agents.nets.walk.take` draws. Mini-batches have a stream of their own: they
-draw a row and, with several envs, an env.
+each env a random action and what `agents.nets.stepping.take` draws. Mini-batches have a stream of their own:
+they draw a row and, with several envs, an env.
 
 Axis letters: E envs, O observations, A actions, P parameters, C rows of the replay buffer, B rows of a
 mini-batch.
@@ -21,7 +21,7 @@ from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, inlined, like
 from agents.nets.learner import Agent, NetAlgorithm
 from agents.nets.net import Distinct, Net, Parameters, Values
-from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
+from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from envs import Model
@@ -68,7 +68,7 @@ class Dqn(NamedTuple):
     target_values: Values  # its outputs since the last synchronisation
     replay: Steps  # (C * E,) as in Stable-Baselines3, a row per step of the envs
     batch: Batch
-    walk: Walk
+    envs: Envs
     stream: NDArray[np.uint64]  # (4,) of the mini-batches
 
 
@@ -98,7 +98,7 @@ class DqnAgent(Agent):
             target_values=net.values_of(n_observations, kind),
             replay=room_for_steps(n_rows * n_envs),
             batch=Batch(*batch, distinct=net.distinct_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
-            walk=self.walk,
+            envs=self.envs,
             stream=self.learning,
         )
 
@@ -123,13 +123,13 @@ def exploration_rate(constants: Constants, taken: int) -> float:
 
 @compiled
 def _advance(agent: Dqn, until: int) -> None:
-    constants, walk = agent.constants, agent.walk
-    while walk.taken[0] < until:
+    constants, envs = agent.constants, agent.envs
+    while envs.taken[0] < until:
         for _ in range(constants.train_freq):
             _act(agent)
-            if walk.taken[0] // len(walk.state) % constants.synchronised_every == 0:
+            if envs.taken[0] // len(envs.state) % constants.synchronised_every == 0:
                 _synchronise(agent)
-        if walk.taken[0] > constants.learning_starts:
+        if envs.taken[0] > constants.learning_starts:
             for _ in range(constants.gradient_steps):
                 _draw_batch(agent)
                 _update(agent)
@@ -142,20 +142,20 @@ def _act(agent: Dqn) -> None:
     As in Stable-Baselines3, one draw decides whether all envs explore, and the first of several best actions
     is greedy.
     """
-    replay, walk, observed = agent.replay, agent.walk, agent.net.observed
-    n_envs, first = len(walk.state), walk.taken[0] % len(replay.reward)
-    explores = draw(walk.stream) < exploration_rate(agent.constants, walk.taken[0])
+    replay, envs, observed = agent.replay, agent.envs, agent.net.observed
+    n_envs, first = len(envs.state), envs.taken[0] % len(replay.reward)
+    explores = draw(envs.stream) < exploration_rate(agent.constants, envs.taken[0])
     for e in range(n_envs):
-        observed[e] = walk.process.observation[walk.state[e]]
+        observed[e] = envs.process.observation[envs.state[e]]
     at = 0
     if not explores:
         at = net.forward(agent.net, agent.parameters.values, observed, n_envs)
     for e in range(n_envs):
-        action = int(draw(walk.stream) * N_ACTIONS)
+        action = int(draw(envs.stream) * N_ACTIONS)
         if not explores:
             action = net.best_output(agent.net, at + e * agent.net.stride)
-        take(walk, e, action, replay, first + e)
-    count(walk)
+        take(envs, e, action, replay, first + e)
+    count(envs)
 
 
 @inlined
@@ -174,8 +174,8 @@ def _draw_batch(agent: Dqn) -> None:
 
     A return ends where the episode ends, or at the row written last.
     """
-    replay, batch, n_steps, n_envs = agent.replay, agent.batch, agent.constants.n_steps, len(agent.walk.state)
-    n_taken, n_kept = agent.walk.taken[0], len(replay.reward)
+    replay, batch, n_steps, n_envs = agent.replay, agent.batch, agent.constants.n_steps, len(agent.envs.state)
+    n_taken, n_kept = agent.envs.taken[0], len(replay.reward)
     last_row, n_filled = (n_taken - n_envs) % n_kept, min(n_taken, n_kept) // n_envs
     gamma = like(batch.target, agent.constants.gamma)
     for b in range(len(batch.observed)):
@@ -188,7 +188,7 @@ def _draw_batch(agent: Dqn) -> None:
         for k in range(n_steps):
             total += replay.reward[i] * discount
             discount *= gamma
-            ends = replay.next_observed[i] == agent.walk.process.n_observations or replay.truncated[i]
+            ends = replay.next_observed[i] == agent.envs.process.n_observations or replay.truncated[i]
             if ends or i == last_row + e or k + 1 == n_steps:
                 break
             i = (i + n_envs) % n_kept
@@ -203,7 +203,7 @@ def _update(agent: Dqn) -> None:
     q_net, parameters, batch, distinct = agent.net, agent.parameters, agent.batch, agent.batch.distinct
     net.compute_values(q_net, agent.target, batch.next_observed, agent.target_values)
     for b in range(len(batch.target)):
-        if batch.next_observed[b] != agent.walk.process.n_observations:
+        if batch.next_observed[b] != agent.envs.process.n_observations:
             batch.target[b] += batch.discount[b] * agent.target_values.largest[batch.next_observed[b]]
     n_distinct = net.list_distinct(batch.observed, distinct)
     at = net.forward(q_net, parameters.values, distinct.observed, n_distinct)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
 from agents.nets.net import Net, net_of, parameters_of, read, unpadded
-from agents.nets.walk import walk_of
+from agents.nets.stepping import envs_of
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
@@ -38,7 +38,7 @@ class Agent(ABC):
         """Makes an agent that has drawn its first weights; `points` (T,) are the evaluation steps."""
         streams = np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
         acting, self.learning, self.drawing = streams
-        self.walk = walk_of(model, settings, acting, points)
+        self.envs = envs_of(model, settings, acting, points)
         n_rows = max(min(settings.batch_size, model.n_observations), settings.n_envs)
         hidden, is_relu = settings.policy_kwargs.net_arch, self.is_value  # as in Stable-Baselines3
         self.nets: list[Net] = []
@@ -59,7 +59,7 @@ class Agent(ABC):
 
     def table(self) -> Numbers:
         """Returns what its first net says about all observations, (O, A)."""
-        table = np.empty((self.walk.process.n_observations, N_ACTIONS), self.parameters.values.dtype)
+        table = np.empty((self.envs.process.n_observations, N_ACTIONS), self.parameters.values.dtype)
         read(self.nets[0], self.parameters.values, table)
         return table
 
@@ -112,12 +112,12 @@ class NetAlgorithm(SequentialAlgorithm):
             table = agent.table().astype(np.float64)
             if not np.isfinite(table).all():
                 diverged_at = points[indices[0]]
-                agent.walk.counts[indices[0] :] = agent.walk.disagreements[0]
+                agent.envs.counts[indices[0] :] = agent.envs.disagreements[0]
                 break
             tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
             if schedule.may_end and any(schedule.may_end(i, tables[i]) for i in indices):
                 tables[indices[-1] :] = tables[indices[-1]]
-                agent.walk.counts[indices[0] :] = agent.walk.disagreements[0]
+                agent.envs.counts[indices[0] :] = agent.envs.disagreements[0]
                 break
         else:
             advance(schedule.budget)
@@ -127,7 +127,7 @@ class NetAlgorithm(SequentialAlgorithm):
         return {
             **snapshots(tables, schedule, is_value=agent.is_value),
             "q": q if diverged_at < 0 else np.full_like(q, np.nan),
-            "disagreements": agent.walk.counts,
+            "disagreements": agent.envs.counts,
             "cpu_time_s": cpu_time_s,
             "updates": agent.parameters.n_steps[0],
             "parameters": sum(part.size for part in weights),

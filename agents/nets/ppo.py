@@ -4,7 +4,7 @@ Observations are few and recur. So probabilities and values are kept during a ro
 computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of each env draws the action and what
-`agents.nets.walk.take` draws. Permutations of rollouts have a stream of their own.
+`agents.nets.stepping.take` draws. Permutations of rollouts have a stream of their own.
 
 Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch.
 """
@@ -20,7 +20,7 @@ from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, exp, inlined, like, log
 from agents.nets.learner import Agent, NetAlgorithm
 from agents.nets.net import Distinct, Net, Parameters, Values
-from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
+from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
 from envs import Model
@@ -86,7 +86,7 @@ class Ppo(NamedTuple):
     steps: Steps  # (E * L,) of a rollout, as Stable-Baselines3 flattens it, env after env
     rollout: Rollout
     batch: Batch
-    walk: Walk
+    envs: Envs
     stream: NDArray[np.uint64]  # (4,) of the permutations
 
 
@@ -122,7 +122,7 @@ class PpoAgent(Agent):
                 probability=np.zeros((n_rows, N_ACTIONS), kind),
                 log_probability=np.zeros((n_rows, N_ACTIONS), kind),
             ),
-            walk=self.walk,
+            envs=self.envs,
             stream=self.learning,
         )
 
@@ -164,7 +164,7 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 
 @compiled
 def _advance(agent: Ppo, until: int) -> None:
-    while agent.walk.taken[0] < until:
+    while agent.envs.taken[0] < until:
         agent.policy.is_known[:] = False
         agent.values.is_known[:] = False
         if not _roll_out(agent):
@@ -178,24 +178,24 @@ def _advance(agent: Ppo, until: int) -> None:
 @inlined
 def _roll_out(agent: Ppo) -> bool:
     """Makes a rollout; returns whether all probabilities were finite. If not, it ends there."""
-    policy, walk, n_steps = agent.policy, agent.walk, agent.constants.n_steps
+    policy, envs, n_steps = agent.policy, agent.envs, agent.constants.n_steps
     for t in range(n_steps):
-        for e in range(len(walk.state)):
-            o, i = walk.process.observation[walk.state[e]], e * n_steps + t
+        for e in range(len(envs.state)):
+            o, i = envs.process.observation[envs.state[e]], e * n_steps + t
             probability, log_probability = policy.probability[o], policy.log_probability[o]
             if not policy.is_known[o]:
                 policy.is_known[o], agent.actor.observed[0] = True, o
                 at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False
-            uniform = draw(walk.stream)
+            uniform = draw(envs.stream)
             action, cumulated = 0, probability[0]
             while action < N_ACTIONS - 1 and uniform >= cumulated:
                 action += 1
                 cumulated += probability[action]
             agent.rollout.old_log_probability[i] = log_probability[action]
-            take(walk, e, action, agent.steps, i)
-        count(walk)
+            take(envs, e, action, agent.steps, i)
+        count(envs)
     return True
 
 
@@ -205,14 +205,14 @@ def _estimate_advantages(agent: Ppo) -> None:
     steps, rollout, value, n_steps = agent.steps, agent.rollout, agent.values.largest, agent.constants.n_steps
     zero, gamma = like(value, 0), like(value, agent.constants.gamma)
     decay = like(value, agent.constants.gamma * agent.constants.gae_lambda)
-    for e in range(len(agent.walk.state)):
+    for e in range(len(agent.envs.state)):
         last = (e + 1) * n_steps - 1
         advantage = following = zero
         for i in range(last, last - n_steps, -1):
             reward, o = like(value, steps.reward[i]), steps.next_observed[i]
             if steps.truncated[i]:
                 reward += gamma * value[o]
-            if steps.truncated[i] or o == agent.walk.process.n_observations:
+            if steps.truncated[i] or o == agent.envs.process.n_observations:
                 following = advantage = zero
             elif i == last:
                 following = value[o]

@@ -263,7 +263,7 @@ def test_dqn_is_stable_baselines3s(
     monkeypatch.setattr(np.random, "randint", draw)
     stock.learn(600)
     assert n_updates == ours.parameters.n_steps[0] >= 200
-    assert stock.env.disagreements == ours.walk.disagreements[0]
+    assert stock.env.disagreements == ours.envs.disagreements[0]
     check_weights(linear_layers(stock.q_net), ours.weights())
 
 
@@ -311,7 +311,7 @@ def test_ppo_is_stable_baselines3s(
     assert n_steps == ours.parameters.n_steps[0]
     whole = 400 // settings.rollout * settings.n_epochs * -(-settings.rollout // settings.batch_size)
     assert 20 < n_steps < whole if settings.target_kl else n_steps == whole >= 200
-    assert stock.env.disagreements == ours.walk.disagreements[0]
+    assert stock.env.disagreements == ours.envs.disagreements[0]
     check_weights(linear_layers(*nets), ours.weights())
 
 
