@@ -6,7 +6,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -26,7 +25,7 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 try:
     from envs.inputs import InputError
-    from envs.packages import EXTRAS, needed_by
+    from envs.packages import needed_by
 except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)
@@ -57,15 +56,12 @@ interrupted.
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
-    _open_streams()
     command = ""
     try:
         options = _parser().parse_args(arguments)
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away
             raise InputError("an option has the value --; accepted: another value.")
         command = options.command
-        if command == "doctor":
-            _examine()
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with needed_by(f"benchmark {command}"):
             code = int(import_module(f"benchmark.commands.{command}").main(options))
@@ -92,26 +88,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(*(f"error: {line}" for line in str(message).split("\n")), sep="\n", file=sys.stderr)
         return 2
     return code
-
-
-def _examine() -> None:
-    """Refuses a package whose import fails or hangs and without which `doctor` itself cannot run."""
-    installed = [module for module in EXTRAS["reproduce"] if find_spec(module) is not None]
-    problems = packages.unusable(installed, os.cpu_count() or 1)
-    for module in installed:
-        if module in problems:
-            raise InputError(problems[module])
-
-
-def _open_streams() -> None:
-    """Opens the standard streams that are closed, since a file would get the descriptor of one."""
-    for descriptor in range(3):
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the lowest that is free
-    sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
-    sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
 
 
 def _silence_output() -> None:

@@ -8,12 +8,12 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from packaging.requirements import Requirement
 from rich.console import Console
@@ -22,14 +22,15 @@ from rich.text import Text
 
 from benchmark import packages
 from benchmark.commands import parse_jobs, parse_seeds
+from benchmark.execution.calibration import estimate
+from benchmark.execution.driver import pending
 from benchmark.execution.machine import free_memory, usable_cores
+from benchmark.execution.provenance import versions
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
+from benchmark.experiments import RunSpecification, all_specifications, load_experiment
 from envs import InputError
 from envs.inputs import shortened
-from envs.packages import EXTRAS, missing_package, needed_by
-
-if TYPE_CHECKING:
-    from benchmark.experiments import RunSpecification
+from envs.packages import EXTRAS
 
 _CONSTRAINTS: Final = Path(__file__).parents[2] / "constraints.txt"
 _COLOURS: Final = {"ok": "green", "note": "yellow", "problem": "bold red"}
@@ -48,7 +49,7 @@ class Finding(NamedTuple):
 
 
 def _finding(subject: str, text: str, advice: str = "", state: str = "note") -> Finding:
-    """Returns a finding that is "ok" without advice, else of the given state."""
+    """Returns a finding that is "ok" without advice, else in the given state."""
     return Finding(state, subject, f"{text}; {advice}") if advice else Finding("ok", subject, text)
 
 
@@ -62,15 +63,11 @@ def main(options: argparse.Namespace) -> int:
     seeds = parse_seeds(options.seeds)
     if seeds is not None and options.experiment is None:
         raise InputError("--seeds: accepted only together with an experiment.")
-    cache = _cache()
     runs: Sequence[RunSpecification] = []
-    if options.experiment is not None and cache.state == "ok":  # else nothing compiled can be imported
-        from benchmark.experiments import all_specifications, load_experiment
-
+    if options.experiment is not None:
         runs = all_specifications(load_experiment(options.experiment), seeds)
     findings = chain(
         _installation(),
-        [cache],
         _machine(options.results),
         _store(options.results / "runs.db"),
         _experiment(runs, options) if runs else [],
@@ -87,9 +84,9 @@ def main(options: argparse.Namespace) -> int:
 def _installation() -> Iterator[Finding]:
     """Yields which packages are installed, in which versions, and which cannot be imported."""
     lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
-    if versions := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
+    if others := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
-        yield _finding("versions", f"other than in constraints.txt: {', '.join(versions)}", advice)
+        yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
     print("importing every package ...", file=sys.stderr)
@@ -97,16 +94,9 @@ def _installation() -> Iterator[Finding]:
     installed = [module for module in optional if find_spec(module) is not None]
     for sentence in dict.fromkeys(packages.unusable(installed, usable_cores()).values()):
         yield _problem("packages", sentence)
-    complete: list[str] = []
-    absent: list[str] = []
-    for extra, modules in EXTRAS.items():
-        missing = [module for module in modules if find_spec(module) is None]
-        if 0 < len(missing) < len(modules):
-            text = str(missing_package(f"the extra {extra}", missing[0])).removesuffix(".")
-            yield Finding("note", "packages", text)
-        else:
-            (absent if missing else complete).append(extra)
-    more = f"; others: {', '.join(absent)} (make .venv/.NAME installs one)" if absent else ""
+    complete = [extra for extra, modules in EXTRAS.items() if all(map(find_spec, modules))]
+    others = [extra for extra in EXTRAS if extra not in complete]
+    more = f"; others: {', '.join(others)} (make .venv/.NAME installs one)" if others else ""
     yield _finding("packages", f"installed extras: {', '.join(complete) or 'none'}{more}")
 
 
@@ -121,17 +111,6 @@ def _outside(requirements: Iterable[Requirement]) -> list[str]:
             if name != "setuptools" and not accepted.contains(installed, prereleases=True):
                 outside.append(f"{name} {installed} ({accepted})")
     return outside
-
-
-def _cache() -> Finding:
-    """Returns whether what numba compiles can be kept."""
-    try:
-        with needed_by("benchmark doctor"):
-            import agents.dynamic_programming  # noqa: F401
-    except RuntimeError as error:  # numba's, while it looks for a folder
-        advice = "make the folder of the code writable, or set NUMBA_CACHE_DIR to a folder that is"
-        return Finding("problem", "compiling", f"{' '.join(str(error).split())}; {advice}")
-    return _finding("compiling", "compiled code is kept for the next start")
 
 
 def _machine(results: Path) -> Iterator[Finding]:
@@ -180,27 +159,24 @@ def _store(path: Path) -> Iterator[Finding]:
         yield _finding("checksums", text, f"'verify' {advice}", state)
 
 
-def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace) -> Iterator[Finding]:
+def _experiment(runs: Sequence[RunSpecification], options: argparse.Namespace) -> Iterator[Finding]:
     """Yields what it costs to execute the missing runs of an experiment."""
-    from benchmark.execution.calibration import estimate
-    from benchmark.execution.driver import pending
-    from benchmark.execution.provenance import versions
-
     try:
         for algorithm in sorted({run.algorithm for run in runs}):
             versions(algorithm)
     except InputError as error:
         yield _problem("runs", error)
         return
-    with ExitStack() as stack:
-        store, missing = None, [*runs]
-        with suppress(InputError):  # there is none yet, or what is wrong with it has been said
-            opened = stack.enter_context(Store(options.results / "runs.db", read_only=True))
-            missing, store = pending(runs, opened), opened
-        if not missing:
-            yield _finding("runs", f"all {len(runs):,} are done")
-            return
-        estimated = estimate(missing, store, options.jobs, usable_cores())
+    missing = runs
+    try:
+        with Store(options.results / "runs.db", read_only=True) as store:
+            missing = pending(runs, store)
+            estimated = estimate(missing, store, options.jobs, usable_cores())
+    except InputError:  # there is no store yet, or what is wrong with it has been said
+        estimated = estimate(missing, None, options.jobs, usable_cores())
+    if not missing:
+        yield _finding("runs", f"all {len(runs):,} are done")
+        return
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs")
     if estimated.unknown:
         names = shortened(", ".join(dict.fromkeys(estimated.unknown)))
