@@ -24,7 +24,6 @@ from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
 from agents.process import N_ACTIONS
-from agents.tabular import learner
 from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
 from benchmark.experiments import Experiment, Reporting
@@ -121,7 +120,7 @@ def all_rows(smoke: bool) -> list[Row]:
     s1, anywhere = (compile_scenario(load_scenario(name)) for name in ("S1", "Anywhere"))
     short, long, policy = size(20_000), size(100_000), uniform_policy(s1)
     many, one = _kernel(s1, 1000, short), _kernel(s1, 1, short)
-    in_anywhere, in_s1 = (_kernel(model, 100, long, 100) for model in (anywhere, s1))
+    in_anywhere, in_s1 = (_kernel(model, 100, long) for model in (anywhere, s1))
     batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
     exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
     played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
@@ -145,20 +144,16 @@ def all_rows(smoke: bool) -> list[Row]:
     return rows
 
 
-def _kernel(model: Model, n_agents: int, steps: int, record_every: int = 1) -> Side:
-    """Trains agents by Q-learning with the paper's constants, with their visited max Q recorded."""
-    settings, seeds = learner.Settings(budget=steps, record_every=record_every), _seeds(n_agents)
-    return n_agents * steps, partial(learner.train, model, settings, seeds, Schedule(steps))
+def _kernel(model: Model, n_agents: int, steps: int) -> Side:
+    """Trains agents by Q-learning with the paper's constants."""
+    return _training(model, "q_learning", "index", {"budget": steps, "record_every": steps}, n_agents)
 
 
 def _training(model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int) -> Side:
     algorithm, budget = load_algorithm(name), declared["budget"]
-    settings, seeds = parse(algorithm.settings, declared, str(_NETS)), _seeds(n_agents)
+    settings = parse(algorithm.settings, declared, str(_NETS))
+    seeds = [SeedSequence([0, i]) for i in range(n_agents)]
     return n_agents * budget, partial(algorithm.train, model, settings, observation, seeds, Schedule(budget))
-
-
-def _seeds(n: int) -> list[SeedSequence]:
-    return [SeedSequence([0, i]) for i in range(n)]
 
 
 def _stepping(mode: str, times: int) -> Side:
@@ -173,12 +168,10 @@ def _loop(steps: int) -> None:
     env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = random.Random(0)
     q = [[0.0] * 5 for _ in range(120)]
-    visited_max = []
     observation, _ = env.reset(seed=0)
     for _ in range(steps):
         row = q[observation]
         best = max(row)
-        visited_max.append(best)
         if rng.random() < 0.6:
             action = rng.randrange(5)
         else:
