@@ -1,19 +1,12 @@
 """Installed packages that cannot be imported: which, why, and what repairs it. Imports no package itself."""
 
-import subprocess
-import sys
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from functools import partial
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from traceback import walk_tb
 from types import ModuleType
 from typing import Final
 
-LIMIT_S: Final = 120.0  # of an import; the first one of torch reads hundreds of megabytes
 _CORE: Final = ("gymnasium", "numpy", "pydantic")  # without which no message of `envs.inputs` can be made
 _LAYERS: Final = ("agents", "benchmark", "envs")
 _LONGEST: Final = 100  # characters of a reason
@@ -62,35 +55,3 @@ def _packages() -> dict[str, str]:
 
         return {name: PACKAGES.get(name, name) for name in (*_CORE, *chain(*EXTRAS.values()))}
     return {name: name for name in _CORE}
-
-
-def unusable(modules: Sequence[str], jobs: int, limit_s: float = LIMIT_S) -> dict[str, str]:
-    """Imports each module in a process of its own; returns sentences on those that cannot be imported."""
-    with ThreadPoolExecutor(jobs) as pool:
-        sentences = pool.map(partial(_tried, limit_s=limit_s), modules)
-        return {name: sentence for name, sentence in zip(modules, sentences, strict=True) if sentence}
-
-
-def _tried(module: str, limit_s: float) -> str:
-    code = f"import sys; sys.path[:] = {sys.path}; from benchmark.packages import main; main({module!r})"
-    command = [sys.executable, "-c", code]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        reason = f"not imported within {limit_s:g} s"
-    else:
-        status, message = done.returncode, done.stderr.strip()
-        if status == 0:
-            return ""
-        if status > 0 and message:
-            return message.splitlines()[-1]
-        reason = f"importing it ended {f'with exit code {status}' if status > 0 else f'by signal {-status}'}"
-    return _sentence(module, reason) or f"{module} cannot be imported ({reason})."
-
-
-def main(module: str) -> None:
-    """Imports a module; exits with a sentence if that fails."""
-    try:
-        import_module(module)
-    except Exception as error:  # a module can raise anything
-        sys.exit(broken(error) or f"{module} cannot be imported ({type(error).__name__}: {error}).")

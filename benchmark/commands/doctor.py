@@ -9,6 +9,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import chain
@@ -90,10 +91,13 @@ def _installation() -> Iterator[Finding]:
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
     print("importing every package ...", file=sys.stderr)
-    optional = [module for extra, modules in EXTRAS.items() if extra != "reproduce" for module in modules]
-    installed = [module for module in optional if find_spec(module) is not None]
-    for sentence in dict.fromkeys(packages.unusable(installed, usable_cores()).values()):
-        yield _problem("packages", sentence)
+    installed = [module for module in chain(*EXTRAS.values()) if find_spec(module) is not None]
+    os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = ""
+    for module in installed:
+        try:
+            import_module(module)
+        except Exception as error:  # a module can raise anything
+            yield _problem("packages", packages.broken(error) or error)
     complete = [extra for extra, modules in EXTRAS.items() if all(map(find_spec, modules))]
     others = [extra for extra in EXTRAS if extra not in complete]
     more = f"; others: {', '.join(others)} (make .venv/.NAME installs one)" if others else ""

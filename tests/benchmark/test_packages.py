@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.packages import unusable
 from tests.support import ROOT
 
 NET = """
@@ -63,30 +62,6 @@ def test_run_names_the_package_that_a_worker_cannot_import(tmp_path: Path) -> No
     assert sentence("torch", "RuntimeError: planted") in done.stderr
     assert "Traceback" not in done.stderr
     assert done.returncode == 1
-
-
-def test_packages_are_imported_in_processes_of_their_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    fakes = {
-        "tabulate": "import time; time.sleep(1000)",
-        "packaging": "import os; os.abort()",
-        "pygame": "print('said'); raise SystemError('planted')",
-        "pdoc": "import pygame",
-        "rich": "import os; os._exit(3)",
-    }
-    for name, content in fakes.items():
-        (tmp_path / f"{name}.py").write_text(content, encoding="utf-8")
-    assert unusable(["tabulate"], jobs=1, limit_s=0.5) == {
-        "tabulate": sentence("tabulate", "not imported within 0.5 s")
-    }
-    assert unusable(["packaging", "jinja2", "pygame", "pdoc", "rich"], jobs=2) == {
-        "packaging": sentence("packaging", "importing it ended by signal 6"),
-        "pygame": sentence("pygame-ce", "SystemError: planted"),
-        "pdoc": sentence("pygame-ce", "SystemError: planted"),  # the one that is broken
-        "rich": sentence("rich", "importing it ended with exit code 3"),
-    }
 
 
 def test_packages_of_users_are_not_explained(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmark import packages
 from benchmark.__main__ import main
 from benchmark.commands import doctor
 from benchmark.execution import machine
@@ -27,7 +26,7 @@ def examine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
     Packages are not imported, which would take seconds every time.
     """
-    monkeypatch.setattr(packages, "unusable", lambda *_: {})
+    monkeypatch.setattr(doctor, "import_module", lambda _: None)
 
     def run(*arguments: str) -> tuple[int, list[str]]:
         code = main(["doctor", *arguments, "--results", str(tmp_path)])
@@ -81,9 +80,18 @@ def test_extras_are_complete_or_not(examine: Examine, monkeypatch: pytest.Monkey
     monkeypatch.setattr(doctor, "find_spec", lambda name: None if name in absent else True)
     (extras,) = about("packages", examine()[1])
     assert re.match(r"ok installed extras: reproduce, cluster, .*; others: deep, docs \(", extras)
-    monkeypatch.setattr(packages, "unusable", lambda *_: {"torch": "torch is broken."})
+
+
+def test_packages_that_cannot_be_imported_are_problems(
+    examine: Examine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(name: str) -> None:
+        if name == "torch":
+            raise OSError("planted")
+
+    monkeypatch.setattr(doctor, "import_module", broken)
     code, lines = examine()
-    assert (code, about("packages", lines)[0]) == (1, "problem torch is broken")
+    assert (code, about("packages", lines)[0]) == (1, "problem planted")
 
 
 # The store
