@@ -96,7 +96,7 @@ class NetAlgorithm(SequentialAlgorithm):
         agent = self.agent(model, settings, observation, np.array(points, np.int64), seed, np.float32)
         tables = np.full((len(points), model.n_observations, N_ACTIONS), np.nan)
         cpu_time_s = np.zeros(len(points))
-        seconds, diverged_at = 0.0, -1
+        seconds = 0.0
 
         def advance(until: int) -> None:
             nonlocal seconds
@@ -111,7 +111,6 @@ class NetAlgorithm(SequentialAlgorithm):
             cpu_time_s[indices[0] :] = seconds
             table = agent.table().astype(np.float64)
             if not np.isfinite(table).all():
-                diverged_at = points[indices[0]]
                 agent.envs.counts[indices[0] :] = agent.envs.disagreements[0]
                 break
             tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
@@ -121,16 +120,13 @@ class NetAlgorithm(SequentialAlgorithm):
                 break
         else:
             advance(schedule.budget)
-        q = agent.table().astype(np.float64) if agent.is_value else np.empty((0, N_ACTIONS))
         weights = agent.weights()
         digest = hashlib.sha256(b"".join(part.tobytes() for part in weights)).digest()
         return {
-            **snapshots(tables, schedule, is_value=agent.is_value),
-            "q": q if diverged_at < 0 else np.full_like(q, np.nan),
+            **snapshots(tables, agent.table().astype(np.float64), schedule, is_value=agent.is_value),
             "disagreements": agent.envs.counts,
             "cpu_time_s": cpu_time_s,
             "updates": agent.parameters.n_steps[0],
             "parameters": sum(part.size for part in weights),
-            "diverged_at": diverged_at,
             "weights": np.frombuffer(digest, np.uint8),
         }

@@ -106,7 +106,7 @@ class DqnSettings(Sb3Settings):
 class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
 
-    n_steps: StepCount = 2048
+    n_steps: Annotated[int, Field(ge=2, le=1_000_000)] = 2048
     """Steps of each environment from one round of updates to the next."""
     gae_lambda: Share = 0.95
     """Lambda of generalized advantage estimation."""
@@ -130,9 +130,3 @@ class PpoSettings(Sb3Settings):
     """How far a new value may be from the old one before it is clipped; by default it is not."""
     target_kl: Positive | None = None
     """Divergence from the old policy; a round of updates ends at 1.5 times this, by default never."""
-
-    @model_validator(mode="after")
-    def _advantages_vary(self) -> Self:
-        if self.rollout == 1:
-            raise ValueError("n_steps * n_envs = 1: accepted: at least 2, or no advantage can be normalized")
-        return self

@@ -14,7 +14,7 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_request
+from agents.contract import Algorithm, LearnerSettings, Schedule, Training
 from agents.process import process_of
 from agents.tabular import updates
 from agents.tabular.kernel import Constants, Plan, Results, compile_kernel
@@ -103,7 +103,6 @@ class TabularAlgorithm(Algorithm):
         schedule: Schedule,
     ) -> TabularTraining:
         """Trains blocks of agents, whose table's maximum is recorded if there is more than one record."""
-        check_request(settings, seeds, schedule)
         n_agents, n_observations, n_actions = len(seeds), model.n_observations, len(ACTIONS)
         n_records = math.ceil(settings.budget / settings.record_every)
         n_steps = len(schedule.evaluation_steps)
