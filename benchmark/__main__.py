@@ -123,8 +123,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     named = "a name shown by 'list', or the path of a TOML file"
-    seeds = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
-    drawn = f"{seeds}; tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
+    seeds = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares); "
+    seeds += "tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
     jobs = "number of jobs to run at a time; results do not depend on it (default: number of cores"
 
     def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
@@ -138,7 +138,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run = command("run", "execute the missing runs of an experiment")
     _add(run, "experiment", "EXPERIMENT", named)
-    _add(run, "--seeds", "A-B", drawn)
+    _add(run, "--seeds", "A-B", seeds)
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "then draw tables and figures, as 'report' does")
     about = "run all jobs on the workers of the Dask scheduler at this address"
@@ -148,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     report = command("report", "draw an experiment's tables and figures, and build the page")
     about = f"{named}; without one, only the texts of all results and the page are written"
     _add(report, "experiment", "EXPERIMENT", about, nargs="?")
-    _add(report, "--seeds", "A-B", drawn)
+    _add(report, "--seeds", "A-B", seeds)
     _add(report, "--partial", "", "draw a comparison even if runs are missing, into EXPERIMENT_partial")
 
     summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
@@ -186,7 +186,6 @@ def _parser() -> argparse.ArgumentParser:
     doctor = command("doctor", "examine the installation, the machine and the stored runs")
     about = f"{named}; then its time, memory and disk are estimated, from stored runs"
     _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
-    _add(doctor, "--seeds", "A-B", seeds)
     _add(doctor, "--jobs", "N", f"{jobs})", int)
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")

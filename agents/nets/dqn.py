@@ -72,41 +72,6 @@ class Dqn(NamedTuple):
     stream: NDArray[np.uint64]  # (4,) of the mini-batches
 
 
-class DqnAgent(Agent):
-    """An agent that learns action values."""
-
-    is_value = True
-    outputs = (N_ACTIONS,)
-
-    def begin(self, model: Model, settings: DqnSettings, kind: Kind) -> Dqn:
-        """Draws uniform weights, and makes room for the replay buffer and a mini-batch."""
-        n_envs, n_updates, n_observations = settings.n_envs, settings.gradient_steps, model.n_observations
-        (q_net,) = self.nets
-        net.draw_uniform(q_net, self.parameters.values, self.drawing)
-        n_rows = max(settings.arguments["buffer_size"] // n_envs, 1)
-        same = {name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)}
-        changed = {
-            "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
-            "synchronised_every": max(settings.target_update_interval // n_envs, 1),
-        }
-        batch = (np.zeros(settings.batch_size, dtype) for dtype in ("i4", "i1", kind, kind, "i4"))
-        return Dqn(
-            constants=Constants(**same | changed),
-            net=q_net,
-            parameters=self.parameters,
-            target=self.parameters.values.copy(),
-            target_values=net.values_of(n_observations, kind),
-            replay=room_for_steps(n_rows * n_envs),
-            batch=Batch(*batch, distinct=net.distinct_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
-            envs=self.envs,
-            stream=self.learning,
-        )
-
-    def advance(self, until: int) -> None:
-        """Trains until so many steps are done, a whole number of rollouts."""
-        _advance(self.state, until)
-
-
 @inlined
 def exploration_rate(constants: Constants, taken: int) -> float:
     """Returns the probability of a random action after so many steps."""
@@ -215,6 +180,38 @@ def _update(agent: Dqn) -> None:
         q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
     net.backward(q_net, parameters, distinct.observed, n_distinct)
     net.learn(parameters, agent.constants.learning_rate, _EPSILON, agent.constants.max_grad_norm)
+
+
+class DqnAgent(Agent):
+    """An agent that learns action values."""
+
+    is_value = True
+    loop = staticmethod(_advance)
+    outputs = (N_ACTIONS,)
+
+    def begin(self, model: Model, settings: DqnSettings, kind: Kind) -> Dqn:
+        """Draws uniform weights, and makes room for the replay buffer and a mini-batch."""
+        n_envs, n_updates, n_observations = settings.n_envs, settings.gradient_steps, model.n_observations
+        (q_net,) = self.nets
+        net.draw_uniform(q_net, self.parameters.values, self.drawing)
+        n_rows = max(settings.arguments["buffer_size"] // n_envs, 1)
+        same = {name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)}
+        changed = {
+            "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
+            "synchronised_every": max(settings.target_update_interval // n_envs, 1),
+        }
+        batch = (np.zeros(settings.batch_size, dtype) for dtype in ("i4", "i1", kind, kind, "i4"))
+        return Dqn(
+            constants=Constants(**same | changed),
+            net=q_net,
+            parameters=self.parameters,
+            target=self.parameters.values.copy(),
+            target_values=net.values_of(n_observations, kind),
+            replay=room_for_steps(n_rows * n_envs),
+            batch=Batch(*batch, distinct=net.distinct_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
+            envs=self.envs,
+            stream=self.learning,
+        )
 
 
 DQN: Final = NetAlgorithm(DqnAgent, DqnSettings)

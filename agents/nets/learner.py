@@ -4,6 +4,7 @@ import hashlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, ClassVar
 
@@ -25,6 +26,7 @@ class Agent(ABC):
 
     is_value: ClassVar[bool]  # whether its table has action values; else it has probabilities
     outputs: ClassVar[tuple[int, ...]]  # of each of its nets, the one that acts first
+    loop: ClassVar[staticmethod[[Any, int], None]]  # the compiled loop
 
     def __init__(
         self,
@@ -53,9 +55,9 @@ class Agent(ABC):
     def begin(self, model: Model, settings: Any, kind: Kind) -> Any:
         """Draws the first weights; returns all that the compiled loop reads and changes."""
 
-    @abstractmethod
     def advance(self, until: int) -> None:
-        """Trains until so many steps are done, a whole number of rollouts."""
+        """Trains until so many steps are done, a whole number of rollouts, or until the agent diverges."""
+        self.loop(self.state, until)
 
     def table(self) -> Numbers:
         """Returns what its first net says about all observations, (O, A)."""
@@ -68,8 +70,12 @@ class Agent(ABC):
         return [part for net in self.nets for part in unpadded(net, self.parameters.values)]
 
 
+@dataclass(frozen=True)
 class NetAlgorithm(SequentialAlgorithm):
     """An algorithm that learns a net."""
+
+    agent: Callable[..., Agent]
+    settings: type[Sb3Settings]
 
     family = "deep"
     version = 2
@@ -77,11 +83,6 @@ class NetAlgorithm(SequentialAlgorithm):
     packages = ("numba",)
     placement = "thread"
     training = DeepTraining
-
-    def __init__(self, agent: Callable[..., Agent], settings: type[Sb3Settings]) -> None:
-        """Takes what makes an agent, and its settings."""
-        self.agent = agent
-        self.settings = settings
 
     def train_agent(
         self,

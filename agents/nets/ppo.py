@@ -90,53 +90,6 @@ class Ppo(NamedTuple):
     stream: NDArray[np.uint64]  # (4,) of the permutations
 
 
-class PpoAgent(Agent):
-    """An agent that learns action probabilities."""
-
-    is_value = False
-    outputs = (N_ACTIONS, 1)
-
-    def begin(self, model: Model, settings: PpoSettings, kind: Kind) -> Ppo:
-        """Draws orthogonal weights, and makes room for a rollout and a mini-batch."""
-        n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
-        actor, critic = self.nets
-        for mlp, gain in zip(self.nets, _GAINS, strict=True):
-            net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain))
-        constants = {name: getattr(settings, name) for name in Constants._fields}
-        endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
-        table, numbers = (n_observations, N_ACTIONS), np.zeros((3, settings.rollout), kind)
-        return Ppo(
-            constants=Constants(**constants | endless),
-            actor=actor,
-            critic=critic,
-            parameters=self.parameters,
-            policy=Probabilities(
-                np.zeros(table, kind), np.zeros(table, kind), np.zeros(n_observations, np.bool_)
-            ),
-            values=net.values_of(n_observations, kind),
-            steps=room_for_steps(settings.rollout),
-            rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),
-            batch=Batch(
-                observed=np.zeros(n_rows, np.int32),
-                distinct=net.distinct_of(n_observations, n_rows),
-                probability=np.zeros((n_rows, N_ACTIONS), kind),
-                log_probability=np.zeros((n_rows, N_ACTIONS), kind),
-            ),
-            envs=self.envs,
-            stream=self.learning,
-        )
-
-    def advance(self, until: int) -> None:
-        """Trains until so many steps are done, a whole number of rollouts, or until the agent diverges."""
-        _advance(self.state, until)
-
-    def table(self) -> Numbers:
-        """Returns the action probabilities for all observations, (O, A)."""
-        table = super().table()
-        _softmax(table, self.state.batch.log_probability[0])
-        return table
-
-
 @inlined
 def _to_probabilities(logits: Numbers, at: int, log_probability: Numbers, probability: Numbers) -> bool:
     """Writes the probabilities (A,) whose logits begin at an index; returns whether they are finite."""
@@ -296,6 +249,50 @@ def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> 
         value = critic.hidden[row]
         if not abs(value - agent.values.largest[o]) > constants.clip_range_vf:
             critic.slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)
+
+
+class PpoAgent(Agent):
+    """An agent that learns action probabilities."""
+
+    is_value = False
+    loop = staticmethod(_advance)
+    outputs = (N_ACTIONS, 1)
+
+    def begin(self, model: Model, settings: PpoSettings, kind: Kind) -> Ppo:
+        """Draws orthogonal weights, and makes room for a rollout and a mini-batch."""
+        n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
+        actor, critic = self.nets
+        for mlp, gain in zip(self.nets, _GAINS, strict=True):
+            net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain))
+        constants = {name: getattr(settings, name) for name in Constants._fields}
+        endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
+        table, numbers = (n_observations, N_ACTIONS), np.zeros((3, settings.rollout), kind)
+        return Ppo(
+            constants=Constants(**constants | endless),
+            actor=actor,
+            critic=critic,
+            parameters=self.parameters,
+            policy=Probabilities(
+                np.zeros(table, kind), np.zeros(table, kind), np.zeros(n_observations, np.bool_)
+            ),
+            values=net.values_of(n_observations, kind),
+            steps=room_for_steps(settings.rollout),
+            rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),
+            batch=Batch(
+                observed=np.zeros(n_rows, np.int32),
+                distinct=net.distinct_of(n_observations, n_rows),
+                probability=np.zeros((n_rows, N_ACTIONS), kind),
+                log_probability=np.zeros((n_rows, N_ACTIONS), kind),
+            ),
+            envs=self.envs,
+            stream=self.learning,
+        )
+
+    def table(self) -> Numbers:
+        """Returns the action probabilities for all observations, (O, A)."""
+        table = super().table()
+        _softmax(table, self.state.batch.log_probability[0])
+        return table
 
 
 PPO: Final = NetAlgorithm(PpoAgent, PpoSettings)

@@ -22,7 +22,7 @@ from rich.filesize import decimal
 from rich.text import Text
 
 from benchmark import packages
-from benchmark.commands import parse_jobs, parse_seeds
+from benchmark.commands import parse_jobs
 from benchmark.execution.calibration import estimate
 from benchmark.execution.driver import pending
 from benchmark.execution.machine import free_memory, usable_cores
@@ -61,12 +61,9 @@ def _problem(subject: str, error: object) -> Finding:
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code: 0 if there is no problem, else 1."""
     options.jobs = parse_jobs(options.jobs)
-    seeds = parse_seeds(options.seeds)
-    if seeds is not None and options.experiment is None:
-        raise InputError("--seeds: accepted only together with an experiment.")
     runs: Sequence[RunSpecification] = []
     if options.experiment is not None:
-        runs = all_specifications(load_experiment(options.experiment), seeds)
+        runs = all_specifications(load_experiment(options.experiment))
     findings = chain(
         _installation(),
         _machine(options.results),

@@ -54,10 +54,8 @@ class Row(NamedTuple):
 def measure(results: Path, *, smoke: bool) -> None:
     """Measures all rows, or very little in a smoke test, and writes a folder among those of results.
 
-    Other commands that write there wait meanwhile, as they would disturb the measurement.
-
-    Raises:
-      InputError: The folder cannot be written; then nothing is measured.
+    Other commands that write there wait meanwhile, as they would disturb the measurement. A folder that
+    cannot be written is an InputError before anything is measured.
     """
     import agents.sb3.training  # noqa: F401 - a missing package is refused before anything is measured
 

@@ -143,10 +143,10 @@ def test_costs_of_missing_runs_are_estimated(
 ) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('extends = "ablation"\ndescription = ""\n[changes]\nscenarios = ["S1", "S2"]\n')
-    runs = all_specifications(load_experiment(path), range(20))
+    runs = all_specifications(load_experiment(path))
     with Store(tmp_path / "runs.db") as store:
         store.add(record(run, 3.0, 300.0) for run in runs if run.seed == 0)
-    code, lines = examine(str(path), "--seeds", "0-19", "--jobs", "1")
+    code, lines = examine(str(path), "--jobs", "1")
     assert code == 0
     assert about("runs", lines) == ["ok 152 of 160 are missing, in 152 jobs"]
     # 152 runs of 3 s, divided and multiplied by 1.3
