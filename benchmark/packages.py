@@ -29,20 +29,15 @@ def broken(error: BaseException) -> str:
         module = getattr(error, "obj", None)  # of an AttributeError
         missing = module.__name__ if isinstance(module, ModuleType) else getattr(error, "name", None)
         name = str(missing or "").partition(".")[0]
-    return _sentence(name, f"{type(error).__name__}: {error}")
-
-
-def _sentence(module: str, reason: str) -> str:
-    """Returns why a module cannot be imported, and what repairs it; empty for modules of users."""
-    package = _packages().get(module, "")
+    package = _packages().get(name, "")
     try:
         wanted = f"{package}=={version(package).partition('+')[0]}" if package else ""
     except PackageNotFoundError:
         wanted = ""
     if not wanted:
         installer = "pip install . installs it (in a checkout: make .venv/.base)"
-        return f"the package {module} is not installed; {installer}." if module in _CORE else ""
-    text = " ".join(reason.split()).removesuffix(":")
+        return f"the package {name} is not installed; {installer}." if name in _CORE else ""
+    text = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
     text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
     advice = f"if it is broken, pip install --force-reinstall {wanted} repairs it"
     return f"the package {package} cannot be imported ({text}); {advice}."

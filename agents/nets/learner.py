@@ -26,7 +26,7 @@ class Agent(ABC):
 
     is_value: ClassVar[bool]  # whether its table has action values; else it has probabilities
     outputs: ClassVar[tuple[int, ...]]  # of each of its nets, the one that acts first
-    loop: ClassVar[staticmethod[[Any, int], None]]  # the compiled loop
+    loop: "ClassVar[staticmethod[[Any, int], None]]"  # the compiled loop
 
     def __init__(
         self,

@@ -7,7 +7,7 @@ import random
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -16,7 +16,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from packaging.requirements import Requirement
 from rich.console import Console
 from rich.filesize import decimal
 from rich.text import Text
@@ -81,8 +80,7 @@ def main(options: argparse.Namespace) -> int:
 
 def _installation() -> Iterator[Finding]:
     """Yields which packages are installed, in which versions, and which cannot be imported."""
-    lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
-    if others := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
+    if others := _outside():
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
         yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
     else:
@@ -101,16 +99,17 @@ def _installation() -> Iterator[Finding]:
     yield _finding("packages", f"installed extras: {', '.join(complete) or 'none'}{more}")
 
 
-def _outside(requirements: Iterable[Requirement]) -> list[str]:
-    """Lists the installed packages that are in another version than is required."""
+def _outside() -> list[str]:
+    """Lists the installed packages that are in another version than in constraints.txt."""
+    lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
     outside = []
-    for requirement in requirements:
-        name, accepted = requirement.name, requirement.specifier
-        with suppress(PackageNotFoundError):
+    for line in lines:
+        name, _, accepted = line.partition("==")
+        with suppress(PackageNotFoundError, ValueError):  # a comment is no name
             installed = version(name).partition("+")[0]  # a build may add +cpu
             # A fresh environment has its own setuptools, which only a test needs.
-            if name != "setuptools" and not accepted.contains(installed, prereleases=True):
-                outside.append(f"{name} {installed} ({accepted})")
+            if name != "setuptools" and installed != accepted:
+                outside.append(f"{name} {installed} (=={accepted})")
     return outside
 
 
@@ -162,12 +161,8 @@ def _store(path: Path) -> Iterator[Finding]:
 
 def _experiment(runs: Sequence[RunSpecification], options: argparse.Namespace) -> Iterator[Finding]:
     """Yields what it costs to execute the missing runs of an experiment."""
-    try:
-        for algorithm in sorted({run.algorithm for run in runs}):
-            versions(algorithm)
-    except InputError as error:
-        yield _problem("runs", error)
-        return
+    for algorithm in sorted({run.algorithm for run in runs}):
+        versions(algorithm)  # refuses a missing package
     missing = runs
     try:
         with Store(options.results / "runs.db", read_only=True) as store:

@@ -2,9 +2,8 @@
 
 import argparse
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
 
 from benchmark.analysis.records import check_scores
 from benchmark.analysis.stages import runs_of, stages
@@ -16,9 +15,6 @@ from benchmark.experiments import Experiment, RunSpecification, all_specificatio
 from benchmark.reports import draw, load_report
 from envs import InputError
 from envs.packages import needed_by
-
-if TYPE_CHECKING:
-    from benchmark.execution.executors.cluster import Cluster
 
 
 def main(options: argparse.Namespace) -> int:
@@ -62,7 +58,9 @@ def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options:
             return 0
         jobs, cluster = parse_jobs(options.jobs), None
         if options.cluster is not None:
-            cluster = connect(options.cluster, {run.algorithm for run in todo})
+            with needed_by("--cluster"):
+                from benchmark.execution.executors.cluster import Cluster
+            cluster = Cluster(options.cluster, {run.algorithm for run in todo})
             stack.callback(cluster.cancel)
             jobs = parse_jobs(options.jobs, 2 * cluster.workers)  # a worker finds its next job waiting
         with Display(name, runs, store.ended()) as display:
@@ -87,10 +85,3 @@ def forecast(experiment: Experiment) -> str:
     """Returns what an experiment's runs cannot show, in a sentence; empty if it has no report to say so."""
     report = experiment.report
     return "" if report is None else load_report(report.kind, experiment.argument).forecast(experiment)
-
-
-def connect(address: str, algorithms: Collection[str]) -> "Cluster":
-    """Returns a cluster that can execute runs of these algorithms."""
-    with needed_by("--cluster"):
-        from benchmark.execution.executors.cluster import Cluster
-    return Cluster(address, algorithms)

@@ -148,9 +148,9 @@ def test_costs_of_missing_runs_are_estimated(
         store.add(record(run, 3.0, 300.0) for run in runs if run.seed == 0)
     code, lines = examine(str(path), "--jobs", "1")
     assert code == 0
-    assert about("runs", lines) == ["ok 152 of 160 are missing, in 152 jobs"]
-    # 152 runs of 3 s, divided and multiplied by 1.3
-    assert about("time", lines) == ["ok 5.8 to 9.9 minutes with --jobs 1, from stored runs of 8 populations"]
+    assert about("runs", lines) == ["ok 792 of 800 are missing, in 792 jobs"]
+    # 792 runs of 3 s, divided and multiplied by 1.3
+    assert about("time", lines) == ["ok 30.5 to 51.5 minutes with --jobs 1, from stored runs of 8 populations"]
     assert about("memory", lines)[-1].startswith("ok about 314.6 MB at the peak; ")  # 300 MiB
     assert about("disk", lines)[-1].startswith("ok ")
     monkeypatch.setattr(doctor, "free_memory", lambda: 1000)
