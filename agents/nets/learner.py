@@ -111,11 +111,10 @@ class NetAlgorithm(SequentialAlgorithm):
             advance(start)
             cpu_time_s[indices[0] :] = seconds
             table = agent.table().astype(np.float64)
-            if not np.isfinite(table).all():
-                agent.envs.counts[indices[0] :] = agent.envs.disagreements[0]
-                break
-            tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
-            if schedule.may_end and any(schedule.may_end(i, tables[i]) for i in indices):
+            has_diverged = not np.isfinite(table).all()
+            if not has_diverged:
+                tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
+            if has_diverged or (schedule.may_end and any(schedule.may_end(i, tables[i]) for i in indices)):
                 tables[indices[-1] :] = tables[indices[-1]]
                 agent.envs.counts[indices[0] :] = agent.envs.disagreements[0]
                 break

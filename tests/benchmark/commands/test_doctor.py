@@ -150,7 +150,9 @@ def test_costs_of_missing_runs_are_estimated(
     assert code == 0
     assert about("runs", lines) == ["ok 792 of 800 are missing, in 792 jobs"]
     # 792 runs of 3 s, divided and multiplied by 1.3
-    assert about("time", lines) == ["ok 30.5 to 51.5 minutes with --jobs 1, from stored runs of 8 populations"]
+    assert about("time", lines) == [
+        "ok 30.5 to 51.5 minutes with --jobs 1, from stored runs of 8 populations"
+    ]
     assert about("memory", lines)[-1].startswith("ok about 314.6 MB at the peak; ")  # 300 MiB
     assert about("disk", lines)[-1].startswith("ok ")
     monkeypatch.setattr(doctor, "free_memory", lambda: 1000)
