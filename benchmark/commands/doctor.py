@@ -53,10 +53,6 @@ def _finding(subject: str, text: str, advice: str = "", state: str = "note") -> 
     return Finding(state, subject, f"{text}; {advice}") if advice else Finding("ok", subject, text)
 
 
-def _problem(subject: str, error: object) -> Finding:
-    return Finding("problem", subject, str(error).removesuffix("."))
-
-
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code: 0 if there is no problem, else 1."""
     options.jobs = parse_jobs(options.jobs)
@@ -92,7 +88,7 @@ def _installation() -> Iterator[Finding]:
         try:
             import_module(module)
         except Exception as error:  # a module can raise anything
-            yield _problem("packages", packages.broken(error) or error)
+            yield Finding("problem", "packages", packages.broken(error).removesuffix(".") or str(error))
     complete = [extra for extra, modules in EXTRAS.items() if all(map(find_spec, modules))]
     others = [extra for extra in EXTRAS if extra not in complete]
     more = f"; others: {', '.join(others)} (make .venv/.NAME installs one)" if others else ""
@@ -152,7 +148,7 @@ def _store(path: Path) -> Iterator[Finding]:
     except NoRunsError:
         yield _finding("store", f"{path}: there are no runs yet")
     except InputError as error:
-        yield _problem("store", error)
+        yield Finding("problem", "store", str(error).removesuffix("."))
     else:
         text = f"{len(checked):,} of {len(ended):,} records checked, {n_damaged:,} damaged"
         state, advice = ("problem", "says what to do") if n_damaged else ("ok", "checks all")

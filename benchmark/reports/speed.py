@@ -185,10 +185,9 @@ def _play(episodes: int) -> None:
     rng = random.Random(0)
     for _ in range(episodes):
         env.reset()
-        ended = False
-        while not ended:
+        terminated = truncated = False
+        while not (terminated or truncated):
             _, _, terminated, truncated, _ = env.step(rng.randrange(N_ACTIONS))
-            ended = terminated or truncated
 
 
 def _headline(folder: Folder) -> str:
