@@ -45,14 +45,6 @@ class Schedule:
     """Whether training may end, given the index of an evaluation step and the table (O, A) there. Tabular
     learners do not ask. After an early end, the remaining evaluations repeat the last one."""
 
-    def __post_init__(self) -> None:
-        """Checks the steps; raises a ValueError."""
-        steps, map_steps = list(self.evaluation_steps), set(self.map_steps)
-        if steps != sorted(step for step in set(steps) if 0 <= step <= self.budget):
-            raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {self.budget}.")
-        if list(self.map_steps) != [step for step in steps if step in map_steps]:
-            raise ValueError("map_steps: must be among the evaluation steps, and rise.")
-
     @property
     def is_mapped(self) -> NDArray[np.bool_]:
         """(T,) whether each evaluation step is a map step."""
@@ -92,14 +84,6 @@ class DeepTraining(Training):
     """(N, 32) SHA-256 of all final weights."""
 
 
-def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], schedule: Schedule) -> None:
-    """Refuses, by a ValueError, what `Algorithm.train` does not accept."""
-    if not seeds:
-        raise ValueError("0 agents; at least one.")
-    if schedule.budget != settings.budget:
-        raise ValueError(f"schedule: for a budget of {schedule.budget}; the settings say {settings.budget}.")
-
-
 class Algorithm(ABC):
     """A method of learning: its settings, where it runs, and how it trains. A subclass sets what differs."""
 
@@ -132,8 +116,8 @@ class Algorithm(ABC):
           model: Compiled scenario.
           settings: An instance of `settings`, the same for all agents.
           observation: One of `observations`.
-          seeds: One per agent, at least one, else a ValueError is raised; equal seeds give equal agents.
-          schedule: When to keep policies and values; for the budget of the settings, else a ValueError.
+          seeds: One per agent, at least one; equal seeds give equal agents.
+          schedule: When to keep policies and values, for the budget of the settings.
         """
 
 
@@ -166,24 +150,29 @@ class SequentialAlgorithm(Algorithm):
         schedule: Schedule,
     ) -> Training:
         """Trains one agent per seed, see `Algorithm.train`."""
-        check_request(settings, seeds, schedule)
         agents = [self.train_agent(model, settings, observation, seed, schedule) for seed in seeds]
         return self.training(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 
-def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> Fields:
+def snapshots(
+    tables: NDArray[np.float64], final: NDArray[np.float64], schedule: Schedule, *, is_value: bool
+) -> Fields:
     """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
 
-    The tables (T, O, A) hold action values or probabilities, NaN from where the agent diverged.
+    The tables (T, O, A) hold action values or probabilities, NaN from where the agent diverged; so does the
+    final one, (O, A), after training.
     """
     is_lost = np.asarray(np.isnan(tables).any(axis=(1, 2)))
+    has_diverged = bool(is_lost.any())
     # As in Stable-Baselines3, the first of several best actions is greedy.
     greedy = np.where(is_lost[:, None], ALL_ACTIONS, 1 << tables.argmax(axis=-1))
     probabilities = np.where(is_lost[:, None, None], 1 / tables.shape[-1], tables)
     return {
         "greedy": greedy.astype(np.uint8),
+        "q": np.where(has_diverged, np.nan, final) if is_value else final[:0],
         "stochastic": probabilities[:0] if is_value else probabilities,
         "values": tables[schedule.is_mapped].astype(np.float32),
+        "diverged_at": schedule.evaluation_steps[is_lost.argmax()] if has_diverged else -1,
     }
 
 

@@ -96,14 +96,9 @@ def evaluate(
 ) -> Evaluation:
     """Computes the expected return of a policy under a time limit, and other expectations.
 
-    Args:
-      model: Compiled scenario.
-      policy: Action probabilities, (..., O, A); leading axes are a batch of policies.
-      horizon: Steps until truncation, at least 1.
-      start: Probability of starting in each state, (S,); by default that of the model.
-
-    Raises:
-      ValueError: An argument is not as described.
+    Leading axes of the policy, (..., O, A), are a batch. Episodes are truncated after `horizon` steps, at
+    least 1, and start with the probabilities `start`, (S,), by default those of the model. A ValueError is
+    raised if the policy is none of this model.
     """
     shape = model.n_observations, len(ACTIONS)
     policy = np.asarray(policy, dtype=np.float64)
@@ -111,11 +106,6 @@ def evaluate(
         raise ValueError(f"policy: shape {policy.shape}; this model takes (..., {shape[0]}, {shape[1]}).")
     if policy.size and not (policy.min() >= 0 and abs(policy.sum(axis=-1) - 1.0).max() <= 1e-9):
         raise ValueError("policy: rows must be probabilities that sum to one.")
-    if horizon < 1:
-        raise ValueError(f"horizon = {horizon}; at least 1.")
-    start, is_over = from_starts(model) if start is None else start, model.is_over
-    if start.shape != is_over.shape or start.min() < 0 or abs(start.sum() - 1) > 1e-9 or start[is_over].any():
-        raise ValueError("start: accepted: probabilities of states in which the episode goes on.")
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
     sums = np.zeros((len(batch), _N_SUMS))
     _sweep(
@@ -126,7 +116,7 @@ def evaluate(
         model.event == EVENTS.index("target_ping"),
         model.is_wrong_ping,
         model.zone,
-        starts_of(model, start),
+        starts_of(model, from_starts(model) if start is None else start),
         horizon,
         sums,
     )

@@ -24,7 +24,7 @@ from agents.compiled import compiled
 from agents.contract import Fields, LearnerSettings, Schedule, SequentialAlgorithm, snapshots
 from agents.dynamic_programming import Dynamics, Starts, dynamics, from_starts, solve, starts_of
 from agents.policy import Policy
-from envs.model import ACTIONS, Model
+from envs.model import Model
 
 _FIRST_RATE: Final = 1.0  # of a step, per unit of advantage
 _FASTER, _SLOWER, _LEAST_RATE, _MOST_RATE = 1.5, 0.3, 1e-6, 1e6
@@ -81,13 +81,11 @@ class Memoryless(SequentialAlgorithm):
             policies[t] = max(searches, key=lambda search: search.expected_return).policy
             cpu_time_s[t] = time.thread_time() - started_s
         return {
-            **snapshots(policies, schedule, is_value=False),
-            "q": np.empty((0, len(ACTIONS))),
+            **snapshots(policies, guide, schedule, is_value=False),
             "disagreements": np.zeros(len(policies), dtype=np.int64),
             "cpu_time_s": cpu_time_s,
             "updates": settings.budget,
             "parameters": guide.size,
-            "diverged_at": -1,
         }
 
 

@@ -97,10 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _examine() -> None:
     """Refuses a package whose import fails or hangs and without which `doctor` itself cannot run."""
     installed = [module for module in EXTRAS["reproduce"] if find_spec(module) is not None]
-    problems = packages.unusable(installed, os.cpu_count() or 1)
-    for module in installed:
-        if module in problems:
-            raise InputError(problems[module])
+    for sentence in packages.unusable(installed, os.cpu_count() or 1).values():
+        raise InputError(sentence)
 
 
 def _open_streams() -> None:
@@ -147,8 +145,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     named = "a name shown by 'list', or the path of a TOML file"
-    seeds = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
-    drawn = f"{seeds}; tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
+    seeds = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares); "
+    seeds += "tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
     jobs = "number of jobs to run at a time; results do not depend on it (default: number of cores"
 
     def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
@@ -162,20 +160,17 @@ def _parser() -> argparse.ArgumentParser:
 
     run = command("run", "execute the missing runs of an experiment")
     _add(run, "experiment", "EXPERIMENT", named)
-    _add(run, "--seeds", "A-B", drawn)
+    _add(run, "--seeds", "A-B", seeds)
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "then draw tables and figures, as 'report' does")
-    where = run.add_mutually_exclusive_group()
-    about = "run all jobs in a process or a thread (default: as each algorithm says)"
-    where.add_argument("--executor", choices=("process", "thread"), help=about)
-    address = "workers of the Dask scheduler at this address"
-    _add(where, "--cluster", "tcp://HOST:PORT", f"run all jobs on the {address}")
+    about = "run all jobs on the workers of the Dask scheduler at this address"
+    _add(run, "--cluster", "tcp://HOST:PORT", about)
     run.set_defaults(partial=False)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
     about = f"{named}; without one, only the texts of all results and the page are written"
     _add(report, "experiment", "EXPERIMENT", about, nargs="?")
-    _add(report, "--seeds", "A-B", drawn)
+    _add(report, "--seeds", "A-B", seeds)
     _add(report, "--partial", "", "draw a comparison even if runs are missing, into EXPERIMENT_partial")
 
     summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
@@ -213,10 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     doctor = command("doctor", "examine the installation, the machine and the stored runs")
     about = f"{named}; then its time, memory and disk are estimated, from stored runs"
     _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
-    _add(doctor, "--seeds", "A-B", seeds)
     _add(doctor, "--jobs", "N", f"{jobs})", int)
-    about = f"also examine the {address}; estimates are for this machine"
-    _add(doctor, "--cluster", "tcp://HOST:PORT", about)
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     _add(speed, "--smoke", "", "measure very little, into speed_smoke; the numbers mean nothing")

@@ -222,6 +222,8 @@ def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: o
             for line in _lines(cls, details, source, given)
         ]
         raise InputError(*lines) from None
+    except RecursionError:  # after an `override`
+        raise InputError(f"{source}: nested too deeply.") from None
 
 
 def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[str]) -> list[str]:

@@ -14,7 +14,7 @@ from envs.inputs import InputError, guess, shortened
 # be installed; a test compares them with pyproject.toml.
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "reproduce": (
-        "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba", "packaging",
+        "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba",
         "pandas", "rich", "scipy", "seaborn", "tabulate",
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),

@@ -66,7 +66,9 @@ class Chaos:
         self.happened: Counter[str] = Counter()
         self._kept: set[str] = set()  # digests that must not be lost
         with Store(folder / "expected.db") as store:
-            assert run(all_specifications(load_experiment(self.experiment)), store, 1, executor=Threads) == []
+            assert (
+                run(all_specifications(load_experiment(self.experiment)), store, 1, executor=Threads(1)) == []
+            )
             self.expected = arrays_of(store.get(sorted(store.ended())))
         started = time.monotonic()
         self.finish()

@@ -111,7 +111,7 @@ horizon = 100
 "readings.default.seeds" = 4
 """
 COMMANDS: Final[dict[str, list[str]]] = {
-    "run": ["--seeds", "--jobs", "--report", "--executor", "--results"],
+    "run": ["--seeds", "--jobs", "--report", "--results"],
     "report": ["--seeds", "--partial", "--results"],
     "verify": ["--runs", "--seed", "--jobs", "--results"],
     "watch": ["--scenario", "--algorithm", "--observation", "--seed", "--experiment", "--save"],
@@ -122,7 +122,7 @@ WORDS: Final = (
     "reproduce_smoke", "equivalence_smoke", "nothing", "S1", "S9", "index", "one_hot", "coordinates",
     "q_learning", "0", "7", "0-9", "9-0", "1", "-1", "1.5", "0x10", "--", "-", "", "=", "module:attribute",
     "math:sqrt", "math:pi", "json:", ":dumps", "film.webp", "film.txt", "/nowhere/film.gif", "/dev/null",
-    "..", "~", "process", "thread",
+    "..", "~",
 )  # fmt: skip
 NASTY: Final[tuple[Any, ...]] = (
     0, 1, -1, 2, 3, 7, 50, 1000, 99_999, 100_001, 10**6, 10**9, 10**9 + 1, 2**31, 2**63, -(2**63), 10**400,

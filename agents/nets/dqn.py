@@ -4,8 +4,8 @@ Observations are few and recur. So the target net's values are kept until the ne
 mini-batch computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of its envs draws whether to explore, and for
-each env a random action and what `agents.nets.walk.take` draws. Mini-batches have a stream of their own: they
-draw a row and, with several envs, an env.
+each env a random action and what `agents.nets.stepping.take` draws. Mini-batches have a stream of their own:
+they draw a row and, with several envs, an env.
 
 Axis letters: E envs, O observations, A actions, P parameters, C rows of the replay buffer, B rows of a
 mini-batch.
@@ -21,7 +21,7 @@ from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, inlined, like
 from agents.nets.learner import Agent, NetAlgorithm
 from agents.nets.net import Distinct, Net, Parameters, Values
-from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
+from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from envs import Model
@@ -68,14 +68,125 @@ class Dqn(NamedTuple):
     target_values: Values  # its outputs since the last synchronisation
     replay: Steps  # (C * E,) as in Stable-Baselines3, a row per step of the envs
     batch: Batch
-    walk: Walk
+    envs: Envs
     stream: NDArray[np.uint64]  # (4,) of the mini-batches
+
+
+@inlined
+def exploration_rate(constants: Constants, taken: int) -> float:
+    """Returns the probability of a random action after so many steps."""
+    if taken < constants.learning_starts:
+        return 1.0
+    if taken == 0:  # as in Stable-Baselines3, which sets the rate after each step
+        return 0.0
+    progress = 1.0 - (1.0 - taken / constants.budget)  # rounded as in Stable-Baselines3
+    first, last = constants.exploration_initial_eps, constants.exploration_final_eps
+    if progress > constants.exploration_fraction:
+        return last
+    return first + progress * (last - first) / constants.exploration_fraction
+
+
+@compiled
+def _advance(agent: Dqn, until: int) -> None:
+    constants, envs = agent.constants, agent.envs
+    while envs.taken[0] < until:
+        for _ in range(constants.train_freq):
+            _act(agent)
+            if envs.taken[0] // len(envs.state) % constants.synchronised_every == 0:
+                _synchronise(agent)
+        if envs.taken[0] > constants.learning_starts:
+            for _ in range(constants.gradient_steps):
+                _draw_batch(agent)
+                _update(agent)
+
+
+@inlined
+def _act(agent: Dqn) -> None:
+    """Takes an epsilon-greedy step in all envs, and keeps it in the replay buffer.
+
+    As in Stable-Baselines3, one draw decides whether all envs explore, and the first of several best actions
+    is greedy.
+    """
+    replay, envs, observed = agent.replay, agent.envs, agent.net.observed
+    n_envs, first = len(envs.state), envs.taken[0] % len(replay.reward)
+    explores = draw(envs.stream) < exploration_rate(agent.constants, envs.taken[0])
+    for e in range(n_envs):
+        observed[e] = envs.process.observation[envs.state[e]]
+    at = 0
+    if not explores:
+        at = net.forward(agent.net, agent.parameters.values, observed, n_envs)
+    for e in range(n_envs):
+        action = int(draw(envs.stream) * N_ACTIONS)
+        if not explores:
+            action = net.best_output(agent.net, at + e * agent.net.stride)
+        take(envs, e, action, replay, first + e)
+    count(envs)
+
+
+@inlined
+def _synchronise(agent: Dqn) -> None:
+    """Moves the target net towards the net by a share."""
+    values, target, tau = agent.parameters.values, agent.target, agent.constants.tau
+    kept, share = like(values, 1.0 - tau), like(values, tau)
+    for i in range(len(values)):
+        target[i] = kept * target[i] + share * values[i]
+    agent.target_values.is_known[:] = False
+
+
+@inlined
+def _draw_batch(agent: Dqn) -> None:
+    """Draws a mini-batch, and computes returns of up to `n_steps` steps.
+
+    A return ends where the episode ends, or at the row written last.
+    """
+    replay, batch, n_steps, n_envs = agent.replay, agent.batch, agent.constants.n_steps, len(agent.envs.state)
+    n_taken, n_kept = agent.envs.taken[0], len(replay.reward)
+    last_row, n_filled = (n_taken - n_envs) % n_kept, min(n_taken, n_kept) // n_envs
+    gamma = like(batch.target, agent.constants.gamma)
+    for b in range(len(batch.observed)):
+        row = int(draw(agent.stream) * n_filled)
+        e = int(draw(agent.stream) * n_envs) if n_envs > 1 else 0
+        i = row * n_envs + e
+        batch.observed[b] = replay.observed[i]
+        batch.action[b] = replay.action[i]
+        total, discount = like(batch.target, 0), like(batch.target, 1)
+        for k in range(n_steps):
+            total += replay.reward[i] * discount
+            discount *= gamma
+            ends = replay.next_observed[i] == agent.envs.process.n_observations or replay.truncated[i]
+            if ends or i == last_row + e or k + 1 == n_steps:
+                break
+            i = (i + n_envs) % n_kept
+        batch.target[b] = total
+        batch.discount[b] = discount
+        batch.next_observed[b] = replay.next_observed[i]
+
+
+@inlined
+def _update(agent: Dqn) -> None:
+    """Adds what follows on the returns, by the target net, and makes a gradient step by the Huber loss."""
+    q_net, parameters, batch, distinct = agent.net, agent.parameters, agent.batch, agent.batch.distinct
+    net.compute_values(q_net, agent.target, batch.next_observed, agent.target_values)
+    for b in range(len(batch.target)):
+        if batch.next_observed[b] != agent.envs.process.n_observations:
+            batch.target[b] += batch.discount[b] * agent.target_values.largest[batch.next_observed[b]]
+    n_distinct = net.list_distinct(batch.observed, distinct)
+    at = net.forward(q_net, parameters.values, distinct.observed, n_distinct)
+    one, share = like(batch.target, 1), like(batch.target, 1.0 / len(batch.observed))
+    net.clear(q_net.slopes[at : at + n_distinct * q_net.stride])
+    for b in range(len(batch.observed)):
+        i = at + distinct.row[batch.observed[b]] * q_net.stride + batch.action[b]
+        error = q_net.hidden[i] - batch.target[b]
+        q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
+    net.backward(q_net, parameters, distinct.observed, n_distinct)
+    net.learn(parameters, agent.constants.learning_rate, _EPSILON, agent.constants.max_grad_norm)
 
 
 class DqnAgent(Agent):
     """An agent that learns action values."""
 
     is_value = True
+    loop = staticmethod(_advance)
     outputs = (N_ACTIONS,)
 
     def begin(self, model: Model, settings: DqnSettings, kind: Kind) -> Dqn:
@@ -98,123 +209,9 @@ class DqnAgent(Agent):
             target_values=net.values_of(n_observations, kind),
             replay=room_for_steps(n_rows * n_envs),
             batch=Batch(*batch, distinct=net.distinct_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
-            walk=self.walk,
+            envs=self.envs,
             stream=self.learning,
         )
-
-    def advance(self, until: int) -> None:
-        """Trains until so many steps are done, a whole number of rollouts."""
-        _advance(self.state, until)
-
-
-@inlined
-def exploration_rate(constants: Constants, taken: int) -> float:
-    """Returns the probability of a random action after so many steps."""
-    if taken < constants.learning_starts:
-        return 1.0
-    if taken == 0:  # as in Stable-Baselines3, which sets the rate after each step
-        return 0.0
-    progress = 1.0 - (1.0 - taken / constants.budget)  # rounded as in Stable-Baselines3
-    first, last = constants.exploration_initial_eps, constants.exploration_final_eps
-    if progress > constants.exploration_fraction:
-        return last
-    return first + progress * (last - first) / constants.exploration_fraction
-
-
-@compiled
-def _advance(agent: Dqn, until: int) -> None:
-    constants, walk = agent.constants, agent.walk
-    while walk.taken[0] < until:
-        for _ in range(constants.train_freq):
-            _act(agent)
-            if walk.taken[0] // len(walk.state) % constants.synchronised_every == 0:
-                _synchronise(agent)
-        if walk.taken[0] > constants.learning_starts:
-            for _ in range(constants.gradient_steps):
-                _draw_batch(agent)
-                _update(agent)
-
-
-@inlined
-def _act(agent: Dqn) -> None:
-    """Takes an epsilon-greedy step in all envs, and keeps it in the replay buffer.
-
-    As in Stable-Baselines3, one draw decides whether all envs explore, and the first of several best actions
-    is greedy.
-    """
-    replay, walk, observed = agent.replay, agent.walk, agent.net.observed
-    n_envs, first = len(walk.state), walk.taken[0] % len(replay.reward)
-    explores = draw(walk.stream) < exploration_rate(agent.constants, walk.taken[0])
-    for e in range(n_envs):
-        observed[e] = walk.process.observation[walk.state[e]]
-    at = 0
-    if not explores:
-        at = net.forward(agent.net, agent.parameters.values, observed, n_envs)
-    for e in range(n_envs):
-        action = int(draw(walk.stream) * N_ACTIONS)
-        if not explores:
-            action = net.best_output(agent.net, at + e * agent.net.stride)
-        take(walk, e, action, replay, first + e)
-    count(walk)
-
-
-@inlined
-def _synchronise(agent: Dqn) -> None:
-    """Moves the target net towards the net by a share."""
-    values, target, tau = agent.parameters.values, agent.target, agent.constants.tau
-    kept, share = like(values, 1.0 - tau), like(values, tau)
-    for i in range(len(values)):
-        target[i] = kept * target[i] + share * values[i]
-    agent.target_values.is_known[:] = False
-
-
-@inlined
-def _draw_batch(agent: Dqn) -> None:
-    """Draws a mini-batch, and computes returns of up to `n_steps` steps.
-
-    A return ends where the episode ends, or at the row written last.
-    """
-    replay, batch, n_steps, n_envs = agent.replay, agent.batch, agent.constants.n_steps, len(agent.walk.state)
-    n_taken, n_kept = agent.walk.taken[0], len(replay.reward)
-    last_row, n_filled = (n_taken - n_envs) % n_kept, min(n_taken, n_kept) // n_envs
-    gamma = like(batch.target, agent.constants.gamma)
-    for b in range(len(batch.observed)):
-        row = int(draw(agent.stream) * n_filled)
-        e = int(draw(agent.stream) * n_envs) if n_envs > 1 else 0
-        i = row * n_envs + e
-        batch.observed[b] = replay.observed[i]
-        batch.action[b] = replay.action[i]
-        total, discount = like(batch.target, 0), like(batch.target, 1)
-        for k in range(n_steps):
-            total += replay.reward[i] * discount
-            discount *= gamma
-            ends = replay.next_observed[i] == agent.walk.process.n_observations or replay.truncated[i]
-            if ends or i == last_row + e or k + 1 == n_steps:
-                break
-            i = (i + n_envs) % n_kept
-        batch.target[b] = total
-        batch.discount[b] = discount
-        batch.next_observed[b] = replay.next_observed[i]
-
-
-@inlined
-def _update(agent: Dqn) -> None:
-    """Adds what follows on the returns, by the target net, and makes a gradient step by the Huber loss."""
-    q_net, parameters, batch, distinct = agent.net, agent.parameters, agent.batch, agent.batch.distinct
-    net.compute_values(q_net, agent.target, batch.next_observed, agent.target_values)
-    for b in range(len(batch.target)):
-        if batch.next_observed[b] != agent.walk.process.n_observations:
-            batch.target[b] += batch.discount[b] * agent.target_values.largest[batch.next_observed[b]]
-    n_distinct = net.list_distinct(batch.observed, distinct)
-    at = net.forward(q_net, parameters.values, distinct.observed, n_distinct)
-    one, share = like(batch.target, 1), like(batch.target, 1.0 / len(batch.observed))
-    net.clear(q_net.slopes[at : at + n_distinct * q_net.stride])
-    for b in range(len(batch.observed)):
-        i = at + distinct.row[batch.observed[b]] * q_net.stride + batch.action[b]
-        error = q_net.hidden[i] - batch.target[b]
-        q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
-    net.backward(q_net, parameters, distinct.observed, n_distinct)
-    net.learn(parameters, agent.constants.learning_rate, _EPSILON, agent.constants.max_grad_norm)
 
 
 DQN: Final = NetAlgorithm(DqnAgent, DqnSettings)

@@ -4,6 +4,7 @@ import hashlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, ClassVar
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
 from agents.nets.net import Net, net_of, parameters_of, read, unpadded
-from agents.nets.walk import walk_of
+from agents.nets.stepping import envs_of
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
@@ -25,6 +26,7 @@ class Agent(ABC):
 
     is_value: ClassVar[bool]  # whether its table has action values; else it has probabilities
     outputs: ClassVar[tuple[int, ...]]  # of each of its nets, the one that acts first
+    loop: "ClassVar[staticmethod[[Any, int], None]]"  # the compiled loop
 
     def __init__(
         self,
@@ -38,7 +40,7 @@ class Agent(ABC):
         """Makes an agent that has drawn its first weights; `points` (T,) are the evaluation steps."""
         streams = np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
         acting, self.learning, self.drawing = streams
-        self.walk = walk_of(model, settings, acting, points)
+        self.envs = envs_of(model, settings, acting, points)
         n_rows = max(min(settings.batch_size, model.n_observations), settings.n_envs)
         hidden, is_relu = settings.policy_kwargs.net_arch, self.is_value  # as in Stable-Baselines3
         self.nets: list[Net] = []
@@ -53,13 +55,13 @@ class Agent(ABC):
     def begin(self, model: Model, settings: Any, kind: Kind) -> Any:
         """Draws the first weights; returns all that the compiled loop reads and changes."""
 
-    @abstractmethod
     def advance(self, until: int) -> None:
-        """Trains until so many steps are done, a whole number of rollouts."""
+        """Trains until so many steps are done, a whole number of rollouts, or until the agent diverges."""
+        self.loop(self.state, until)
 
     def table(self) -> Numbers:
         """Returns what its first net says about all observations, (O, A)."""
-        table = np.empty((self.walk.process.n_observations, N_ACTIONS), self.parameters.values.dtype)
+        table = np.empty((self.envs.process.n_observations, N_ACTIONS), self.parameters.values.dtype)
         read(self.nets[0], self.parameters.values, table)
         return table
 
@@ -68,8 +70,12 @@ class Agent(ABC):
         return [part for net in self.nets for part in unpadded(net, self.parameters.values)]
 
 
+@dataclass(frozen=True)
 class NetAlgorithm(SequentialAlgorithm):
     """An algorithm that learns a net."""
+
+    agent: Callable[..., Agent]
+    settings: type[Sb3Settings]
 
     family = "deep"
     version = 2
@@ -77,11 +83,6 @@ class NetAlgorithm(SequentialAlgorithm):
     packages = ("numba",)
     placement = "thread"
     training = DeepTraining
-
-    def __init__(self, agent: Callable[..., Agent], settings: type[Sb3Settings]) -> None:
-        """Takes what makes an agent, and its settings."""
-        self.agent = agent
-        self.settings = settings
 
     def train_agent(
         self,
@@ -96,7 +97,7 @@ class NetAlgorithm(SequentialAlgorithm):
         agent = self.agent(model, settings, observation, np.array(points, np.int64), seed, np.float32)
         tables = np.full((len(points), model.n_observations, N_ACTIONS), np.nan)
         cpu_time_s = np.zeros(len(points))
-        seconds, diverged_at = 0.0, -1
+        seconds = 0.0
 
         def advance(until: int) -> None:
             nonlocal seconds
@@ -110,27 +111,22 @@ class NetAlgorithm(SequentialAlgorithm):
             advance(start)
             cpu_time_s[indices[0] :] = seconds
             table = agent.table().astype(np.float64)
-            if not np.isfinite(table).all():
-                diverged_at = points[indices[0]]
-                agent.walk.counts[indices[0] :] = agent.walk.disagreements[0]
-                break
-            tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
-            if schedule.may_end and any(schedule.may_end(i, tables[i]) for i in indices):
+            has_diverged = not np.isfinite(table).all()
+            if not has_diverged:
+                tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
+            if has_diverged or (schedule.may_end and any(schedule.may_end(i, tables[i]) for i in indices)):
                 tables[indices[-1] :] = tables[indices[-1]]
-                agent.walk.counts[indices[0] :] = agent.walk.disagreements[0]
+                agent.envs.counts[indices[0] :] = agent.envs.disagreements[0]
                 break
         else:
             advance(schedule.budget)
-        q = agent.table().astype(np.float64) if agent.is_value else np.empty((0, N_ACTIONS))
         weights = agent.weights()
         digest = hashlib.sha256(b"".join(part.tobytes() for part in weights)).digest()
         return {
-            **snapshots(tables, schedule, is_value=agent.is_value),
-            "q": q if diverged_at < 0 else np.full_like(q, np.nan),
-            "disagreements": agent.walk.counts,
+            **snapshots(tables, agent.table().astype(np.float64), schedule, is_value=agent.is_value),
+            "disagreements": agent.envs.counts,
             "cpu_time_s": cpu_time_s,
             "updates": agent.parameters.n_steps[0],
             "parameters": sum(part.size for part in weights),
-            "diverged_at": diverged_at,
             "weights": np.frombuffer(digest, np.uint8),
         }

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets.arithmetic import LANES, Kind, Numbers, inlined, like, log, multiply, tanh
-from agents.nets.walk import draw
+from agents.nets.stepping import draw
 from envs import Model
 from envs.observations import ENCODINGS, observation_blocks, observation_table
 

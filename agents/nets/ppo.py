@@ -4,7 +4,7 @@ Observations are few and recur. So probabilities and values are kept during a ro
 computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of each env draws the action and what
-`agents.nets.walk.take` draws. Permutations of rollouts have a stream of their own.
+`agents.nets.stepping.take` draws. Permutations of rollouts have a stream of their own.
 
 Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch.
 """
@@ -20,7 +20,7 @@ from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, exp, inlined, like, log
 from agents.nets.learner import Agent, NetAlgorithm
 from agents.nets.net import Distinct, Net, Parameters, Values
-from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
+from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
 from envs import Model
@@ -86,55 +86,8 @@ class Ppo(NamedTuple):
     steps: Steps  # (E * L,) of a rollout, as Stable-Baselines3 flattens it, env after env
     rollout: Rollout
     batch: Batch
-    walk: Walk
+    envs: Envs
     stream: NDArray[np.uint64]  # (4,) of the permutations
-
-
-class PpoAgent(Agent):
-    """An agent that learns action probabilities."""
-
-    is_value = False
-    outputs = (N_ACTIONS, 1)
-
-    def begin(self, model: Model, settings: PpoSettings, kind: Kind) -> Ppo:
-        """Draws orthogonal weights, and makes room for a rollout and a mini-batch."""
-        n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
-        actor, critic = self.nets
-        for mlp, gain in zip(self.nets, _GAINS, strict=True):
-            net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain))
-        constants = {name: getattr(settings, name) for name in Constants._fields}
-        endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
-        table, numbers = (n_observations, N_ACTIONS), np.zeros((3, settings.rollout), kind)
-        return Ppo(
-            constants=Constants(**constants | endless),
-            actor=actor,
-            critic=critic,
-            parameters=self.parameters,
-            policy=Probabilities(
-                np.zeros(table, kind), np.zeros(table, kind), np.zeros(n_observations, np.bool_)
-            ),
-            values=net.values_of(n_observations, kind),
-            steps=room_for_steps(settings.rollout),
-            rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),
-            batch=Batch(
-                observed=np.zeros(n_rows, np.int32),
-                distinct=net.distinct_of(n_observations, n_rows),
-                probability=np.zeros((n_rows, N_ACTIONS), kind),
-                log_probability=np.zeros((n_rows, N_ACTIONS), kind),
-            ),
-            walk=self.walk,
-            stream=self.learning,
-        )
-
-    def advance(self, until: int) -> None:
-        """Trains until so many steps are done, a whole number of rollouts, or until the agent diverges."""
-        _advance(self.state, until)
-
-    def table(self) -> Numbers:
-        """Returns the action probabilities for all observations, (O, A)."""
-        table = super().table()
-        _softmax(table, self.state.batch.log_probability[0])
-        return table
 
 
 @inlined
@@ -164,7 +117,7 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 
 @compiled
 def _advance(agent: Ppo, until: int) -> None:
-    while agent.walk.taken[0] < until:
+    while agent.envs.taken[0] < until:
         agent.policy.is_known[:] = False
         agent.values.is_known[:] = False
         if not _roll_out(agent):
@@ -178,24 +131,24 @@ def _advance(agent: Ppo, until: int) -> None:
 @inlined
 def _roll_out(agent: Ppo) -> bool:
     """Makes a rollout; returns whether all probabilities were finite. If not, it ends there."""
-    policy, walk, n_steps = agent.policy, agent.walk, agent.constants.n_steps
+    policy, envs, n_steps = agent.policy, agent.envs, agent.constants.n_steps
     for t in range(n_steps):
-        for e in range(len(walk.state)):
-            o, i = walk.process.observation[walk.state[e]], e * n_steps + t
+        for e in range(len(envs.state)):
+            o, i = envs.process.observation[envs.state[e]], e * n_steps + t
             probability, log_probability = policy.probability[o], policy.log_probability[o]
             if not policy.is_known[o]:
                 policy.is_known[o], agent.actor.observed[0] = True, o
                 at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False
-            uniform = draw(walk.stream)
+            uniform = draw(envs.stream)
             action, cumulated = 0, probability[0]
             while action < N_ACTIONS - 1 and uniform >= cumulated:
                 action += 1
                 cumulated += probability[action]
             agent.rollout.old_log_probability[i] = log_probability[action]
-            take(walk, e, action, agent.steps, i)
-        count(walk)
+            take(envs, e, action, agent.steps, i)
+        count(envs)
     return True
 
 
@@ -205,14 +158,14 @@ def _estimate_advantages(agent: Ppo) -> None:
     steps, rollout, value, n_steps = agent.steps, agent.rollout, agent.values.largest, agent.constants.n_steps
     zero, gamma = like(value, 0), like(value, agent.constants.gamma)
     decay = like(value, agent.constants.gamma * agent.constants.gae_lambda)
-    for e in range(len(agent.walk.state)):
+    for e in range(len(agent.envs.state)):
         last = (e + 1) * n_steps - 1
         advantage = following = zero
         for i in range(last, last - n_steps, -1):
             reward, o = like(value, steps.reward[i]), steps.next_observed[i]
             if steps.truncated[i]:
                 reward += gamma * value[o]
-            if steps.truncated[i] or o == agent.walk.process.n_observations:
+            if steps.truncated[i] or o == agent.envs.process.n_observations:
                 following = advantage = zero
             elif i == last:
                 following = value[o]
@@ -296,6 +249,50 @@ def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> 
         value = critic.hidden[row]
         if not abs(value - agent.values.largest[o]) > constants.clip_range_vf:
             critic.slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)
+
+
+class PpoAgent(Agent):
+    """An agent that learns action probabilities."""
+
+    is_value = False
+    loop = staticmethod(_advance)
+    outputs = (N_ACTIONS, 1)
+
+    def begin(self, model: Model, settings: PpoSettings, kind: Kind) -> Ppo:
+        """Draws orthogonal weights, and makes room for a rollout and a mini-batch."""
+        n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
+        actor, critic = self.nets
+        for mlp, gain in zip(self.nets, _GAINS, strict=True):
+            net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain))
+        constants = {name: getattr(settings, name) for name in Constants._fields}
+        endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
+        table, numbers = (n_observations, N_ACTIONS), np.zeros((3, settings.rollout), kind)
+        return Ppo(
+            constants=Constants(**constants | endless),
+            actor=actor,
+            critic=critic,
+            parameters=self.parameters,
+            policy=Probabilities(
+                np.zeros(table, kind), np.zeros(table, kind), np.zeros(n_observations, np.bool_)
+            ),
+            values=net.values_of(n_observations, kind),
+            steps=room_for_steps(settings.rollout),
+            rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),
+            batch=Batch(
+                observed=np.zeros(n_rows, np.int32),
+                distinct=net.distinct_of(n_observations, n_rows),
+                probability=np.zeros((n_rows, N_ACTIONS), kind),
+                log_probability=np.zeros((n_rows, N_ACTIONS), kind),
+            ),
+            envs=self.envs,
+            stream=self.learning,
+        )
+
+    def table(self) -> Numbers:
+        """Returns the action probabilities for all observations, (O, A)."""
+        table = super().table()
+        _softmax(table, self.state.batch.log_probability[0])
+        return table
 
 
 PPO: Final = NetAlgorithm(PpoAgent, PpoSettings)

@@ -5,9 +5,7 @@ version with other defaults makes other runs. Values are checked by making an un
 """
 
 import inspect
-import json
 import sys
-from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import packages_distributions
 from typing import Any, ClassVar, Final, Self
@@ -15,18 +13,19 @@ from typing import Any, ClassVar, Final, Self
 from pydantic import ConfigDict, create_model, model_validator
 
 from agents.sb3.algorithms import Sb3Algorithm
-from agents.sb3.settings import OUR_SETTINGS, Count, Sb3Settings, Share
+from agents.sb3.settings import OUR_SETTINGS, BufferSize, Count, Sb3Settings, Share, StepCount
 from envs.inputs import InputError
 from envs.packages import imported
 
 # What this project sets itself, and types of arguments that it understands.
 _SET_HERE: Final = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}
-_KNOWN: Final[dict[str, Any]] = {
+_KNOWN: Final[dict[str, object]] = {
     "gamma": Share,
-    **dict.fromkeys(("n_steps", "train_freq", "buffer_size"), Count),
+    "n_steps": StepCount,
+    "train_freq": Count,
+    "buffer_size": BufferSize,
     "policy_kwargs": dict[str, Any],
 }
-_SOUND: Final[set[tuple[str, str]]] = set()  # path and settings with which an agent could be made
 
 
 def is_sb3_class(value: object) -> bool:
@@ -43,21 +42,18 @@ class ImportedSettings(Sb3Settings):
     path: ClassVar[str]  # `module:class`
 
     @property
-    def arguments(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, object]:
         """The arguments that are set."""
         return self._fitted(self.model_dump(exclude=OUR_SETTINGS, exclude_unset=True, exclude_none=True))
 
     @model_validator(mode="after")
     def _agents_can_be_made(self) -> Self:
-        key = self.path, self.model_dump_json()
-        if key not in _SOUND:
-            from agents.sb3.training import check_settings
+        from agents.sb3.training import check_settings
 
-            check_settings(Sb3Algorithm(self.path, type(self)).load(), self, self.path)
-            _SOUND.add(key)
+        check_settings(Sb3Algorithm(self.path, type(self)).load(), self, self.path)
         return self
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         """Pickles the path, from which another process makes the class of the settings again."""
         return _unpickled, (self.path, self.model_dump_json(exclude_unset=True))
 
@@ -93,29 +89,21 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
 
 
 def _arguments(cls: type) -> dict[str, object]:
-    """Returns the named arguments of a class with their defaults; see `_default`.
+    """Returns the named arguments of a class with their defaults: `...` for none, None for objects.
 
     A class that passes `**kwargs` on has the arguments of the class above it, too.
     """
     arguments: dict[str, object] = {}
-    for base in cls.__mro__[:-1]:
+    for base in cls.__mro__:
         if "__init__" not in vars(base):
             continue
-        passes_on = False
-        for parameter in list(inspect.signature(vars(base)["__init__"]).parameters.values())[1:]:
-            if parameter.kind is parameter.VAR_KEYWORD:
-                passes_on = True
-            elif parameter.kind is not parameter.VAR_POSITIONAL and not parameter.name.startswith("_"):
-                arguments.setdefault(parameter.name, _default(parameter.default))
-        if not passes_on:
+        _, *parameters = inspect.signature(vars(base)["__init__"]).parameters.values()
+        for parameter in parameters:
+            is_named = parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+            if is_named and not parameter.name.startswith("_"):
+                default = ... if parameter.default is parameter.empty else parameter.default
+                is_plain = isinstance(default, bool | int | float | str | type(...))
+                arguments.setdefault(parameter.name, default if is_plain else None)
+        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
             break
     return arguments
-
-
-def _default(default: object) -> object:
-    """Returns a default as JSON has it; `...` if there is none, None if JSON cannot hold it."""
-    if default is inspect.Parameter.empty:
-        return ...
-    with suppress(TypeError, ValueError):
-        return json.loads(json.dumps(default, allow_nan=False))
-    return None

@@ -12,6 +12,9 @@ from agents.contract import LearnerSettings
 from envs.inputs import Table
 
 Count = Annotated[int, Field(ge=1, le=10**9)]
+Units = Annotated[int, Field(ge=1, le=4096)]
+BufferSize = Annotated[int, Field(ge=1, le=10_000_000)]
+StepCount = Annotated[int, Field(ge=1, le=1_000_000)]
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -21,7 +24,7 @@ OUR_SETTINGS: Final = {"budget", "time_limit", "n_envs"}  # they are not argumen
 class PolicyArguments(Table):
     """The part of SB3's `policy_kwargs` that can be set."""
 
-    net_arch: Annotated[tuple[Count, ...], Field(max_length=8)] = (64, 64)
+    net_arch: Annotated[tuple[Units, ...], Field(max_length=8)] = (64, 64)
     """Units of each hidden layer; an empty list makes a linear net."""
 
 
@@ -74,11 +77,11 @@ class DqnSettings(Sb3Settings):
 
     learning_rate: Positive = 1e-4
     """Of the optimiser, Adam."""
-    buffer_size: Count = 1_000_000
+    buffer_size: BufferSize = 1_000_000
     """Transitions that the replay buffer holds; no more are allocated than the budget fills."""
     learning_starts: Annotated[int, Field(ge=0, le=10**9)] = 100
     """Steps before the first update."""
-    batch_size: Count = 32
+    batch_size: Annotated[int, Field(ge=1, le=100_000)] = 32
     """Transitions of a gradient step, drawn from the replay buffer."""
     tau: Share = 1.0
     """How far the target network moves towards the other one whenever it is updated; 1: it is a copy."""
@@ -86,7 +89,7 @@ class DqnSettings(Sb3Settings):
     """Steps of each environment from one round of updates to the next."""
     gradient_steps: Annotated[int, Field(ge=-1, le=10**6)] = 1
     """Gradient steps of a round; -1: as many as steps were made since the last one."""
-    n_steps: Count = 1
+    n_steps: StepCount = 1
     """Rewards that are added up before the target network estimates the rest of the return."""
     target_update_interval: Count = 10_000
     """Steps from one update of the target network to the next."""
@@ -103,7 +106,7 @@ class DqnSettings(Sb3Settings):
 class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
 
-    n_steps: Count = 2048
+    n_steps: Annotated[int, Field(ge=2, le=1_000_000)] = 2048
     """Steps of each environment from one round of updates to the next."""
     gae_lambda: Share = 0.95
     """Lambda of generalized advantage estimation."""
@@ -117,7 +120,7 @@ class PpoSettings(Sb3Settings):
     """Whether the advantages of a mini-batch are standardized."""
     learning_rate: Positive = 3e-4
     """Of the optimiser, Adam."""
-    batch_size: Annotated[int, Field(ge=2, le=10**9)] = 64
+    batch_size: Annotated[int, Field(ge=2, le=100_000)] = 64
     """Transitions of a gradient step."""
     n_epochs: Count = 10
     """How often a round of updates goes through its transitions."""
@@ -127,9 +130,3 @@ class PpoSettings(Sb3Settings):
     """How far a new value may be from the old one before it is clipped; by default it is not."""
     target_kl: Positive | None = None
     """Divergence from the old policy; a round of updates ends at 1.5 times this, by default never."""
-
-    @model_validator(mode="after")
-    def _advantages_vary(self) -> Self:
-        if self.rollout == 1:
-            raise ValueError("n_steps * n_envs = 1: accepted: at least 2, or no advantage can be normalized")
-        return self

@@ -78,11 +78,6 @@ class _Snapshots(BaseCallback):
         self.cpu_time_s = np.zeros(n_points)
         self._started_s = time.thread_time()
 
-    @property
-    def next_point(self) -> int:
-        """The first evaluation step without a policy, or else the last one; 0 if there are none at all."""
-        return self._points[min(self._n_policies, len(self._points) - 1)] if self._points else 0
-
     def _on_rollout_start(self) -> None:
         step = self.model.num_timesteps
         if step != self._next_rollout:
@@ -137,7 +132,6 @@ def train_agent(
         agent.set_logger(Logger(None, []))
         agent.action_space.seed(action_seed)
         kept = _Snapshots(env, settings.rollout, observations, schedule)
-        diverged_at = -1
         updates: list[None] = []
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
         try:
@@ -151,22 +145,19 @@ def train_agent(
         except ValueError:  # torch, too, refuses to draw from probabilities that are not finite
             if np.isfinite(policy_table(agent, observations)).all():
                 raise
-            diverged_at = kept.next_point
         finally:
             hook.remove()
         digest = hashlib.sha256()
         for name, weights in sorted(agent.policy.state_dict().items()):
             digest.update(name.encode() + weights.numpy().tobytes())
         output = output_of(agent)
-        q = policy_table(agent, observations) if output.is_value else np.empty((0, len(ACTIONS)))
+        final = policy_table(agent, observations)
         return {
-            **snapshots(kept.tables, schedule, is_value=output.is_value),
-            "q": q if diverged_at < 0 else np.full_like(q, np.nan),
+            **snapshots(kept.tables, final, schedule, is_value=output.is_value),
             "disagreements": kept.disagreements,
             "cpu_time_s": kept.cpu_time_s,
             "updates": len(updates),
             "parameters": sum(weights.numel() for weights in output.net.parameters()),
-            "diverged_at": diverged_at,
             "weights": np.frombuffer(digest.digest(), dtype=np.uint8),
         }
 

@@ -6,9 +6,7 @@ An algorithm is an update rule, see `agents.tabular.updates`; all else is the sa
 import math
 import time
 from collections.abc import Sequence, Set
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
@@ -16,7 +14,7 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_request
+from agents.contract import Algorithm, LearnerSettings, Schedule, Training
 from agents.process import process_of
 from agents.tabular import updates
 from agents.tabular.kernel import Constants, Plan, Results, compile_kernel
@@ -28,6 +26,7 @@ from envs.model import ACTIONS, Model
 VERSION: Final = 3
 
 MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
+_BLOCK: Final = 25  # agents that are trained in one call of compiled code, for which an interrupt waits
 
 
 class Settings(LearnerSettings):
@@ -83,90 +82,11 @@ class TabularTraining(Training):
     episodes_ended: NDArray[np.int64]  # (N,)
 
 
-def train(
-    model: Model,
-    settings: Settings,
-    seeds: Sequence[SeedSequence],
-    schedule: Schedule,
-    update: UpdateRule = updates.Q_LEARNING,
-    *,
-    record_table: bool = False,
-    threads: int = 1,
-) -> TabularTraining:
-    """Trains one agent per seed, see `agents.contract.Algorithm.train`.
-
-    With `record_table`, the largest value of the whole table is recorded, too. A ValueError is raised if a
-    rule with traces is given other settings than `TraceSettings`.
-    """
-    check_request(settings, seeds, schedule)
-    if update.has_traces and not isinstance(settings, TraceSettings):
-        raise ValueError("settings: the rule has traces; accepted: TraceSettings.")
-    n_agents, n_observations, n_actions = len(seeds), model.n_observations, len(ACTIONS)
-    n_records = math.ceil(settings.budget / settings.record_every)
-    n_steps = len(schedule.evaluation_steps)
-    result = TabularTraining(
-        q=np.empty((n_agents, n_observations, n_actions)),
-        greedy=np.empty((n_agents, n_steps, n_observations), dtype=np.uint8),
-        stochastic=np.empty((n_agents, 0, n_observations, n_actions)),
-        values=np.empty((n_agents, len(schedule.map_steps), n_observations, n_actions), dtype=np.float32),
-        disagreements=np.empty((n_agents, n_steps), dtype=np.int64),
-        cpu_time_s=np.empty((n_agents, n_steps)),
-        updates=np.empty(n_agents, dtype=np.int64),
-        parameters=np.full(n_agents, n_observations * n_actions * (1 + update.has_two_tables)),
-        diverged_at=np.full(n_agents, -1),
-        max_q=np.empty((n_agents, n_records)),
-        table_max_q=np.empty((n_agents, n_records if record_table else 0)),
-        steps_taken=np.empty(n_agents, dtype=np.int64),
-        episodes_ended=np.empty(n_agents, dtype=np.int64),
-    )
-    is_mapped = schedule.is_mapped
-    kernel, process = compile_kernel(update), process_of(model)
-    constants = Constants(
-        learning_rate=settings.learning_rate,
-        discount=settings.discount,
-        epsilon=settings.epsilon,
-        initial_value=settings.initial_value,
-        trace_decay=settings.trace_decay if isinstance(settings, TraceSettings) else 0.0,
-        takes_lowest=settings.ties == "lowest",
-        time_limit=settings.time_limit or 2**62,
-    )
-    plan = Plan(
-        budget=settings.budget,
-        by_episode=settings.budget_unit == "episodes",
-        record_every=settings.record_every,
-        points=np.array([*schedule.evaluation_steps, settings.budget + 1], dtype=np.int64),
-        map_index=np.where(is_mapped, is_mapped.cumsum() - 1, -1),
-    )
-    streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
-
-    def work(first: int, last: int) -> None:
-        started_s = time.thread_time()
-        rows = Results(*(getattr(result, name)[first:last] for name in Results._fields))
-        kernel(process, constants, plan, streams[first:last], rows)
-        # An agent of a block trains too briefly to be timed; each gets its share, in proportion to its steps.
-        seconds = (time.thread_time() - started_s) / max(last - first, 1)
-        result.cpu_time_s[first:last] = seconds * plan.points[:-1] / settings.budget
-
-    work(0, 0)  # compiles, or loads what was compiled, before the clock runs
-    # The blocks are small, so that threads end together and an interrupt waits for one block at most.
-    n_blocks = min(n_agents, threads * math.ceil(n_agents / (threads * 8)) if threads > 1 else 1)
-    edges = np.linspace(0, n_agents, n_blocks + 1).astype(int)
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            for future in [pool.submit(work, a, b) for a, b in pairwise(edges)]:
-                future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    result.updates[:] = result.steps_taken
-    return result
-
-
 class TabularAlgorithm(Algorithm):
     """An algorithm that learns a table by an update rule, which has its settings and version."""
 
     packages = ("numba",)
-    batch_size = 25
+    batch_size = _BLOCK
     placement = "thread"
 
     def __init__(self, update: UpdateRule) -> None:
@@ -182,9 +102,59 @@ class TabularAlgorithm(Algorithm):
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
     ) -> TabularTraining:
-        """Trains by `train`, and records the table's maximum if there is more than one record."""
-        record_table = settings.record_every < settings.budget
-        return train(model, settings, seeds, schedule, self.update, record_table=record_table)
+        """Trains blocks of agents, whose table's maximum is recorded if there is more than one record."""
+        n_agents, n_observations, n_actions = len(seeds), model.n_observations, len(ACTIONS)
+        n_records = math.ceil(settings.budget / settings.record_every)
+        n_steps = len(schedule.evaluation_steps)
+        result = TabularTraining(
+            q=np.empty((n_agents, n_observations, n_actions)),
+            greedy=np.empty((n_agents, n_steps, n_observations), dtype=np.uint8),
+            stochastic=np.empty((n_agents, 0, n_observations, n_actions)),
+            values=np.empty((n_agents, len(schedule.map_steps), n_observations, n_actions), dtype=np.float32),
+            disagreements=np.empty((n_agents, n_steps), dtype=np.int64),
+            cpu_time_s=np.empty((n_agents, n_steps)),
+            updates=np.empty(n_agents, dtype=np.int64),
+            parameters=np.full(n_agents, n_observations * n_actions * (1 + self.update.has_two_tables)),
+            diverged_at=np.full(n_agents, -1),
+            max_q=np.empty((n_agents, n_records)),
+            table_max_q=np.empty((n_agents, n_records if n_records > 1 else 0)),
+            steps_taken=np.empty(n_agents, dtype=np.int64),
+            episodes_ended=np.empty(n_agents, dtype=np.int64),
+        )
+        is_mapped = schedule.is_mapped
+        kernel, process = compile_kernel(self.update), process_of(model)
+        constants = Constants(
+            learning_rate=settings.learning_rate,
+            discount=settings.discount,
+            epsilon=settings.epsilon,
+            initial_value=settings.initial_value,
+            trace_decay=getattr(settings, "trace_decay", 0.0),
+            takes_lowest=settings.ties == "lowest",
+            time_limit=settings.time_limit or 2**62,
+        )
+        plan = Plan(
+            budget=settings.budget,
+            by_episode=settings.budget_unit == "episodes",
+            record_every=settings.record_every,
+            points=np.array([*schedule.evaluation_steps, settings.budget + 1], dtype=np.int64),
+            map_index=np.where(is_mapped, is_mapped.cumsum() - 1, -1),
+        )
+        streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
+
+        def train_block(block: slice) -> None:
+            rows = Results(*(getattr(result, name)[block] for name in Results._fields))
+            kernel(process, constants, plan, streams[block], rows)
+
+        train_block(slice(0))  # compiles, or loads what was compiled, before the clock runs
+        for first in range(0, n_agents, _BLOCK):
+            block = slice(first, first + _BLOCK)
+            started_s = time.thread_time()
+            train_block(block)
+            # One agent trains too briefly to be timed; each gets its share, in proportion to its steps.
+            seconds = (time.thread_time() - started_s) / len(streams[block])
+            result.cpu_time_s[block] = seconds * plan.points[:-1] / settings.budget
+        result.updates[:] = result.steps_taken
+        return result
 
 
 Q_LEARNING: Final = TabularAlgorithm(updates.Q_LEARNING)

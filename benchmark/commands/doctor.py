@@ -7,29 +7,29 @@ import random
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from packaging.requirements import Requirement
 from rich.console import Console
 from rich.filesize import decimal
 from rich.text import Text
 
 from benchmark import packages
-from benchmark.commands import parse_jobs, parse_seeds
+from benchmark.commands import parse_jobs
+from benchmark.execution.calibration import estimate
+from benchmark.execution.driver import pending
 from benchmark.execution.machine import free_memory, usable_cores
+from benchmark.execution.provenance import versions
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
+from benchmark.experiments import RunSpecification, all_specifications, load_experiment
 from envs import InputError
 from envs.inputs import shortened
-from envs.packages import EXTRAS, missing_package, needed_by
-
-if TYPE_CHECKING:
-    from benchmark.experiments import RunSpecification
+from envs.packages import EXTRAS
 
 _CONSTRAINTS: Final = Path(__file__).parents[2] / "constraints.txt"
 _COLOURS: Final = {"ok": "green", "note": "yellow", "problem": "bold red"}
@@ -48,29 +48,18 @@ class Finding(NamedTuple):
 
 
 def _finding(subject: str, text: str, advice: str = "", state: str = "note") -> Finding:
-    """Returns a finding that is "ok" without advice, else of the given state."""
+    """Returns a finding that is "ok" without advice, else in the given state."""
     return Finding(state, subject, f"{text}; {advice}") if advice else Finding("ok", subject, text)
-
-
-def _problem(subject: str, error: object) -> Finding:
-    return Finding("problem", subject, str(error).removesuffix("."))
 
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code: 0 if there is no problem, else 1."""
     options.jobs = parse_jobs(options.jobs)
-    seeds = parse_seeds(options.seeds)
-    if seeds is not None and options.experiment is None:
-        raise InputError("--seeds: accepted only together with an experiment.")
-    cache = _cache()
     runs: Sequence[RunSpecification] = []
-    if options.experiment is not None and cache.state == "ok":  # else nothing compiled can be imported
-        from benchmark.experiments import all_specifications, load_experiment
-
-        runs = all_specifications(load_experiment(options.experiment), seeds)
+    if options.experiment is not None:
+        runs = all_specifications(load_experiment(options.experiment))
     findings = chain(
         _installation(),
-        [cache],
         _machine(options.results),
         _store(options.results / "runs.db"),
         _experiment(runs, options) if runs else [],
@@ -86,52 +75,34 @@ def main(options: argparse.Namespace) -> int:
 
 def _installation() -> Iterator[Finding]:
     """Yields which packages are installed, in which versions, and which cannot be imported."""
-    lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
-    if versions := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
+    if others := _outside():
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
-        yield _finding("versions", f"other than in constraints.txt: {', '.join(versions)}", advice)
+        yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
     print("importing every package ...", file=sys.stderr)
     optional = [module for extra, modules in EXTRAS.items() if extra != "reproduce" for module in modules]
     installed = [module for module in optional if find_spec(module) is not None]
     for sentence in dict.fromkeys(packages.unusable(installed, usable_cores()).values()):
-        yield _problem("packages", sentence)
-    complete: list[str] = []
-    absent: list[str] = []
-    for extra, modules in EXTRAS.items():
-        missing = [module for module in modules if find_spec(module) is None]
-        if 0 < len(missing) < len(modules):
-            text = str(missing_package(f"the extra {extra}", missing[0])).removesuffix(".")
-            yield Finding("note", "packages", text)
-        else:
-            (absent if missing else complete).append(extra)
-    more = f"; others: {', '.join(absent)} (make .venv/.NAME installs one)" if absent else ""
+        yield Finding("problem", "packages", sentence.removesuffix("."))
+    complete = [extra for extra, modules in EXTRAS.items() if all(map(find_spec, modules))]
+    others = [extra for extra in EXTRAS if extra not in complete]
+    more = f"; others: {', '.join(others)} (make .venv/.NAME installs one)" if others else ""
     yield _finding("packages", f"installed extras: {', '.join(complete) or 'none'}{more}")
 
 
-def _outside(requirements: Iterable[Requirement]) -> list[str]:
-    """Lists the installed packages that are in another version than is required."""
+def _outside() -> list[str]:
+    """Lists the installed packages that are in another version than in constraints.txt."""
+    lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
     outside = []
-    for requirement in requirements:
-        name, accepted = requirement.name, requirement.specifier
-        with suppress(PackageNotFoundError):
+    for line in lines:
+        name, _, accepted = line.partition("==")
+        with suppress(PackageNotFoundError, ValueError):  # a comment is no name
             installed = version(name).partition("+")[0]  # a build may add +cpu
             # A fresh environment has its own setuptools, which only a test needs.
-            if name != "setuptools" and not accepted.contains(installed, prereleases=True):
-                outside.append(f"{name} {installed} ({accepted})")
+            if name != "setuptools" and installed != accepted:
+                outside.append(f"{name} {installed} (=={accepted})")
     return outside
-
-
-def _cache() -> Finding:
-    """Returns whether what numba compiles can be kept."""
-    try:
-        with needed_by("benchmark doctor"):
-            import agents.dynamic_programming  # noqa: F401
-    except RuntimeError as error:  # numba's, while it looks for a folder
-        advice = "make the folder of the code writable, or set NUMBA_CACHE_DIR to a folder that is"
-        return Finding("problem", "compiling", f"{' '.join(str(error).split())}; {advice}")
-    return _finding("compiling", "compiled code is kept for the next start")
 
 
 def _machine(results: Path) -> Iterator[Finding]:
@@ -173,34 +144,27 @@ def _store(path: Path) -> Iterator[Finding]:
     except NoRunsError:
         yield _finding("store", f"{path}: there are no runs yet")
     except InputError as error:
-        yield _problem("store", error)
+        yield Finding("problem", "store", str(error).removesuffix("."))
     else:
         text = f"{len(checked):,} of {len(ended):,} records checked, {n_damaged:,} damaged"
         state, advice = ("problem", "says what to do") if n_damaged else ("ok", "checks all")
         yield _finding("checksums", text, f"'verify' {advice}", state)
 
 
-def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace) -> Iterator[Finding]:
+def _experiment(runs: Sequence[RunSpecification], options: argparse.Namespace) -> Iterator[Finding]:
     """Yields what it costs to execute the missing runs of an experiment."""
-    from benchmark.execution.calibration import estimate
-    from benchmark.execution.driver import pending
-    from benchmark.execution.provenance import versions
-
+    for algorithm in sorted({run.algorithm for run in runs}):
+        versions(algorithm)  # refuses a missing package
+    missing = runs
     try:
-        for algorithm in sorted({run.algorithm for run in runs}):
-            versions(algorithm)
-    except InputError as error:
-        yield _problem("runs", error)
+        with Store(options.results / "runs.db", read_only=True) as store:
+            missing = pending(runs, store)
+            estimated = estimate(runs, missing, store, options.jobs, usable_cores())
+    except InputError:  # there is no store yet, or what is wrong with it has been said
+        estimated = estimate(runs, missing, None, options.jobs, usable_cores())
+    if not missing:
+        yield _finding("runs", f"all {len(runs):,} are done")
         return
-    with ExitStack() as stack:
-        store, missing = None, [*runs]
-        with suppress(InputError):  # there is none yet, or what is wrong with it has been said
-            opened = stack.enter_context(Store(options.results / "runs.db", read_only=True))
-            missing, store = pending(runs, opened), opened
-        if not missing:
-            yield _finding("runs", f"all {len(runs):,} are done")
-            return
-        estimated = estimate(runs, missing, store, options.jobs, usable_cores())
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs")
     if estimated.unknown:
         names = shortened(", ".join(dict.fromkeys(estimated.unknown)))

@@ -9,7 +9,6 @@ from benchmark.analysis.records import check_scores
 from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
-from benchmark.execution.executors import EXECUTORS, ExecutorFactory
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
@@ -33,24 +32,17 @@ def main(options: argparse.Namespace) -> int:
         raise InputError(
             f"{name}: --seeds: an experiment with stages uses only its declared seeds; remove --seeds."
         )
-    executor = EXECUTORS.get(options.executor)
     check_scores(all_specifications(experiment, seeds))
     with Store(options.results / "runs.db") as store:
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)
             label = f"{name}, stage {stage}" if experiment.has_stages else name
-            if code := _execute(label, runs, store, options, executor):
+            if code := _execute(label, runs, store, options):
                 return code
     return report.main(options) if options.report else 0
 
 
-def _execute(
-    name: str,
-    runs: Sequence[RunSpecification],
-    store: Store,
-    options: argparse.Namespace,
-    executor: ExecutorFactory | None,
-) -> int:
+def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options: argparse.Namespace) -> int:
     """Executes the missing runs when no other command trains, and says how many; returns the exit code."""
     if n_damaged := store.discard_damaged(run.digest for run in runs):
         print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
@@ -62,16 +54,15 @@ def _execute(
         if not todo:
             print(f"{name}: all {len(runs)} runs are done already.")
             return 0
-        jobs = parse_jobs(options.jobs)
+        jobs, cluster = parse_jobs(options.jobs), None
         if options.cluster is not None:
             with needed_by("--cluster"):
                 from benchmark.execution.executors.cluster import Cluster
             cluster = Cluster(options.cluster, {run.algorithm for run in todo})
             stack.callback(cluster.cancel)
-            # A worker finds its next job waiting.
-            jobs, executor = options.jobs or 2 * cluster.workers, lambda _: cluster
+            jobs = options.jobs or 2 * cluster.workers  # a worker finds its next job waiting
         with Display(name, runs, store.ended()) as display:
-            errors = driver.run(runs, store, jobs, display.advance, executor)
+            errors = driver.run(runs, store, jobs, display.advance, cluster)
     if errors:
         failed = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"
         print(f"error: {failed}", file=sys.stderr)

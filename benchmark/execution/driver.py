@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from itertools import islice
 
 from agents import load_algorithm
-from benchmark.execution.executors import EXECUTORS, Executor, ExecutorFactory
+from benchmark.execution.executors import EXECUTORS, Executor
 from benchmark.execution.job import failures
 from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import versions
@@ -20,7 +20,7 @@ def run(
     store: Store,
     jobs: int,
     on_progress: Callable[[list[Record]], None] = lambda _: None,
-    executor: ExecutorFactory | None = None,
+    executor: Executor | None = None,
 ) -> list[str]:
     """Executes the runs that have no valid record, and stores their records as they come.
 
@@ -32,7 +32,7 @@ def run(
       store: Where records are stored.
       jobs: How many jobs are submitted at a time.
       on_progress: Called with the records of every job that has ended.
-      executor: Executes all jobs; by default, each algorithm's placement decides.
+      executor: Executes all jobs, and is cancelled at the end; by default, their placements decide.
 
     Returns:
       The errors of the runs that failed.
@@ -75,16 +75,17 @@ def run(
 class _Executors(ExitStack):
     """The executors of jobs, each made when it is first needed; they are cancelled at the end."""
 
-    def __init__(self, jobs: int, executor: ExecutorFactory | None) -> None:
+    def __init__(self, jobs: int, given: Executor | None) -> None:
         super().__init__()
-        self._jobs, self._executor = jobs, executor
+        self._jobs, self._given = jobs, given
         self._made: dict[str, Executor] = {}
 
     def of(self, job: Job) -> Executor:
-        placement = "" if self._executor else load_algorithm(job[0].algorithm).placement
+        placement = load_algorithm(job[0].algorithm).placement
         if placement not in self._made:
-            self._made[placement] = (self._executor or EXECUTORS[placement])(self._jobs)
-            self.callback(self._made[placement].cancel)
+            executor = self._given or EXECUTORS[placement](self._jobs)
+            self._made[placement] = executor
+            self.callback(executor.cancel)
         return self._made[placement]
 
 

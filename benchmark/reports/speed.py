@@ -25,7 +25,6 @@ from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
 from agents.process import N_ACTIONS
-from agents.tabular import learner
 from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
 from benchmark.execution.store import Record, Store
@@ -57,10 +56,8 @@ class Row(NamedTuple):
 def measure(results: Path, *, smoke: bool) -> None:
     """Measures all rows, or very little in a smoke test, and writes a folder among those of results.
 
-    Other commands that write there wait meanwhile, as they would disturb the measurement.
-
-    Raises:
-      InputError: The folder cannot be written; then nothing is measured.
+    Other commands that write there wait meanwhile, as they would disturb the measurement. A folder that
+    cannot be written is an InputError before anything is measured.
     """
     import agents.sb3.training  # noqa: F401 - a missing package is refused before anything is measured
 
@@ -124,16 +121,14 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
     s1, anywhere = (compile_scenario(load_scenario(name)) for name in ("S1", "Anywhere"))
     short, long, policy = size(20_000), size(100_000), uniform_policy(s1)
     many, one = _kernel(s1, 1000, short), _kernel(s1, 1, short)
-    two_threads, one_thread = (_kernel(s1, 200, long, 10, threads) for threads in (2, 1))
-    in_anywhere, in_s1 = (_kernel(model, 100, long, 100) for model in (anywhere, s1))
+    runs = _reading(scratch, size(10_000)), _reading(scratch, size(100))
+    in_anywhere, in_s1 = (_kernel(model, 100, long) for model in (anywhere, s1))
     batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
     exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
     played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
     states = f"the same in S1; Anywhere has {len(anywhere.observation):,} states"
-    runs = _reading(scratch, size(10_000)), _reading(scratch, size(100))
     rows = [
         Row("q_learning_kernel", "updates", _kernel(s1, 200, short), (long, partial(_loop, long)), _LOOP),
-        Row("q_learning_threads", "updates", two_threads, one_thread, "one thread, by two"),
         Row("vector_env_1000", "steps", batched, sync, "gymnasium.vector.SyncVectorEnv"),
         Row("evaluate", "policies", exact, played, "1,000 simulated episodes, uniform random policy"),
         # How cost grows: a ratio of 1 means in proportion.
@@ -152,20 +147,16 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
     return rows
 
 
-def _kernel(model: Model, n_agents: int, steps: int, record_every: int = 1, threads: int = 1) -> Side:
-    """Trains agents by Q-learning with the paper's constants, with their visited max Q recorded."""
-    settings, seeds = learner.Settings(budget=steps, record_every=record_every), _seeds(n_agents)
-    return n_agents * steps, partial(learner.train, model, settings, seeds, Schedule(steps), threads=threads)
+def _kernel(model: Model, n_agents: int, steps: int) -> Side:
+    """Trains agents by Q-learning with the paper's constants."""
+    return _training(model, "q_learning", "index", {"budget": steps, "record_every": steps}, n_agents)
 
 
 def _training(model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int) -> Side:
     algorithm, budget = load_algorithm(name), declared["budget"]
-    settings, seeds = parse(algorithm.settings, declared, str(_NETS)), _seeds(n_agents)
+    settings = parse(algorithm.settings, declared, str(_NETS))
+    seeds = [SeedSequence([0, i]) for i in range(n_agents)]
     return n_agents * budget, partial(algorithm.train, model, settings, observation, seeds, Schedule(budget))
-
-
-def _seeds(n: int) -> list[SeedSequence]:
-    return [SeedSequence([0, i]) for i in range(n)]
 
 
 def _stepping(mode: str, times: int) -> Side:
@@ -193,12 +184,10 @@ def _loop(steps: int) -> None:
     env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = random.Random(0)
     q = [[0.0] * 5 for _ in range(120)]
-    visited_max = []
     observation, _ = env.reset(seed=0)
     for _ in range(steps):
         row = q[observation]
         best = max(row)
-        visited_max.append(best)
         if rng.random() < 0.6:
             action = rng.randrange(5)
         else:
@@ -214,10 +203,9 @@ def _play(episodes: int) -> None:
     rng = random.Random(0)
     for _ in range(episodes):
         env.reset()
-        ended = False
-        while not ended:
+        terminated = truncated = False
+        while not (terminated or truncated):
             _, _, terminated, truncated, _ = env.step(rng.randrange(N_ACTIONS))
-            ended = terminated or truncated
 
 
 def _headline(folder: Folder) -> str:

@@ -49,15 +49,6 @@ def test_schedules_know_which_steps_are_mapped() -> None:
     assert Schedule(5).is_mapped.shape == (0,)
 
 
-@pytest.mark.parametrize(
-    ("steps", "maps"),
-    [((-1, 5), ()), ((3, 3), ()), ((5, 2), ()), ((0, 11), ()), ((0, 3), (2,)), ((0, 3), (3, 0))],
-)
-def test_steps_must_rise_within_the_budget(steps: tuple[int, ...], maps: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match="_steps: must"):
-        Schedule(10, steps, maps)
-
-
 def test_trainings_that_keep_the_contract_pass() -> None:
     check_training(TRAINING, MODEL, 2, SCHEDULE)
     probabilities = np.full((2, 3, 120, 5), 0.2)

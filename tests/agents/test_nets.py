@@ -261,7 +261,7 @@ def test_dqn_is_stable_baselines3s(
     monkeypatch.setattr(np.random, "randint", draw)
     stock.learn(600)
     assert n_updates == ours.parameters.n_steps[0] >= 200
-    assert stock.env.disagreements == ours.walk.disagreements[0]
+    assert stock.env.disagreements == ours.envs.disagreements[0]
     check_weights(linear_layers(stock.q_net), ours.weights())
 
 
@@ -309,7 +309,7 @@ def test_ppo_is_stable_baselines3s(
     assert n_steps == ours.parameters.n_steps[0]
     whole = 400 // settings.rollout * settings.n_epochs * -(-settings.rollout // settings.batch_size)
     assert 20 < n_steps < whole if settings.target_kl else n_steps == whole >= 200
-    assert stock.env.disagreements == ours.walk.disagreements[0]
+    assert stock.env.disagreements == ours.envs.disagreements[0]
     check_weights(linear_layers(*nets), ours.weights())
 
 
@@ -406,7 +406,7 @@ def digest_of_all() -> str:
                     if field.name != "cpu_time_s":
                         digest.update(np.ascontiguousarray(getattr(training, field.name)).tobytes())
     settings = learner.Settings(budget=1000)
-    table = learner.train(NOISY_MOODY, settings, sequences(), Schedule(1000, (1000,)))
+    table = learner.Q_LEARNING.train(NOISY_MOODY, settings, "index", sequences(), Schedule(1000, (1000,)))
     evaluation = evaluate(NOISY_MOODY, mask_policy(table.greedy[:, -1]), 200)
     for values in (table.q, table.max_q, evaluation.grid_return, evaluation.success, evaluation.zone_steps):
         digest.update(values.tobytes())

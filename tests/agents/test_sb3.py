@@ -135,10 +135,13 @@ def test_replay_buffer_is_as_large_as_the_budget() -> None:
         ("ppo", {}, "budget = 10000 is not a whole .* 2048 steps; accepted .* 8192 or 10240"),
         ("ppo", {"n_steps": 2000, "n_envs": 8}, "rollouts of 16000 steps; accepted .*: 16000"),
         ("dqn", {"train_freq": 3}, "rollouts of 3 steps; accepted with this rollout: 9999 or 10002"),
-        ("ppo", {"n_steps": 1}, "at least 2"),
+        ("ppo", {"n_steps": 1}, "n_steps = 1: .*2"),
         ("ppo", {"policy_kwargs": {"net_arc": [5]}}, r"did you mean net_arch\?"),
         ("dqn", {"exploration_fraction": 0.0}, "exploration_fraction = 0.0"),
         ("dqn", {"policy_kwargs": {"net_arch": [0]}}, "net_arch.0 = 0"),
+        ("compiled_dqn", {"policy_kwargs": {"net_arch": [5000]}}, "net_arch.0 = 5000: .*4096"),
+        ("dqn", {"buffer_size": 10**9}, "buffer_size = 1000000000: .*10000000"),
+        ("ppo", {"n_steps": 10**9}, "n_steps = 1000000000: .*1000000"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], expected: str) -> None:

@@ -10,7 +10,7 @@ from agents import Schedule, load_algorithm
 from agents.policy import contains, greedy_masks
 from agents.process import draw_word
 from agents.tabular.kernel import choose_action
-from agents.tabular.learner import Settings, TabularTraining, train
+from agents.tabular.learner import Q_LEARNING, Settings, TabularTraining
 from envs import InputError, compile_scenario, load_scenario
 from envs.inputs import parse
 from tests.agents.words import textbook, xoshiro
@@ -77,16 +77,15 @@ def check_same_agent(together: TabularTraining, i: int, alone: TabularTraining) 
             assert values[i].tobytes() == getattr(alone, key)[0].tobytes(), key
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_together_equals_one_at_a_time_on_any_number_of_threads(threads: int) -> None:
+def test_together_equals_one_at_a_time() -> None:
     model = compile_scenario(load_scenario("S2"))
     settings = Settings(budget=500)
     seeds = [SeedSequence([5, i]) for i in range(100)]
     schedule = Schedule(500, (0, 250, 500))
-    together = train(model, settings, seeds, schedule, record_table=True, threads=threads)
+    together = Q_LEARNING.train(model, settings, "index", seeds, schedule)
     for i in range(0, 100, 9):
-        check_same_agent(together, i, train(model, settings, [seeds[i]], schedule, record_table=True))
-    backwards = train(model, settings, seeds[::-1], schedule, record_table=True, threads=threads)
+        check_same_agent(together, i, Q_LEARNING.train(model, settings, "index", [seeds[i]], schedule))
+    backwards = Q_LEARNING.train(model, settings, "index", seeds[::-1], schedule)
     assert together.q.tobytes() == backwards.q[::-1].tobytes()
 
 
@@ -94,17 +93,17 @@ def test_snapshots_are_the_table_at_their_steps_and_disturb_nothing() -> None:
     model = compile_scenario(load_scenario("S2"))
     seeds = [SeedSequence(i) for i in range(3)]
     schedule = Schedule(2000, (0, 500, 1000, 2000), (0, 1000, 2000))
-    training = train(model, Settings(budget=2000), seeds, schedule, record_table=True)
+    training = Q_LEARNING.train(model, Settings(budget=2000), "index", seeds, schedule)
     assert (training.values[:, 0] == 0).all()
     # The table at a step is the table at the end of a shorter training.
-    shorter = train(model, Settings(budget=1000), seeds, Schedule(1000))
+    shorter = Q_LEARNING.train(model, Settings(budget=1000), "index", seeds, Schedule(1000))
     assert (training.values[:, 1] == shorter.q.astype(np.float32)).all()
     assert (training.values[:, 2] == training.q.astype(np.float32)).all()
     assert (training.greedy[:, -1] == greedy_masks(training.q)).all()
-    plain = train(model, Settings(budget=2000, record_every=500), seeds, Schedule(2000))
-    assert plain.q.tobytes() == training.q.tobytes()
-    assert plain.table_max_q.shape == (3, 0)
-    assert (training.max_q[:, ::500] == plain.max_q).all()
+    once = Q_LEARNING.train(model, Settings(budget=2000, record_every=2000), "index", seeds, Schedule(2000))
+    assert once.q.tobytes() == training.q.tobytes()
+    assert once.table_max_q.shape == (3, 0)
+    assert (training.max_q[:, :1] == once.max_q).all()
 
 
 def test_every_candidate_is_drawn_equally_often() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import expected, solve
-from agents.tabular.learner import Settings, TabularTraining, train
+from agents.tabular.learner import TabularTraining
 from agents.tabular.updates import UpdateRule, greatest_value
 from envs import Model, compile_scenario, load_scenario
 from tests.agents.test_tabular import RULES
@@ -132,10 +132,7 @@ def test_rules_converge_to_the_values_that_they_should(name: str) -> None:
         assert np.abs(errors).mean() < 0.02
 
 
-def test_traces_need_their_settings_and_exclude_other_parts() -> None:
-    rule = UpdateRule(greatest_value, has_traces=True)
-    with pytest.raises(ValueError, match="the rule has traces; accepted: TraceSettings"):
-        train(CHAIN, Settings(budget=10), [SeedSequence(0)], Schedule(10), rule)
+def test_traces_exclude_other_parts() -> None:
     for part in ("is_on_policy", "has_two_tables"):
         with pytest.raises(ValueError, match="has_traces: not with is_on_policy or has_two_tables"):
             UpdateRule(greatest_value, has_traces=True, **{part: True})

@@ -67,7 +67,7 @@ def test_packages_are_imported_in_processes_of_their_own(
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     fakes = {
         "tabulate": "import time; time.sleep(1000)",
-        "packaging": "import os; os.abort()",
+        "markupsafe": "import os; os.abort()",
         "pygame": "print('said'); raise SystemError('planted')",
         "rich": "import os; os._exit(3)",
     }
@@ -76,8 +76,8 @@ def test_packages_are_imported_in_processes_of_their_own(
     assert unusable(["tabulate"], jobs=1, limit_s=0.5) == {
         "tabulate": sentence("tabulate", "not imported within 0.5 s")
     }
-    assert unusable(["packaging", "jinja2", "pygame", "rich"], jobs=2) == {
-        "packaging": sentence("packaging", "importing it ended with exit code -6"),
+    assert unusable(["markupsafe", "jinja2", "pygame", "rich"], jobs=2) == {
+        "markupsafe": sentence("markupsafe", "importing it ended with exit code -6"),
         "pygame": sentence("pygame-ce", "SystemError: planted"),
         "rich": sentence("rich", "importing it ended with exit code 3"),
     }

@@ -108,7 +108,7 @@ def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
 
 RULE = """
 from agents.tabular.kernel import compile_kernel
-from agents.tabular.learner import Settings, train
+from agents.tabular.learner import Settings, TabularAlgorithm
 from agents.tabular.updates import UpdateRule
 from agents import Schedule
 from envs import compile_scenario, load_scenario
@@ -117,7 +117,8 @@ SHARE = 1.0
 def shared(after): return SHARE * after.highest
 rule = UpdateRule(shared)
 model = compile_scenario(load_scenario("S1"))
-training = train(model, Settings(budget=2000), [SeedSequence(0)], Schedule(2000), rule)
+settings, seeds = Settings(budget=2000), [SeedSequence(0)]
+training = TabularAlgorithm(rule).train(model, settings, "index", seeds, Schedule(2000))
 stats = compile_kernel(rule).stats
 result = sum(stats.cache_hits.values()), training.q.sum()
 """

@@ -27,7 +27,5 @@ class Executor(Protocol):
         """
 
 
-# Makes an executor from the largest number of jobs that it will be given at a time.
-ExecutorFactory = Callable[[int], Executor]
-
-EXECUTORS: Final[Mapping[str, ExecutorFactory]] = {"process": Processes, "thread": Threads}
+# Each is called with the largest number of jobs that the executor will be given at a time.
+EXECUTORS: Final[Mapping[str, Callable[[int], Executor]]] = {"process": Processes, "thread": Threads}

@@ -40,7 +40,7 @@ def test_tables_have_what_records_hold(tmp_path: Path) -> None:
     )
     groups = [Group(population, population.runs()) for population in experiment.populations]
     with Store(tmp_path / "runs.db") as store:
-        assert run([run for group in groups for run in group.runs], store, 1, executor=Threads) == []
+        assert run([run for group in groups for run in group.runs], store, 1, executor=Threads(1)) == []
         runs, curves = tables(groups, store)
         assert len(runs) == 2 * 2 * (3 + 2)
         assert len(curves) == 5 * len(runs)
@@ -64,6 +64,6 @@ def test_a_policy_that_is_not_learned_is_refused(tmp_path: Path) -> None:
     experiment = experiment_of(tmp_path / "mine.toml", text)
     group = Group(experiment.populations[0], experiment.populations[0].runs())
     with Store(tmp_path / "runs.db") as store:
-        run(group.runs, store, 1, executor=Threads)
+        run(group.runs, store, 1, executor=Threads(1))
         with pytest.raises(InputError, match=r"algorithms\.table\.policy = stochastic: .*; accepted: greedy"):
             tables([group], store)

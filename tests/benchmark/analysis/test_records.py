@@ -22,10 +22,10 @@ SMOKE = load_experiment("reproduce_smoke")
 def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
     runs = specifications(SMOKE, "default", "S2", "q_learning", "index", range(6))
     with Store(tmp_path / "runs.db") as store:
-        run(runs[:2] + runs[3:], store, 1, executor=Threads)
+        run(runs[:2] + runs[3:], store, 1, executor=Threads(1))
         with pytest.raises(InputError, match=r"1 of 6 runs of q_learning in S2 .* \(the first is seed 2\)"):
             load_records(runs, store)
-        run(runs, store, 1, executor=Threads)
+        run(runs, store, 1, executor=Threads(1))
         loaded = load_records(runs[::-1], store)
         assert list(loaded.seeds) == [5, 4, 3, 2, 1, 0]
         (record,) = store.get([runs[0].digest])

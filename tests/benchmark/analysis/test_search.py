@@ -46,7 +46,7 @@ def test_stages_follow_from_what_is_stored(tmp_path: Path) -> None:
             runs = runs_of(groups)
             for part in (runs[: len(runs) // 2], runs):
                 assert len([*stages(SMALL, store)]) == n_stages
-                assert driver.run(part, store, 1, executor=Threads) == []
+                assert driver.run(part, store, 1, executor=Threads(1)) == []
         first, fresh, around = stages(SMALL, store)
         every = runs_of([*first, *fresh, *around])
         assert len(every) == sum(len(group.runs) for group in (*first, *fresh, *around))

@@ -40,7 +40,6 @@ FILES = {
         ("report nothing.toml", "nothing.toml"),
         ("report reproduce", "runs.db"),
         ("doctor no_such", "no_such"),
-        ("doctor --seeds 1", "--seeds: "),
         ("watch --scenario S9", "S9"),
         ("watch --scenario anywhere", "anywhere (did you mean Anywhere?)"),
         ("watch --scenario nowhere.toml", "nowhere.toml: "),

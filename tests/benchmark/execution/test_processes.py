@@ -16,7 +16,6 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution.driver import pending, run
-from benchmark.execution.executors.processes import Processes
 from benchmark.execution.job import execute_job
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
@@ -70,7 +69,7 @@ def test_killed_worker_costs_its_run_alone_and_is_tried_again(
     with Store(tmp_path / "runs.db") as store:
         killer = threading.Thread(target=kill)
         killer.start()
-        (error,) = run(runs, store, 2, executor=Processes)
+        (error,) = run(runs, store, 2)
         killer.join()
         assert "signal 9" in error
         statuses = store.statuses()
@@ -90,7 +89,7 @@ def children(pid: int) -> list[int]:
 
 
 def start(experiment: Path, results: Path) -> subprocess.Popen[str]:
-    arguments = ["run", str(experiment), "--results", str(results), "--jobs", "2", "--executor", "process"]
+    arguments = ["run", str(experiment), "--results", str(results), "--jobs", "2"]
     process = subprocess.Popen(
         [sys.executable, "-m", "benchmark", *arguments],
         cwd=ROOT,
@@ -176,7 +175,7 @@ def test_second_driver_waits_for_the_first_and_repeats_nothing(
 
     flock = fcntl.flock
     monkeypatch.setattr(fcntl, "flock", lock)
-    arguments = ["run", str(experiment), "--results", str(tmp_path), "--jobs", "1", "--executor", "thread"]
+    arguments = ["run", str(experiment), "--results", str(tmp_path), "--jobs", "1"]
     assert main(arguments) == 0
     said = capsys.readouterr()
     assert said.err.count("runs.db: waiting for another command that trains runs ...") == 1

@@ -64,7 +64,7 @@ def experiment_of(path: Path, text: str = EXPERIMENT) -> Experiment:
 
 def trained(experiment: Experiment, store: Store) -> None:
     """Executes all runs in this process, which starts none."""
-    assert run(all_specifications(experiment), store, 1, executor=Threads) == []
+    assert run(all_specifications(experiment), store, 1, executor=Threads(1)) == []
 
 
 def results_of(path: Path, text: str) -> Path:

@@ -15,8 +15,8 @@ from agents.sb3.settings import Sb3Settings
 from envs import Model
 
 
-class Walk(NamedTuple):
-    """Where an agent is, and what it has done; all arrays but `points` change."""
+class Envs(NamedTuple):
+    """The envs of an agent, and what it has done in them; all arrays but `points` change."""
 
     process: Process
     time_limit: int
@@ -47,18 +47,18 @@ def draw(stream: NDArray[np.uint64]) -> float:
     return float(number)
 
 
-def walk_of(
+def envs_of(
     model: Model, settings: Sb3Settings, stream: NDArray[np.uint64], points: NDArray[np.int64]
-) -> Walk:
-    """Returns the walk of an agent that has drawn where its first episodes start."""
+) -> Envs:
+    """Returns the envs of an agent that has drawn where its first episodes start."""
     n_envs = settings.n_envs
     state, steps, taken, disagreements, counts = (
         np.zeros(n, np.int64) for n in (n_envs, n_envs, 1, 1, len(points))
     )
     limit = settings.time_limit or 2**62
-    walk = Walk(process_of(model), limit, stream, state, steps, taken, disagreements, points, counts)
-    _start(walk)
-    return walk
+    envs = Envs(process_of(model), limit, stream, state, steps, taken, disagreements, points, counts)
+    _start(envs)
+    return envs
 
 
 def room_for_steps(n: int) -> Steps:
@@ -67,9 +67,9 @@ def room_for_steps(n: int) -> Steps:
 
 
 @compiled
-def _start(walk: Walk) -> None:
-    for e in range(len(walk.state)):
-        _restart(walk, e)
+def _start(envs: Envs) -> None:
+    for e in range(len(envs.state)):
+        _restart(envs, e)
 
 
 @inlined
@@ -78,42 +78,42 @@ def _words(stream: NDArray[np.uint64]) -> Stream:
 
 
 @inlined
-def _restart(walk: Walk, e: int) -> None:
-    walk.state[e], stream = draw_start(walk.process.starts, _words(walk.stream))
-    walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
-    walk.steps[e] = 0
+def _restart(envs: Envs, e: int) -> None:
+    envs.state[e], stream = draw_start(envs.process.starts, _words(envs.stream))
+    envs.stream[0], envs.stream[1], envs.stream[2], envs.stream[3] = stream
+    envs.steps[e] = 0
 
 
 @inlined
-def take(walk: Walk, e: int, action: int, steps: Steps, at: int) -> None:
+def take(envs: Envs, e: int, action: int, steps: Steps, at: int) -> None:
     """Takes a step in an env, keeps it at an index of `steps`, and starts an episode if one ends.
 
     It draws, in this order and only if needed, the noise of the reward, the outcome and the next start.
     """
-    process, state, stream = walk.process, U(walk.state[e]), _words(walk.stream)
+    process, state, stream = envs.process, U(envs.state[e]), _words(envs.stream)
     first, outcomes, n_outcomes = process.first, process.outcomes, process.n_outcomes
     reward, i, stream = draw_step(first, outcomes, n_outcomes, process.is_noisy, state, U(action), stream)
-    walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
-    walk.disagreements[0] += outcomes[i].is_wrong_ping
+    envs.stream[0], envs.stream[1], envs.stream[2], envs.stream[3] = stream
+    envs.disagreements[0] += outcomes[i].is_wrong_ping
     following, terminates = state + U(outcomes[i].state_change), outcomes[i].terminates
-    walk.state[e] = following
-    walk.steps[e] += 1
-    truncates = not terminates and walk.steps[e] >= walk.time_limit
+    envs.state[e] = following
+    envs.steps[e] += 1
+    truncates = not terminates and envs.steps[e] >= envs.time_limit
     steps.observed[at] = process.observation[state]
     steps.action[at] = action
     steps.reward[at] = reward
     steps.next_observed[at] = process.n_observations if terminates else process.observation[following]
     steps.truncated[at] = truncates
     if terminates or truncates:
-        _restart(walk, e)
+        _restart(envs, e)
 
 
 @inlined
-def count(walk: Walk) -> None:
+def count(envs: Envs) -> None:
     """Counts a step in every env, and keeps the wrong PINGs if an evaluation step is over."""
-    before = walk.taken[0]
-    walk.taken[0] += len(walk.state)
-    for i in range(np.searchsorted(walk.points, before, side="right"), len(walk.points)):
-        if walk.points[i] > walk.taken[0]:
+    before = envs.taken[0]
+    envs.taken[0] += len(envs.state)
+    for i in range(np.searchsorted(envs.points, before, side="right"), len(envs.points)):
+        if envs.points[i] > envs.taken[0]:
             break
-        walk.counts[i] = walk.disagreements[0]
+        envs.counts[i] = envs.disagreements[0]
