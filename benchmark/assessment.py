@@ -284,9 +284,6 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
 
     A folder counts if it is complete and has the scenario as it is now, and the same time limit; miniatures
     and users' experiments do not. Reference implementations do not either: others have chosen their settings.
-
-    Raises:
-      InputError: A folder of results is damaged.
     """
     frames = []
     for name in experiment_names():

@@ -45,7 +45,6 @@ TRIANGLES: Final = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES
 ARROWHEADS: Final = np.stack(
     [0.46 * MOVES, 0.27 * MOVES + 0.13 * _ASIDE, 0.27 * MOVES - 0.13 * _ASIDE], axis=1
 )
-ARROWS: Final = "↑↓←→"  # of each move, in text
 NOSE: Final = 0.5, 0.2, 0.25  # of a person: distances of tip and base from the centre, and half the base
 
 

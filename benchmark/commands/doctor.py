@@ -74,7 +74,6 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _installation() -> Iterator[Finding]:
-    """Yields which packages are installed, in which versions, and which cannot be imported."""
     if others := _outside():
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
         yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)

@@ -84,7 +84,6 @@ def _problems(
 def _differences(
     stored: list[RunSpecification], store: Store, path: Path, options: argparse.Namespace
 ) -> Iterator[str]:
-    """Executes some stored runs again, into another store; yields a sentence for each that differs."""
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     chosen = np.random.default_rng(seed).permutation(len(stored))[: options.runs]
     sample = [stored[i] for i in sorted(chosen)]

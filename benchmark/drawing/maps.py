@@ -192,7 +192,6 @@ def in_words(parts: Sequence[str]) -> str:
 
 
 def _draw_zones(axis: Axes, model: Model, context: int) -> None:
-    """Draws a map of the regions, with all starts of the agent."""
     scene = scene_of(model, context)
     zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
     axis.set_facecolor(RGB["outside"])
@@ -210,7 +209,6 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
 
 
 def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
-    """Draws walls, borders of the regions and glyphs on a map, and labels its axes."""
     add_area(axis, outlines(scene.is_wall.reshape(scene.rows, scene.columns)), _WALL)
     for region, (_, is_dashed) in BORDERS.items():
         add_area(axis, scene.outlines[region], {"fill": False, "ls": _DASHES if is_dashed else "-"} | border)

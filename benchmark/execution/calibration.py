@@ -56,7 +56,6 @@ def estimate(
 
 
 def _stored(done: Sequence[RunSpecification], store: Store) -> dict[str, list[Provenance]]:
-    """Returns the provenance of stored runs of such a machine, by population."""
     stored: dict[str, list[Provenance]] = {}
     for run in done:
         with suppress(InputError):  # a damaged record

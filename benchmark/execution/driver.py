@@ -90,7 +90,6 @@ class _Executors(ExitStack):
 
 
 def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:
-    """Returns the records of a job that has ended; if it was lost, its runs have failed."""
     try:
         return future.result()
     except Exception as error:

@@ -68,7 +68,6 @@ def failures(job: Job, error: BaseException, started: float) -> list[Record]:
 
 
 def _times(job: Job, started: float) -> dict[str, object]:
-    """Returns when a job that ends now has started, and how long each of its runs took."""
     seconds = time.perf_counter() - started
     started_at = (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds")
     return {"started_at": started_at, "wall_time_s": seconds / len(job)}
@@ -83,7 +82,6 @@ def _train(job: Job, model: Model, schedule: Schedule) -> Training:
 
 
 def _train_and_evaluate(job: Job) -> Arrays:
-    """Returns the arrays of all runs by name, each (N, ...)."""
     first = job[0]
     if first.solved is not None:
         curves = [_train_until_solved(run) for run in job]

@@ -306,7 +306,6 @@ class Store:
         self._open()
 
     def _whole_rows(self) -> Iterator[_Row]:
-        """Yields the rows of a damaged file that are intact."""
         last = self._path.stat().st_size // _SMALLEST_ROW
         with suppress(sqlite3.DatabaseError):
             last = max(last, self._number("SELECT max(rowid) FROM runs NOT INDEXED"))

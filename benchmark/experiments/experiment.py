@@ -312,7 +312,6 @@ class _Loading:
 
 
 def _check_observations(declared: Declaration, name: str, path: Path) -> None:
-    """Checks that a variant's algorithm has its observations, and the variant that it is a reference for."""
     variant, where = declared.algorithms[name], f"{path}: algorithms.{name}"
     accepted = load_algorithm(variant.algorithm, where).observations
     of = variant.reference_for
@@ -326,7 +325,6 @@ def _check_observations(declared: Declaration, name: str, path: Path) -> None:
 
 
 def _check_scenarios(declared: Declaration, path: Path) -> None:
-    """Checks that all scenarios can be loaded and have different names."""
     try:
         check_all(*(partial(load_scenario, scenario) for scenario in declared.scenarios))
     except InputError as error:

@@ -313,7 +313,6 @@ class Declaration(Table):
         return self
 
     def _check_schedules(self) -> None:
-        """Checks where and when policies are evaluated and mapped."""
         starts = f"evaluated_from = {list(self.evaluated_from)}"
         require("start" in self.evaluated_from, starts, '"start" among them')
         schedules = {"": (self.evaluation_every, self.map_every)}
@@ -323,7 +322,6 @@ class Declaration(Table):
             require(map_every % evaluation_every == 0, f"{where}map_every = {map_every}", accepted)
 
     def _check_search(self) -> None:
-        """Checks that all learners of a search are treated alike, and that nothing else is varied."""
         if self.search is None:
             for name, variant in self.algorithms.items():
                 require(not variant.search, f"algorithms.{name}.search", "a table [search] beside it")
@@ -509,10 +507,7 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
 
 
 def _with_references(data: dict[str, object], source: str) -> dict[str, object]:
-    """Returns an experiment's tables, references with what they take from their variants.
-
-    Refuses by an InputError a `reference_for` that names no variant, and a reference that sets what it takes.
-    """
+    """Returns an experiment's tables, references with what they take from their variants."""
     variants = data.get("algorithms")
     if not isinstance(variants, dict) or not all(isinstance(variant, dict) for variant in variants.values()):
         return data  # is refused with the other tables

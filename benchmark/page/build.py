@@ -291,7 +291,6 @@ def _base64(content: bytes) -> str:
 
 
 def _agents(folder: Folder) -> bytes:
-    """Returns what the explorer shows of a folder, with what readers call the learners, compressed."""
     shown = json.loads(gzip.decompress((folder.path / explorer.FILE).read_bytes()))
     for agent in shown["agents"]:
         variant = agent["algorithm"]

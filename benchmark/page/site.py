@@ -90,7 +90,6 @@ def _modules(package: str) -> list[str]:
 
 
 def _documents(results: Path) -> dict[str, str]:
-    """Returns the Markdown of all documents by their names on the site."""
     made = {"benchmark.tour": tour(), "columns": reference.columns(results)}
     files = {name: ROOT / f"{name.replace('.', '/')}.md" for name in _GUIDES if name not in made}
     files["results.README"] = results / "README.md"

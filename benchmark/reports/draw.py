@@ -106,7 +106,6 @@ def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
 
 
 def _inputs(data: Data, seeds: Sequence[int] | None) -> str:
-    """Returns the digest of what a folder of results depends on: what is declared, and the records."""
     declared = data.experiment.declared
     measured = [json.dumps(dict(run), sort_keys=True) for run in data.provenance]
     named = [variant.algorithm for variant in declared.algorithms.values()]

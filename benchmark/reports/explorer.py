@@ -167,7 +167,6 @@ def _scene(model: Model) -> dict[str, object]:
 
 
 def _sight(model: Model) -> dict[str, object]:
-    """Returns which components of a state are observed, and each state's observation less that before it."""
     return {
         "observed": [component.name for component in model.components],
         "changes": np.diff(model.observation, prepend=0).tolist(),

@@ -47,7 +47,6 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
 def _variants(
     data: Data, first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
 ) -> dict[str, dict[str, object]]:
-    """Returns what is said of each variant, with the settings of its learners by form of observation."""
     variants: dict[str, dict[str, object]] = {}
     settings: dict[str, dict[str, object]] = {}
     for (_, name), run in first.items():

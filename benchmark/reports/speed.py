@@ -148,7 +148,6 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
 
 
 def _kernel(model: Model, n_agents: int, steps: int) -> Side:
-    """Trains agents by Q-learning with the paper's constants."""
     return _training(model, "q_learning", "index", {"budget": steps, "record_every": steps}, n_agents)
 
 
@@ -167,7 +166,6 @@ def _stepping(mode: str, times: int) -> Side:
 
 
 def _reading(folder: Path, n: int) -> Side:
-    """Reads the statuses of a store of so many runs, which it makes."""
     path, q = folder / f"{n}.db", np.random.default_rng(0).random((120, 5))
     with Store(path) as store:
         store.add(Record(f"{i:064}", "{}", "done", {}, {"q": q}) for i in range(n))

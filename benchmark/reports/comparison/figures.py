@@ -154,7 +154,6 @@ def legend(
 
 
 def _lines(axis: Axes, frame: pd.DataFrame, y: str, drawn: Drawn, experiment: Experiment) -> None:
-    """Draws curves with their intervals and some markers, and above them some points of their references."""
     low, high = f"{y}_low", f"{y}_high"
     for learner in drawn:
         rows, style = frame[frame["learner"] == learner], style_of(learner, experiment)

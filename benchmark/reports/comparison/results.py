@@ -183,7 +183,6 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
 
 
 def _dots(tables: Frames, experiment: Experiment) -> Figure:
-    """Draws a panel per scenario and condition, and of the means over scenarios if these are pooled."""
     frame = figures.labelled(tables["summary"])
     panels = {str(scenario): rows for scenario, rows in frame.groupby("scenario", sort=False)}
     if "aggregate" in tables and tables["summary"]["scenario"].nunique() > 1:

@@ -69,7 +69,6 @@ def others(tables: Frames, experiment: Experiment) -> Figure | None:
 
 
 def _kinds(tables: Frames, experiment: Experiment) -> dict[str, str]:
-    """Returns the kind of each grid's figure, a key of `_DRAWN`; some are not drawn."""
     kinds = {}
     for name, grid in experiment.declared.grids.items():
         lines = _lines(tables, experiment, name) if len(grid.axes) == 1 else {}
@@ -186,7 +185,6 @@ def _apart(labels: Iterable[Annotation]) -> None:
 
 
 def _draw_square(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
-    """Colours who needs fewer steps at every point of two axes; white where that is not decided."""
     declared, used = experiment.declared.grids[grid], set[str]()
     first, second = declared.axes
     rows, columns = [*declared.axes[first]], [*declared.axes[second]]
@@ -245,7 +243,6 @@ def _draw_legend(axis: Axes, image: QuadMesh, experiment: Experiment, used: set[
 
 
 def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
-    """Draws success in unseen places; of a control, success at the end of training."""
     name, _, texts = _axis_of(experiment, grid)
     column = "success" if name == "permuted" else "unseen_success"
     for learner, rows in _lines(tables, experiment, grid).items():
