@@ -91,7 +91,7 @@ def test_without_a_table_to_beat_the_answer_counts_verdicts(folder: Path) -> Non
     readme = (folder / "README.md").read_text(encoding="utf-8")
     answer = readme.partition("## What was found")[2].partition("\n## ")[0]
     counts = pd.read_csv(folder / "contrasts.csv")["success_verdict"].value_counts()
-    for words in ("in 6 contrasts", *(f"{verdict} in {n}" for verdict, n in counts.items())):
+    for words in ("on success: ", *(f"{verdict} ({n} of 6)" for verdict, n in counts.items())):
         assert words in answer
     assert "nan" not in readme
     assert "keep" not in answer  # there is no deep learner
@@ -104,5 +104,5 @@ def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> 
     assert contrasts["success_verdict"].tolist() == ["equivalent", "better"]
     assert pd.read_csv(two / "outcomes.csv")["outcome"].tolist() == ["does not earn"]
     readme = (two / "README.md").read_text(encoding="utf-8")
-    assert "Whether deep RL earns its keep: no net is better than the tables." in readme
+    assert "Whether deep RL earns its keep: no net is better than the tables (1 of 1)." in readme
     assert "The tables to beat, the *baselines*, are calm and lost." in readme

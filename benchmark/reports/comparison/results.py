@@ -322,7 +322,5 @@ def headline(folder: Folder) -> str | None:
     table, parts = folder.frame(name), []
     for ending, text in (_OUTCOMES | dict(zip(VERDICTS, VERDICTS, strict=True))).items():
         if len(rows := table[table[column] == ending]):
-            parts.append(f"{text} in {link(str(len(rows)), name, rows)}")
-    if len(table) == 1:
-        return f"{start}: {parts[0].rpartition(' in ')[0]}."
-    return f"{start}, in {len(table)} {'cases' if has_outcomes else 'contrasts'}: {'; '.join(parts)}."
+            parts.append(f"{text} ({link(str(len(rows)), name, rows)} of {len(table)})")
+    return f"{start}: {'; '.join(parts)}."

@@ -231,7 +231,8 @@ def test_conditions_have_outcomes_of_their_own(tmp_path: Path) -> None:
         found = table("outcomes", data).set_index("condition")["outcome"].to_dict()
         assert found == {"default/noise=low": "does not earn", "default/noise=high": "earns"}
         assert headline(tmp_path / pool, data) == (
-            "Outcome: a net is better than the tables (1 of 2); no net is better than the tables (1 of 2)."
+            "Whether deep RL earns its keep: a net is better than the tables (1 of 2); "
+            "no net is better than the tables (1 of 2)."
         )
 
 
@@ -255,8 +256,8 @@ def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
     }
     data = compared(learners, baseline=["table"], scenarios=["S1", "S2", "S3", "Hall", "Walls"], pool="none")
     assert headline(tmp_path, data) == (
-        "Outcome: a net is better than the tables (1 of 5); only nets learned (1 of 5); no net is better "
-        "than the tables (2 of 5); neither learned (1 of 5)."
+        "Whether deep RL earns its keep: a net is better than the tables (1 of 5); "
+        "only nets learned (1 of 5); no net is better than the tables (2 of 5); neither learned (1 of 5)."
     )
 
 
