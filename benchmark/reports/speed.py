@@ -62,9 +62,8 @@ def measure(results: Path, *, smoke: bool) -> None:
     import agents.sb3.training  # noqa: F401 - a missing package is refused before anything is measured
 
     directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
-    with files.alone(results), files.replaced(directory, stale=()) as aside:
-        with TemporaryDirectory() as scratch:
-            frame = _measured(all_rows(smoke, Path(scratch)), n_turns=2 if smoke else 16)
+    with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
+        frame = _measured(all_rows(smoke, Path(scratch)), n_turns=2 if smoke else 16)
         print(to_markdown(frame))
         manifest = {
             "experiment": REPORT.name,
@@ -217,6 +216,11 @@ def _headline(folder: Folder) -> str:
     )
 
 
+def _shown(frame: pd.DataFrame) -> pd.DataFrame:
+    rows = [row for _, row in frame.iterrows()]
+    return pd.DataFrame({name: [entry(row, str(name), "speed") for row in rows] for name in frame})
+
+
 def _refuse(experiment: Experiment) -> NoReturn:
     raise InputError(f"{experiment.argument}: report: accepted: a report that can be drawn of an experiment.")
 
@@ -224,13 +228,12 @@ def _refuse(experiment: Experiment) -> NoReturn:
 _SPEED: Final = Item(
     "speed",
     "rates of this project and of common alternatives, from the same run",
-    columns=dict.fromkeys(("name", "per_second", "baseline", "ratio", "unit", "against"), ""),
     is_measured=True,
+    show=_shown,
     meanings={
         "against": "the alternative",
         "baseline": "units per second of the alternative",
         "name": "what is measured",
-        "of_limit": "share of the speed that products of matrices alone would allow, no longer measured",
         "per_second": "units per second of this project",
         "ratio": "`per_second` / `baseline`",
         "unit": "what is counted",

@@ -25,7 +25,7 @@ _LABELS: Final = {
     "disagreements": "median wrong PINGs",
     "faster": "probability that x is faster",
     "n": "runs",
-    "n_reference": "runs of y, the reference",
+    "n_reference": "runs of y",
     "ratio": "median steps of y / of x",
     "solved": "share that learns",
     "steps": "median steps",
@@ -164,7 +164,8 @@ def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @_item(
     "reference",
     "exploratory: DQN and PPO of Stable-Baselines3 compared with the compiled ones",
-    _columns("grid point x y n n_reference steps steps_reference faster"),
+    _columns("grid point x y n n_reference steps steps_reference faster")
+    | {"n": "runs of x", "steps": "median steps of x"},
 )
 def reference(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""
