@@ -91,7 +91,6 @@ def _installation() -> Iterator[Finding]:
 
 
 def _outside() -> list[str]:
-    """Lists the installed packages that are in another version than in constraints.txt."""
     lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
     outside = []
     for line in lines:

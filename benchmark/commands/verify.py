@@ -122,7 +122,6 @@ def _difference(before: Record, after: Record) -> str:
 
 
 def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) -> Iterator[str]:
-    """Draws an experiment again; yields what differs from its folder, measured times included."""
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
     draw.draw(experiment, draw.report_of(experiment), store, made)

@@ -278,7 +278,6 @@ def _render(parts: Sequence[_Part]) -> str:
 
 
 def _version() -> str:
-    """Returns the version of this project, which need not be installed."""
     try:
         declared = tomllib.loads((_TEMPLATES.parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
     except OSError:

@@ -102,7 +102,6 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Removes a file or folder, as far as that is possible."""
     shutil.rmtree(path, ignore_errors=True)
     with suppress(OSError):
         path.unlink()

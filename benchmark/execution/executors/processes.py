@@ -59,7 +59,6 @@ class Processes:
         self._pool.shutdown(cancel_futures=True)
 
     def _execute(self, job: Job) -> list[Record]:
-        """Executes a job in this thread's worker, unless that dies or is killed by `cancel`."""
         if getattr(self._worker, "connection", None) is None:
             self._worker.process, self._worker.connection = self._start()
         try:

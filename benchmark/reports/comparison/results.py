@@ -267,7 +267,6 @@ def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
 
 
 def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], str]:
-    """Returns the signs of verdicts against all baselines, by scenario and learner."""
     signs: dict[tuple[str, str], str] = {}
     if "scenario" in tables.get("contrasts", ()):
         for scenario, rows in figures.labelled(tables["contrasts"]).groupby("scenario", sort=False):

@@ -69,7 +69,6 @@ def _panels(drawn: figures.Drawn, experiment: Experiment) -> dict[str, figures.D
 
 
 def _compared(drawn: figures.Drawn, experiment: Experiment) -> list[str]:
-    """Lists the learners of the contrasts that are drawn, or all if there are none."""
     return [name for name in compared_learners(experiment) if name in drawn] or [*drawn]
 
 

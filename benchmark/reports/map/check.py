@@ -1,12 +1,12 @@
 """What a map demands of an experiment."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import filterfalse
 
 from agents.dynamic_programming import largest_success
 from benchmark.analysis.looks import compared
-from benchmark.experiments import Experiment
+from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.schema import is_number
 from envs import InputError, Scenario, compile_scenario
 
@@ -19,7 +19,6 @@ def check(experiment: Experiment) -> None:
 
 
 def _mistakes(experiment: Experiment) -> Iterator[str]:
-    """Yields what is missing or wrong, such as other seeds of a contrast than the first look needs."""
     report, declared, known = experiment.report, experiment.declared, experiment.learners
     assert report is not None
     needed: dict[str, object] = {"[grids]": declared.grids, "[solved]": declared.solved}
@@ -37,15 +36,22 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
     if [*report.looks] != sorted({*report.looks}):
         yield f"report.looks = {[*report.looks]}: accepted: increasing numbers."
     for contrast in report.contrasts:
-        unknown = [name for name in contrast if name not in known]
-        yield from (f"report.contrasts: {name}: accepted: {', '.join(known)}." for name in unknown)
-        sides = [known[name] for name in contrast if name in known]
-        for side in sides:
-            if report.looks and side.declared.seeds != min(report.looks):
-                accepted = f"report.looks[0] = {report.looks[0]}, as report.contrasts names it"
-                yield f"algorithms.{side.variant}.seeds = {side.declared.seeds}: accepted: {accepted}."
-        if len({side.declared.first_seed for side in sides}) > 1:
-            yield f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed."
+        yield from _mistakes_of_sides(contrast, report.looks, known)
+
+
+def _mistakes_of_sides(
+    contrast: tuple[str, str], looks: Sequence[int], known: Mapping[str, Learner]
+) -> Iterator[str]:
+    yield from (
+        f"report.contrasts: {name}: accepted: {', '.join(known)}." for name in contrast if name not in known
+    )
+    sides = [known[name] for name in contrast if name in known]
+    for side in sides:
+        if looks and side.declared.seeds != min(looks):
+            accepted = f"report.looks[0] = {looks[0]}, as report.contrasts names it"
+            yield f"algorithms.{side.variant}.seeds = {side.declared.seeds}: accepted: {accepted}."
+    if len({side.declared.first_seed for side in sides}) > 1:
+        yield f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed."
 
 
 def _unreachable(experiment: Experiment) -> Iterator[str]:

@@ -176,7 +176,6 @@ def _curve(axis: Axes, rows: pd.DataFrame, experiment: Experiment, alpha: float)
 
 
 def _apart(labels: Iterable[Annotation]) -> None:
-    """Moves labels up so that none is over another, given that their axis is logarithmic."""
     lowest = -np.inf
     for label in sorted(labels, key=lambda label: label.xy[1]):
         height = max(np.log10(label.xy[1]), lowest)

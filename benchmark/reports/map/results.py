@@ -247,7 +247,6 @@ def measures(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 def _took(experiment: Experiment, curves: pd.DataFrame) -> dict[Population, pd.DataFrame]:
-    """Returns what the runs of every population took, see `looks.took`."""
     solved, rows = experiment.declared.solved, rules.rows_of(experiment, curves)
     assert solved is not None
     return {population: rules.took(own, solved.success) for population, own in rows.items()}
