@@ -103,12 +103,7 @@ class Algorithm(ABC):
 
     @abstractmethod
     def train(
-        self,
-        model: Model,
-        settings: Any,
-        observation: str,
-        seeds: Sequence[SeedSequence],
-        schedule: Schedule,
+        self, model: Model, settings: Any, observation: str, seeds: Sequence[SeedSequence], schedule: Schedule
     ) -> Training:
         """Trains one agent per seed, whose results do not depend on the other seeds of the call.
 
@@ -132,22 +127,12 @@ class SequentialAlgorithm(Algorithm):
 
     @abstractmethod
     def train_agent(
-        self,
-        model: Model,
-        settings: Any,
-        observation: str,
-        seed: SeedSequence,
-        schedule: Schedule,
+        self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
     ) -> Fields:
         """Trains an agent, as `train` does; returns the fields of its `training` without the axis N."""
 
     def train(
-        self,
-        model: Model,
-        settings: Any,
-        observation: str,
-        seeds: Sequence[SeedSequence],
-        schedule: Schedule,
+        self, model: Model, settings: Any, observation: str, seeds: Sequence[SeedSequence], schedule: Schedule
     ) -> Training:
         """Trains one agent per seed, see `Algorithm.train`."""
         agents = [self.train_agent(model, settings, observation, seed, schedule) for seed in seeds]

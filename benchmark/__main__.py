@@ -38,7 +38,7 @@ except BaseException as error:  # imports take a second
 
 _EPILOG = """\
 examples:
-  python -m benchmark list                         what there is, and which runs are done
+  python -m benchmark list                         what there is, and how many runs are stored
   python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
   python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
   python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
@@ -47,7 +47,7 @@ examples:
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
-  python -m benchmark doctor compare_deep          examine this machine; estimate time and memory
+  python -m benchmark doctor compare_deep          examine this machine; estimate time, memory and disk
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
 with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
@@ -145,7 +145,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     named = "a name shown by 'list', or the path of a TOML file"
-    seeds = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares); "
+    seeds = "seeds, for example 0-29 or 7 (default: the declared ones; not of searches or maps); "
     seeds += "tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
     jobs = "number of jobs to run at a time; results do not depend on it (default: number of cores"
 
@@ -156,13 +156,13 @@ def _parser() -> argparse.ArgumentParser:
         _add(sub, "--results", "DIR", about, Path, default=results)
         return sub
 
-    command("list", "show scenarios, algorithms and experiments, and how many runs are done")
+    command("list", "show scenarios, algorithms and experiments, and how many runs are stored")
 
     run = command("run", "execute the missing runs of an experiment")
     _add(run, "experiment", "EXPERIMENT", named)
     _add(run, "--seeds", "A-B", seeds)
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
-    _add(run, "--report", "", "then draw tables and figures, as 'report' does")
+    _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
     about = "run all jobs on the workers of the Dask scheduler at this address"
     _add(run, "--cluster", "tcp://HOST:PORT", about)
     run.set_defaults(partial=False)
@@ -171,13 +171,14 @@ def _parser() -> argparse.ArgumentParser:
     about = f"{named}; without one, only the texts of all results and the page are written"
     _add(report, "experiment", "EXPERIMENT", about, nargs="?")
     _add(report, "--seeds", "A-B", seeds)
-    _add(report, "--partial", "", "draw a comparison even if runs are missing, into EXPERIMENT_partial")
+    about = "draw a comparison or map although runs are missing, into EXPERIMENT_partial"
+    _add(report, "--partial", "", about)
 
     summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
     verify = command("verify", summary)
     _add(verify, "experiment", "EXPERIMENT", f"{named}; by default all that 'list' shows", nargs="?")
     _add(verify, "--runs", "N", "how many runs to repeat, drawn at random (default: 20)", int, default=20)
-    _add(verify, "--seed", "N", "of the draw; the same seed draws the same runs (default: random)", int)
+    _add(verify, "--seed", "N", "seed that selects the runs to repeat (default: random)", int)
     _add(verify, "--jobs", "N", f"{jobs})", int)
 
     watch = command("watch", "show an agent learn, in a window or as a file")
@@ -186,7 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(watch, "--algorithm", "NAME", about, default="q_learning")
     _add(watch, "--observation", "FORM", "a form of observation of that variant (default: its first)")
     _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
-    about = "defines the settings; a missing run is trained and stored (default: compare_deep)"
+    about = "whose settings are used; a missing run is trained and stored (default: compare_deep)"
     _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")
     _add(watch, "--save", "FILE", "write an animated .webp or .gif instead of showing it", Path)
 
@@ -210,7 +211,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
     _add(doctor, "--jobs", "N", f"{jobs})", int)
 
-    speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
+    speed = command("speed", "measure speed, relative to common alternatives in the same process")
     _add(speed, "--smoke", "", "measure very little, into speed_smoke; the numbers mean nothing")
     return parser
 

@@ -23,11 +23,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "render": ("pygame",),
 }  # fmt: skip
 # Names of packages that differ from those of their modules.
-PACKAGES: Final[Mapping[str, str]] = {
-    "PIL": "pillow",
-    "markdown_it": "markdown-it-py",
-    "pygame": "pygame-ce",
-}
+PACKAGES: Final[Mapping[str, str]] = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
 
 
 class MissingPackageError(ModuleNotFoundError, InputError):
@@ -40,6 +36,8 @@ def imported(name: str, source: str, kind: str) -> object:
     The message recommends only packages of this project's extras: a misspelt name could be any other's.
     """
     module, _, attribute = name.partition(":")
+    if not attribute:
+        raise InputError(f"{source}: {kind} {shortened(name)}: accepted: module:attribute.")
     loaded: ModuleType | None = None
     try:
         loaded = import_module(module)

@@ -85,12 +85,7 @@ class NetAlgorithm(SequentialAlgorithm):
     training = DeepTraining
 
     def train_agent(
-        self,
-        model: Model,
-        settings: Any,
-        observation: str,
-        seed: SeedSequence,
-        schedule: Schedule,
+        self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
     ) -> Fields:
         """Trains an agent; its policy, which changes only between rollouts, is read at their starts."""
         points, rollout = schedule.evaluation_steps, settings.rollout

@@ -30,12 +30,7 @@ class Sb3Algorithm(SequentialAlgorithm):
         return resolve_name(self.path)
 
     def train_agent(
-        self,
-        model: Model,
-        settings: Any,
-        observation: str,
-        seed: SeedSequence,
-        schedule: Schedule,
+        self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
     ) -> Fields:
         """Trains by `agents.sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):

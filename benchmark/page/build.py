@@ -74,9 +74,9 @@ def write(results: Path, experiment: str | None = None) -> Path:
         (page, text), *others = texts(results, experiment)
         for path, content in ((page, text), *others):
             files.write_text(path, content)
-        if experiment in PUBLISHED:
-            (results / str(experiment) / ".gitignore").unlink(missing_ok=True)
-        elif experiment is not None and results.resolve() == sameness.REPOSITORY / "results":
+        for name in PUBLISHED:
+            (results / name / ".gitignore").unlink(missing_ok=True)
+        if experiment not in (None, *PUBLISHED) and results.resolve() == sameness.REPOSITORY / "results":
             files.write_text(page.with_name(".gitignore"), "*\n")
     return page
 
@@ -313,5 +313,5 @@ def _scripts(name: str) -> dict[str, str]:
 def _finding(path: Path) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        return plain((Document(path).headline or "").partition("\n\n")[0])
+        return plain((Document(path).headline or folder.manifest["description"]).partition("\n\n")[0])
     return ""

@@ -35,9 +35,7 @@ _FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one
 
 # Decorates the function of the item with the explorer's file, which calls `write`.
 explorer_item: Final = writing(
-    "agents",
-    "what the explorer on the page shows: values, policies and scenarios, as compressed JSON",
-    FILE,
+    "agents", "what the explorer on the page shows: values, policies and scenarios, as compressed JSON", FILE
 )
 
 

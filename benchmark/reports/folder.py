@@ -35,6 +35,8 @@ class Folder:
     @cached_property
     def manifest(self) -> Mapping[str, Any]:
         """What made the results; raises an InputError if it is missing or damaged."""
+        if not (self.path / MANIFEST).is_file():
+            raise InputError(f"{self.path}: there are no results; run the experiment with --report first.")
         with self.reading():
             manifest = dict(json.loads((self.path / MANIFEST).read_text(encoding="utf-8")))
             manifest["report"]["kind"], manifest["scenarios"].items()

@@ -24,6 +24,7 @@ from benchmark.drawing.tables import decimals_of, inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.data import Data
 from benchmark.reports.folder import PICTURES, Folder
+from envs import InputError
 
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
 Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Estimate`s
@@ -34,6 +35,7 @@ T = TypeVar("T")
 _COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
+_ARGUMENTS: Final = ("runs", "curves", "experiment", "records", "is_partial")
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
@@ -144,7 +146,11 @@ item: Final = Item  # as a decorator
 
 def called(function: Callable[..., T], data: Data, **more: object) -> T:
     """Calls a function with those arguments that it names, see the module's docstring."""
-    names = inspect.signature(function).parameters
+    names, known = inspect.signature(function).parameters, (*_ARGUMENTS, *more)
+    for name in names:
+        if name not in known:
+            where = f"{function.__module__}: {function.__name__}"
+            raise InputError(f"{where}: argument {name}: accepted: {', '.join(known)}.")
     return function(**{name: more[name] if name in more else getattr(data, name) for name in names})
 
 

@@ -44,9 +44,8 @@ def written(folder: Folder) -> str | None:
         functions = {name: getattr(lookups, name) for name in vars(_Lookups) if name[0] != "_"}
         text = templates_in(path.parent).get_template(path.name).render(functions)
     if lookups.failed:
-        raise ClaimError(
-            *(f"{folder.path}: these tables do not show that {claim}." for claim in lookups.failed)
-        )
+        where = f"{folder.path}: its tables do not show, as {path.name} claims,"
+        raise ClaimError(*(f"{where} that {claim}." for claim in lookups.failed))
     paragraphs = [" ".join(paragraph.split()) for paragraph in text.split("\n\n")]
     return "\n\n".join(filter(None, paragraphs))
 

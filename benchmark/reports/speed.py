@@ -207,12 +207,12 @@ def _play(episodes: int) -> None:
 
 def _headline(folder: Folder) -> str:
     frame = folder.frame("speed")
-    nets = frame[frame["name"].str.startswith("net_")].sort_values("ratio")
+    nets = frame[frame["name"].str.fullmatch("net_(dqn|ppo)_(one_hot|coordinates)")].sort_values("ratio")
     rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
     q_learning, low, high = (entry(row, "ratio", "speed") for row in rows)
     return (
-        f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. Nets train "
-        f"{low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
+        f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN and "
+        f"PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
     )
 
 

@@ -228,10 +228,7 @@ def test_saved_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     check("model.zip: observation_space = Box.*120.*accepted in S1 with", observation="index")
     changed = compile_scenario(load_scenario("S1", CHANGING))
     check("model.zip: observation_space = Box.*120.*accepted in S1 with", model=changed)
-    check(
-        "model.zip: cannot be loaded: .*; accepted: what model.save of sb3_contrib",
-        "sb3_contrib:QRDQN",
-    )
+    check("model.zip: cannot be loaded: .*; accepted: what model.save of sb3_contrib", "sb3_contrib:QRDQN")
     check("is not a class of saved models; accepted: a subclass", "agents.sb3.algorithms:DQN")
     check("unknown form picture", observation="picture")
     model: Any = saved(path, DQN, "coordinates")

@@ -20,8 +20,7 @@ STEPS = (0, 750, 1500)
 
 
 @pytest.mark.parametrize(
-    ("scenario", "overrides", "changes"),
-    [("S1", MOVES, {}), ("S2", {}, {"initial_value": -0.5})],
+    ("scenario", "overrides", "changes"), [("S1", MOVES, {}), ("S2", {}, {"initial_value": -0.5})]
 )
 def test_it_learns_as_the_compiled_learner_does(
     scenario: str, overrides: dict[str, Any], changes: dict[str, Any]

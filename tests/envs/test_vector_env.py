@@ -90,10 +90,7 @@ def test_registered_time_limit_and_how_to_lift_it(mode: str) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
-    [
-        ({"num_envs": 0}, "num_envs = 0"),
-        ({"max_episode_steps": 0}, "max_episode_steps = 0"),
-    ],
+    [({"num_envs": 0}, "num_envs = 0"), ({"max_episode_steps": 0}, "max_episode_steps = 0")],
 )
 def test_wrong_batch_arguments_are_refused(arguments: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):

@@ -51,6 +51,11 @@ def labelled(table: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
+def in_lines(title: str) -> str:
+    """Returns the title of a panel with the parts of a condition in lines of their own."""
+    return title.replace(" under ", "\n").replace("/", "\n") if " under " in title else title
+
+
 def drawn_in(frame: pd.DataFrame, experiment: Experiment) -> Drawn:
     """Returns the learners in a frame, in its order, with their references that are in it, too."""
     names = list(frame["learner"].unique())
@@ -63,11 +68,12 @@ def rows_of(frame: pd.DataFrame, drawn: Drawn) -> pd.DataFrame:
     return frame[frame["learner"].isin([*drawn, *chain(*drawn.values())])]
 
 
-def style_of(learner: str, experiment: Experiment) -> Style:
-    """Returns a learner's colour, marker and dash."""
+def style_of(learner: str, experiment: Experiment, observation: str | None = None) -> Style:
+    """Returns a learner's colour, marker and dash, perhaps as if it had another observation."""
     variants = [other.variant for other in experiment.learners.values() if not other.reference_for]
     drawn = experiment.learners[learner]
-    return learner_style(drawn.variant, drawn.observation, list(dict.fromkeys(variants)))
+    seen = drawn.observation if observation is None else observation
+    return learner_style(drawn.variant, seen, list(dict.fromkeys(variants)))
 
 
 def differences(frame: pd.DataFrame, names: Sequence[str]) -> Figure:
@@ -118,7 +124,7 @@ def curve_panels(
         for i, (axis, (scenario, title, drawn)) in enumerate(zip(used, cells, strict=True)):
             shown = rows_of(frame[frame["scenario"] == scenario], drawn)
             _lines(axis, shown, column, drawn, experiment)
-            axis.set(title=", ".join(filter(None, [scenario, title])))
+            axis.set(title=in_lines(", ".join(filter(None, [scenario, title]))))
             axis.set(xlim=(float(shown["step"].min()), float(shown["step"].max())))
             axis.xaxis.set_major_locator(MaxNLocator(4 if is_few else 2))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))

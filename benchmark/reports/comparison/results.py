@@ -87,11 +87,9 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     return figures.differences(table, names)
 
 
-outcomes = item(
-    "outcomes",
-    "whether deep RL earns its keep over the tables to beat",
-    meanings=MEANINGS,
-)(outcome_rows)
+outcomes = item("outcomes", "whether deep RL earns its keep over the tables to beat", meanings=MEANINGS)(
+    outcome_rows
+)
 
 
 @item(
@@ -200,7 +198,7 @@ def _dots(tables: Frames, experiment: Experiment) -> Figure:
                     figures.dot(axis, panel[panel["learner"] == name], "success", at, style, is_hollow=i > 0)
             titles = [experiment.learners[name].title for name in learners]
             figures.label_rows(axis, titles, first=axis is axes[0, 0])
-            axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
+            axis.set(title=figures.in_lines(title), xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
             for y in [learners.index(name) for name in baselines if name in learners]:
                 axis.axhspan(y - 0.5, y + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER, TOO_SHORT
-from benchmark.drawing.style import INK, figure_of, learner_style
+from benchmark.drawing.style import INK, figure_of
 from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison.figures import style_of
@@ -170,7 +170,7 @@ def _curve(axis: Axes, rows: pd.DataFrame, experiment: Experiment, alpha: float)
     end = values[-1], shown.iloc[-1]
     label = axis.annotate(learner.title, end, (8, 0), textcoords="offset points")
     # The colour of a name does not become lighter with what the learner observes.
-    ink = learner_style(learner.variant, "", [*experiment.declared.algorithms])["color"]
+    ink = style_of(learner.name, experiment, observation="")["color"]
     label.set(va="center", fontsize="small", color=ink)
     return label
 

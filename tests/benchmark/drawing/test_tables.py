@@ -11,15 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmark.drawing.tables import (
-    LINK,
-    link,
-    paragraph,
-    plain,
-    read_csv,
-    to_markdown,
-    write_csv,
-)
+from benchmark.drawing.tables import LINK, link, paragraph, plain, read_csv, to_markdown, write_csv
 from tests.support import markdown_parser, mistyped_columns
 
 

@@ -28,10 +28,7 @@ def test_every_run_is_reported_once(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db") as store:
         for _ in range(2):  # the second time, nothing is left to do
             assert not run(
-                runs,
-                store,
-                2,
-                lambda records: reported.extend(record.digest for record in records),
+                runs, store, 2, lambda records: reported.extend(record.digest for record in records)
             )
             assert sorted(reported) == sorted(run.digest for run in runs)
         assert pending(runs, store) == []

@@ -89,10 +89,7 @@ def test_site_has_page_documents_and_api(built: Path) -> None:
     names = {path.relative_to(built).as_posix() for path in built.rglob("*") if path.is_file()}
     guides = ("agents", "benchmark/commands", "benchmark/experiments", "benchmark/reports", "envs/scenarios")
     pages = "CONTRIBUTING benchmark/glossary benchmark/tour columns envs envs/model index results/index"
-    assert names >= {
-        *(f"{name}/README.html" for name in guides),
-        *(f"{name}.html" for name in pages.split()),
-    }
+    assert names >= {*(f"{name}/README.html" for name in guides), *(f"{name}.html" for name in pages.split())}
     assert names >= {"results/reproduce/claims.csv", "benchmark/tour.ipynb", "search.js", "CITATION.cff"}
     assert "old.html" not in names
     assert not any(name.startswith("results/mine") for name in names)
