@@ -97,7 +97,7 @@ def test_page_of_another_experiment_tells_of_s1_only_if_it_has_it(made: Path, tm
         manifest["scenarios"][scenario] = load_scenario(scenario).model_dump(mode="json")
         (tmp_path / "mine" / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
         text = Page(build.write(tmp_path, "mine")).words
-        for said in ("In a ring of 16 cells", "One episode, step by step", "The room has 10 × 12 cells"):
+        for said in ("In a ring of cells around", "One episode, step by step", "The room has 10 × 12 cells"):
             assert (said in in_one_line(text)) == (scenario == "S1")
         assert "The map above" not in text
 
