@@ -20,6 +20,7 @@ from benchmark.experiments.schema import (
     Declaration,
     Reporting,
     Variant,
+    experiment_names,
     read_experiment,
 )
 from benchmark.experiments.search import Chosen
@@ -117,8 +118,8 @@ class Experiment:
 
     @property
     def argument(self) -> str:
-        """How it is given on the command line."""
-        return self.declared.argument
+        """How it is given on the command line here: the name of a shipped one, else a path."""
+        return self.name if self.name in experiment_names() else str(self.path)
 
     @property
     def report(self) -> Reporting | None:
@@ -194,7 +195,7 @@ class _Loading:
                 choices.check_seeds(declared, name, self.path)
         if self.mistakes:
             raise InputError(*self.mistakes.values())
-        _check_titles(learners.values(), declared.argument)
+        _check_titles(learners.values(), str(self.path))
         scenarios = {Path(name).stem: load_scenario(name) for name in declared.scenarios}
         return Experiment(declared, self.path, learners, scenarios, populations)
 

@@ -11,6 +11,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from itertools import chain, product
 from os.path import isfile, join  # which take any text for a path
@@ -41,6 +42,8 @@ SEARCHED: Final[list[str]] = []
 DEFAULT_CONDITION: Final = "default"
 MOST_POINTS: Final = 10_000  # of a grid
 
+# Folders of results that are not those of an experiment, or not of its declared seeds
+_RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*")
 # What a reference implementation takes from its variant, and does not set itself.
 _SHARED: Final = {"group", "settings", "policy", "tuned_by"}
 
@@ -454,6 +457,9 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     """
     path = _path(experiment)
     check_file_name(path, "results are")
+    if any(fnmatchcase(path.stem, name) for name in _RESERVED):
+        accepted = f"any name but {', '.join(_RESERVED)}"
+        raise InputError(f"{path}: results are named after the file; accepted: {accepted}.")
     read = parse(Declaration, _with_references(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
@@ -14,7 +15,7 @@ from benchmark.experiments import Experiment
 from benchmark.reports import document, draw, load_report
 from benchmark.reports.document import Document
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Estimate, Report, item
+from benchmark.reports.item import Estimate, Report, called, item
 from envs import InputError
 from tests.benchmark.reports.conftest import experiment_of, results_of
 
@@ -99,6 +100,7 @@ def test_report_of_another_kind(tmp_path: Path) -> None:
         ('"envs:ACTIONS"', ["envs:ACTIONS"]),
         (f'{{ kind = "{KIND}", items = ["{__name__}:KIND"] }}', [f"{__name__}:KIND"]),
         (f'{{ kind = "{KIND}", items = ["{__name__}:NOWHERE"] }}', ["NOWHERE"]),
+        (f'{{ kind = "{KIND}", items = ["{__name__}"] }}', ["accepted: module:attribute"]),
         (f'{{ kind = "{KIND}", items = ["{__name__}:successes"] }}', ["successes"]),
     ],
 )
@@ -106,5 +108,19 @@ def test_mistakes_get_one_sentence(tmp_path: Path, report: str, names: list[str]
     experiment = experiment_of(tmp_path / "mine.toml", f"{EXPERIMENT}report = {report}\n")
     with pytest.raises(InputError) as caught:
         draw.report_of(experiment)
-    assert [name for name in ["mine.toml", *names] if name not in str(caught.value)] == []
+    assert [name for name in [str(tmp_path / "mine.toml"), *names] if name not in str(caught.value)] == []
     assert "\n" not in str(caught.value)
+
+
+def test_an_argument_that_no_item_has_is_named() -> None:
+    def counted(run: object) -> None: ...
+
+    with pytest.raises(
+        InputError, match=r"counted: argument run: accepted: runs, curves, experiment, records"
+    ):
+        called(counted, SimpleNamespace())  # type: ignore[arg-type]
+
+
+def test_a_folder_without_results_says_so(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there are no results; run the experiment with --report first"):
+        Document(tmp_path)

@@ -151,7 +151,9 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @writing(
-    "learning", "animation of learning: a table and a net, each the agent of the median seed", "learning.webp"
+    "learning",
+    "animation of learning: of a table, a net or both, the agent of the median seed",
+    "learning.webp",
 )
 def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
     """Writes an animation: typical agents of a table and of a net, in every scenario."""

@@ -276,7 +276,9 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
     assert run.folder == f"{name}/S1/{name}_index/{condition}/seed_0"
 
 
-@pytest.mark.parametrize("stem", ["..", "a.b", "a\nb", "2024", "reproduce"])
+@pytest.mark.parametrize(
+    "stem", ["..", "a.b", "2024", "reproduce", "speed", "mine_partial", "mine_seeds_0-9"]
+)
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     with pytest.raises(InputError, match="results are named after the"):
         extended(tmp_path, stem)

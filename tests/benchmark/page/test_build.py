@@ -204,6 +204,7 @@ def test_git_has_the_published_results_and_ignores_those_of_users(
     listed = git(tmp_path, "ls-files").split()
     assert {"results/README.md", "results/equivalence/manifest.json"} <= {*listed}
     shutil.copytree(made, results / "mine")
+    (results / "equivalence" / ".gitignore").write_text("*\n")  # of a run before it was published
     build.write(results, "mine")
     (results / "runs.db").touch()
     assert git(tmp_path, "status", "--porcelain") == ""

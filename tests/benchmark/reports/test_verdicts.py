@@ -11,7 +11,8 @@ from scipy import stats
 
 from benchmark.analysis.contrasts import Means, contrast, holm
 from benchmark.drawing.tables import plain
-from benchmark.reports.comparison.verdicts import standings
+from benchmark.reports import comparison
+from benchmark.reports.comparison.verdicts import FEWEST_RUNS, standings
 from benchmark.reports.data import Data
 from tests.benchmark.reports.made import Cell, Made, compared, data_of, folder_of, item, random_success, table
 
@@ -266,3 +267,8 @@ def test_the_answer_counts_verdicts_without_baselines(tmp_path: Path) -> None:
     data = compared(learners, [("net", "table"), ("net", "other")])
     assert item("outcomes").tabulate(data) is None
     assert headline(tmp_path, data) == "Verdicts on success: worse (2 of 2)."
+
+
+def test_the_document_names_the_fewest_runs() -> None:
+    rules = comparison.REPORT.document.read_text(encoding="utf-8")
+    assert f"fewer than {FEWEST_RUNS} runs" in rules
