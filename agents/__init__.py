@@ -37,6 +37,8 @@ ALGORITHMS: Final = {
     "double_q_learning": "agents.tabular.learner:DOUBLE_Q_LEARNING",
     "dqn": "agents.sb3.algorithms:DQN",
     "expected_sarsa": "agents.tabular.learner:EXPECTED_SARSA",
+    "linear_q_lambda": "agents.linear.learner:Q_LAMBDA",
+    "linear_sarsa_lambda": "agents.linear.learner:SARSA_LAMBDA",
     "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",

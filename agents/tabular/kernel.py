@@ -43,6 +43,7 @@ class Constants(NamedTuple):
     """How agents act and learn."""
 
     learning_rate: float
+    halved_after: float  # steps after which the learning rate is half as large
     discount: float
     epsilon: float
     initial_value: float
@@ -87,7 +88,7 @@ def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.
 
 
 @numba.njit
-def _best(q: NDArray[np.float64], o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
+def find_best(q: NDArray[np.float64], o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
     """Returns the largest action value of an observation, and the mask of its greedy actions."""
     q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
     best = max(max(max(q0, q1), max(q2, q3)), q4)
@@ -165,7 +166,9 @@ def _train(
     """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    learning_rate, discount, epsilon, initial_value, trace_decay, takes_lowest, time_limit = constants
+    (
+        first_rate, halved_after, discount, epsilon, initial_value, trace_decay, takes_lowest, time_limit
+    ) = constants  # fmt: skip
     budget, by_episode, record_every, points, map_index = plan
     explore_below = U(round(epsilon * 2**32))
     has_tree = results.table_max_q.shape[1] > 0
@@ -216,7 +219,7 @@ def _train(
                 value = 0.0
                 if not outcome.terminates:
                     if _HAS_TWO_TABLES:  # the lower half of the word chooses among several best actions
-                        _, mask = _best(table_rows, U(2) * o_next + learned, takes_lowest)
+                        _, mask = find_best(table_rows, U(2) * o_next + learned, takes_lowest)
                         best = choose_action(word, U(0), mask)
                     if _IS_ON_POLICY:
                         word, stream = draw_word(stream)
@@ -228,6 +231,7 @@ def _train(
                 target = reward + discount * value
 
                 # Learn
+                learning_rate = first_rate / (1.0 + steps / halved_after)
                 if _HAS_TRACES:
                     if begins or not (greedy[o] >> a) & U(1):
                         n_traces = 0
@@ -236,7 +240,7 @@ def _train(
                     for j in range(n_traces):
                         o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
                         q[o_traced, a_traced] += learning_rate * error * weights[j]
-                        highest[o_traced], greedy[o_traced] = _best(q, o_traced, takes_lowest)
+                        highest[o_traced], greedy[o_traced] = find_best(q, o_traced, takes_lowest)
                         if has_tree:
                             _update_tree(tree, o_traced, highest[o_traced])
                 else:
@@ -245,7 +249,7 @@ def _train(
                         q[o, a] = (tables[o, 0, a] + tables[o, 1, a]) / 2
                     else:
                         q[o, a] += learning_rate * (target - q[o, a])
-                    highest[o], greedy[o] = _best(q, o, takes_lowest)
+                    highest[o], greedy[o] = find_best(q, o, takes_lowest)
                     if has_tree:
                         _update_tree(tree, o, highest[o])
 

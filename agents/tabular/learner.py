@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -29,30 +29,52 @@ MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
 _BLOCK: Final = 25  # agents that are trained in one call of compiled code, for which an interrupt waits
 
 
-class Settings(LearnerSettings):
-    """The settings of a tabular learner; the defaults are the paper's."""
+class ValueSettings(LearnerSettings):
+    """The settings of a learner of action values, a table or a linear one; the defaults are the paper's."""
 
-    omitted_at_default: ClassVar[Set[str]] = {"initial_value"}
+    omitted_at_default: ClassVar[Set[str]] = {"initial_value", "halved_after"}
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
     """How far an update moves a value towards its target, as a share of the difference."""
+    halved_after: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    """Steps after which the learning rate is half as large; after k times as many, it is divided by k + 1. By
+    default, it is constant."""
     discount: Annotated[float, Field(ge=0, le=1)] = 0.9
-    """Discount of the table's values."""
+    """Discount of the action values."""
     epsilon: Annotated[float, Field(ge=0, le=1)] = 0.6
     """Probability of a uniformly random action."""
     ties: Literal["uniform", "lowest"] = "uniform"
     """Which of several best actions is greedy."""
-    budget_unit: Literal["steps", "episodes"] = "steps"
-    """Unit of the budget."""
-    record_every: Annotated[int, Field(ge=1, le=10**9)] = 1
-    """Budget units from one record of the largest action value to the next."""
     initial_value: float = 0.0
     """Value of every action in every observation before training."""
 
     @property
     def discount_factor(self) -> float:
-        """The discount of the table's values."""
+        """The discount of the action values."""
         return self.discount
+
+    @property
+    def constants(self) -> dict[str, Any]:
+        """What compiled loops take of the settings, by name."""
+        return {
+            "learning_rate": self.learning_rate,
+            "halved_after": self.halved_after or math.inf,
+            "discount": self.discount,
+            "epsilon": self.epsilon,
+            "initial_value": self.initial_value,
+            "trace_decay": getattr(self, "trace_decay", 0.0),
+            "takes_lowest": self.ties == "lowest",
+            "time_limit": self.time_limit or 2**62,
+        }
+
+
+class Settings(ValueSettings):
+    """The settings of a tabular learner."""
+
+    budget_unit: Literal["steps", "episodes"] = "steps"
+    """Unit of the budget."""
+    record_every: Annotated[int, Field(ge=1, le=10**9)] = 1
+    """Budget units from one record of the largest action value to the next."""
 
     @model_validator(mode="after")
     def _settings_fit(self) -> Self:
@@ -123,15 +145,7 @@ class TabularAlgorithm(Algorithm):
         )
         is_mapped = schedule.is_mapped
         kernel, process = compile_kernel(self.update), process_of(model)
-        constants = Constants(
-            learning_rate=settings.learning_rate,
-            discount=settings.discount,
-            epsilon=settings.epsilon,
-            initial_value=settings.initial_value,
-            trace_decay=getattr(settings, "trace_decay", 0.0),
-            takes_lowest=settings.ties == "lowest",
-            time_limit=settings.time_limit or 2**62,
-        )
+        constants = Constants(**settings.constants)
         plan = Plan(
             budget=settings.budget,
             by_episode=settings.budget_unit == "episodes",

@@ -1,0 +1,1 @@
+"""Linear learners over tile coding."""

@@ -1,0 +1,191 @@
+"""The compiled loop that trains linear learners, one after the other, each from its random stream.
+
+An action value is the sum of a weight for each feature of the observation. Words are drawn as for tables, see
+`agents.tabular.kernel`, so with one tiling of single cells the agents are those of the table.
+
+Axis letters: N agents, O observations, A actions, T evaluation steps, V map steps.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.compiled import compiled
+from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
+from agents.tabular.kernel import LEAST_TRACE, choose_action, find_best
+
+
+class Constants(NamedTuple):
+    """How agents act and learn."""
+
+    learning_rate: float
+    halved_after: float  # steps after which the learning rate is half as large
+    discount: float
+    epsilon: float
+    initial_value: float
+    trace_decay: float
+    takes_lowest: bool  # whether the lowest of several best actions is the only greedy one
+    time_limit: int
+    is_on_policy: bool  # Sarsa(lambda); else Watkins's Q(lambda)
+
+
+class Results(NamedTuple):
+    """Where the kernel writes; see `agents.contract.Training`."""
+
+    q: NDArray[np.float64]  # (N, O, A)
+    greedy: NDArray[np.uint8]  # (N, T, O)
+    values: NDArray[np.float32]  # (N, V, O, A)
+    disagreements: NDArray[np.int64]  # (N, T)
+
+
+@numba.njit
+def _add_up(
+    weights: NDArray[np.float64], tiles: NDArray[np.int32], o: np.uint64, q: NDArray[np.float64], row: int
+) -> None:
+    """Writes the action values of an observation into a row of q; sums are in the order of tilings."""
+    q0 = q1 = q2 = q3 = q4 = 0.0
+    for t in range(tiles.shape[1]):
+        feature = U(tiles[o, t])
+        q0 += weights[feature, 0]
+        q1 += weights[feature, 1]
+        q2 += weights[feature, 2]
+        q3 += weights[feature, 3]
+        q4 += weights[feature, 4]
+    q[row, 0], q[row, 1], q[row, 2], q[row, 3], q[row, 4] = q0, q1, q2, q3, q4
+
+
+@numba.njit
+def _tabulate(
+    weights: NDArray[np.float64],
+    tiles: NDArray[np.int32],
+    takes_lowest: bool,
+    q: NDArray[np.float64],
+    greedy: NDArray[np.uint8],
+) -> None:
+    """Writes the action values (O, A) and masks of greedy actions (O,) of all observations."""
+    for o in range(len(tiles)):
+        _add_up(weights, tiles, U(o), q, o)
+        _, greedy[o] = find_best(q, U(o), takes_lowest)
+
+
+@numba.njit
+def _learn(
+    weights: NDArray[np.float64],
+    tiles: NDArray[np.int32],
+    traced: NDArray[np.int64],
+    strengths: NDArray[np.float64],
+    renewed: NDArray[np.int64],
+    n_traces: int,
+    step: int,
+    decay: float,
+    change: float,
+    o: np.uint64,
+    a: np.uint64,
+) -> int:
+    """Fades the traces, sets those of a pair to 1, and changes all traced weights; returns how many there are.
+
+    `renewed` holds the latest step at which the trace of each weight was set to 1.
+    """
+    flat = weights.reshape(-1)
+    for t in range(tiles.shape[1]):
+        renewed[U(tiles[o, t]) * U(N_ACTIONS) + a] = step
+    n_kept = 0
+    for i in range(n_traces):
+        strength, weight = decay * strengths[i], U(traced[i])
+        if strength >= LEAST_TRACE and renewed[weight] != step:
+            traced[n_kept], strengths[n_kept] = weight, strength
+            flat[weight] += change * strength
+            n_kept += 1
+    for t in range(tiles.shape[1]):
+        weight = U(tiles[o, t]) * U(N_ACTIONS) + a
+        traced[n_kept], strengths[n_kept] = weight, 1.0
+        flat[weight] += change
+        n_kept += 1
+    return n_kept
+
+
+@compiled
+def train(
+    process: Process,
+    tiles: NDArray[np.int32],
+    constants: Constants,
+    points: NDArray[np.int64],
+    map_index: NDArray[np.int64],
+    budget: int,
+    streams: NDArray[np.uint64],
+    results: Results,
+) -> None:
+    """Trains N agents from streams (N, 4), and records them at the points (T + 1,), see `tabular.kernel.Plan`."""
+    first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
+    (
+        learning_rate, halved_after, discount, epsilon, initial_value, trace_decay, takes_lowest, time_limit,
+        is_on_policy,
+    ) = constants  # fmt: skip
+    explore_below = U(round(epsilon * 2**32))
+    n_tilings, n_features, decay = tiles.shape[1], tiles.max() + 1, discount * trace_decay
+    for n in range(len(streams)):
+        stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
+        weights = np.full((n_features, N_ACTIONS), initial_value / n_tilings)
+        traced, strengths = np.empty(n_features * N_ACTIONS, np.int64), np.empty(n_features * N_ACTIONS)
+        renewed = np.full(n_features * N_ACTIONS, -1)
+        q = np.empty((2, N_ACTIONS))  # of this observation, and of the next one before the update
+        state, stream = draw_start(starts, stream)
+        o = U(observation[state])
+        _add_up(weights, tiles, o, q, 0)
+        a = a_next = U(0)
+        begins = True
+        episode_steps = disagreements = n_points = n_traces = 0
+        for step in range(budget + 1):
+            if step == points[n_points]:
+                results.disagreements[n, n_points] = disagreements
+                _tabulate(weights, tiles, takes_lowest, results.q[n], results.greedy[n, n_points])
+                if map_index[n_points] >= 0:
+                    results.values[n, map_index[n_points]] = results.q[n]
+                n_points += 1
+            if step == budget:
+                break
+
+            # Act
+            _, greedy = find_best(q, U(0), takes_lowest)
+            if begins or not is_on_policy:
+                word, stream = draw_word(stream)
+                a = choose_action(word, explore_below, greedy)
+            reward, i, stream = draw_step(first, outcomes, n_outcomes, is_noisy, state, a, stream)
+            outcome = outcomes[i]
+            disagreements += outcome.is_wrong_ping
+            o_next = o + U(outcome.observation_change)
+
+            # Compute the target
+            value = 0.0
+            if not outcome.terminates:
+                _add_up(weights, tiles, o_next, q, 1)
+                value, greedy_next = find_best(q, U(1), takes_lowest)
+                if is_on_policy:
+                    word, stream = draw_word(stream)
+                    a_next = choose_action(word, explore_below, greedy_next)
+                    value = q[1, a_next]
+
+            # Learn
+            if begins or not (is_on_policy or (greedy >> a) & U(1)):
+                n_traces = 0
+            rate = learning_rate / (1.0 + step / halved_after) / n_tilings
+            change = rate * (reward + discount * value - q[0, a])
+            n_traces = _learn(
+                weights, tiles, traced, strengths, renewed, n_traces, step, decay, change, o, a
+            )
+
+            # Go on, or start the next episode
+            episode_steps += 1
+            begins = outcome.terminates or episode_steps == time_limit
+            if begins:
+                state, stream = draw_start(starts, stream)
+                o = U(observation[state])
+                episode_steps = 0
+            else:
+                state, o = state + U(outcome.state_change), o_next
+            a = a_next
+            _add_up(weights, tiles, o, q, 0)
+        final = np.empty(n_observations, np.uint8)
+        _tabulate(weights, tiles, takes_lowest, results.q[n], final)
