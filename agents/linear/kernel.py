@@ -84,7 +84,7 @@ def _learn(
     o: np.uint64,
     a: np.uint64,
 ) -> int:
-    """Fades the traces, sets those of a pair to 1, and changes all traced weights; returns how many there are.
+    """Fades the traces, sets those of a pair to 1, and changes all traced weights; returns how many.
 
     `renewed` holds the latest step at which the trace of each weight was set to 1.
     """
@@ -117,7 +117,7 @@ def train(
     streams: NDArray[np.uint64],
     results: Results,
 ) -> None:
-    """Trains N agents from streams (N, 4), and records them at the points (T + 1,), see `tabular.kernel.Plan`."""
+    """Trains N agents from streams (N, 4), recorded at the points (T + 1,), see `tabular.kernel.Plan`."""
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
     (
         learning_rate, halved_after, discount, epsilon, initial_value, trace_decay, takes_lowest, time_limit,
@@ -172,9 +172,7 @@ def train(
                 n_traces = 0
             rate = learning_rate / (1.0 + step / halved_after) / n_tilings
             change = rate * (reward + discount * value - q[0, a])
-            n_traces = _learn(
-                weights, tiles, traced, strengths, renewed, n_traces, step, decay, change, o, a
-            )
+            n_traces = _learn(weights, tiles, traced, strengths, renewed, n_traces, step, decay, change, o, a)
 
             # Go on, or start the next episode
             episode_steps += 1

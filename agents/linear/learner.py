@@ -1,7 +1,7 @@
 """Trains independent agents whose action values are linear in the features of tile coding.
 
-Watkins's Q(lambda) and Sarsa(lambda) with replacing traces (Sutton & Barto 2018, sections 12.7 and 12.10). With one
-tiling of single cells, they are the table's: every observation has a weight of its own for each action.
+Watkins's Q(lambda) and Sarsa(lambda) with replacing traces (Sutton & Barto 2018, sections 12.7 and 12.10).
+With one tiling of single cells, they are the table's: every observation has a weight for each action.
 """
 
 import time
@@ -26,7 +26,7 @@ class LinearSettings(ValueSettings):
     trace_decay: Annotated[float, Field(ge=0, le=1)] = 0.9
     """Lambda: the share of a trace that remains after a step, besides the discount."""
     n_tilings: Annotated[int, Field(ge=1, le=1024)] = 16
-    """How many tilings; an observation has a feature of each, and each learns its share of the learning rate."""
+    """How many tilings; each learns with its share of the learning rate."""
     tile_width: Annotated[int, Field(ge=1, le=1000)] = 3
     """Cells along each side of a tile."""
 
@@ -51,7 +51,7 @@ class LinearAlgorithm(Algorithm):
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
     ) -> Training:
-        """Trains agents, see `Algorithm.train`; an InputError says that the features do not fit into memory."""
+        """Trains agents, see `Algorithm.train`; too many features are an InputError."""
         tiles = tiles_of(model, settings.n_tilings, settings.tile_width)
         n_agents, n_steps, n_maps = len(seeds), len(schedule.evaluation_steps), len(schedule.map_steps)
         table = model.n_observations, len(ACTIONS)
@@ -73,7 +73,9 @@ class LinearAlgorithm(Algorithm):
 
         def train_one(block: slice) -> None:
             rows = Results(*(getattr(result, name)[block] for name in Results._fields))
-            train(process_of(model), tiles, constants, points, map_index, settings.budget, streams[block], rows)
+            train(
+                process_of(model), tiles, constants, points, map_index, settings.budget, streams[block], rows
+            )
 
         train_one(slice(0))  # compiles, or loads what was compiled, before the clock runs
         for i in range(n_agents):

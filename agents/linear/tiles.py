@@ -1,9 +1,9 @@
 """Tile coding: which binary features an observation has (Sutton & Barto 2018, section 9.5.4).
 
-A tiling divides the space of all positions into tiles, cubes of so many cells a side, and an observation has one
-feature of each tiling: the tile that it lies in. Tiling t is displaced against the first one by t times the
-first odd numbers, one for each coordinate, in units of the width divided by the number of tilings (Miller and
-Glanz 1996). Only tiles that some observation lies in have a number, so none is hashed.
+A tiling divides the space of all positions into tiles, cubes of so many cells a side, and an observation has
+one feature of each tiling: the tile that it lies in. Tiling t is displaced against the first one by t times
+the first odd numbers, one for each coordinate, in units of the width divided by the number of tilings (Miller
+and Glanz 1996). Only tiles that some observation lies in have a number, so none is hashed.
 
 Axis letters: O observations.
 """
@@ -24,7 +24,7 @@ def check_tiles(n_observations: int, n_tilings: int) -> None:
     """Refuses, by an InputError, features that do not fit into memory."""
     if n_observations * n_tilings > LARGEST_TABLE:
         raise InputError(
-            f"n_tilings = {n_tilings:,}: {n_observations:,} observations with a feature for each; accepted: "
+            f"n_tilings = {n_tilings}: {n_observations:,} observations with a feature for each; accepted: "
             f"at most {LARGEST_TABLE:,} features in all."
         )
 
@@ -33,8 +33,8 @@ def check_tiles(n_observations: int, n_tilings: int) -> None:
 def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     """Returns the features of every observation, (O, n_tilings), numbered from 0.
 
-    Positions are tiled together. Components without a position, such as a phase, are not: each of their values
-    has tiles of its own.
+    Positions are tiled together. Components without a position, such as a phase, are not: each of their
+    values has tiles of its own.
 
     Args:
       model: Compiled scenario, for offsets by `compile_seen`.

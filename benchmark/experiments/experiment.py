@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
+from agents.linear.tiles import check_tiles
 from benchmark.experiments import choices
 from benchmark.experiments.run import RunSpecification
 from benchmark.experiments.schema import (
@@ -358,6 +359,7 @@ def check_size(run: RunSpecification) -> None:
     scenario = seen_as(run.scenario, run.observation)
     if ENCODINGS[run.observation] == "one_hot":
         check_one_hot(scenario.n_observations, sum(scenario.observed_sizes))
+    check_tiles(scenario.n_observations, getattr(run.settings, "n_tilings", 0))
     if run.record_size > LARGEST_RECORD:
         raise InputError(
             f"evaluation_every = {run.evaluation_every} and map_every = {run.map_every} with "

@@ -20,6 +20,7 @@ from scipy.stats import kstest
 
 from agents import Schedule
 from agents.dynamic_programming import evaluate
+from agents.linear.learner import Q_LAMBDA, LinearSettings
 from agents.nets import arithmetic
 from agents.nets.dqn import DqnAgent
 from agents.nets.learner import NetAlgorithm
@@ -396,7 +397,7 @@ def test_bits_of_an_agent_do_not_depend_on_how_work_is_split(name: str) -> None:
 
 
 def digest_of_all() -> str:
-    """Returns the digest of what nets of every case learn, a table, and an exact evaluation."""
+    """Returns the digest of what nets of every case learn, a table, tile coding, and an exact evaluation."""
     digest = hashlib.sha256()
     for name, cases in CASES.items():
         for changes in cases:
@@ -408,13 +409,24 @@ def digest_of_all() -> str:
     settings = learner.Settings(budget=1000)
     table = learner.Q_LEARNING.train(NOISY_MOODY, settings, "index", sequences(), Schedule(1000, (1000,)))
     evaluation = evaluate(NOISY_MOODY, mask_policy(table.greedy[:, -1]), 200)
-    for values in (table.q, table.max_q, evaluation.grid_return, evaluation.success, evaluation.zone_steps):
+    anywhere = compile_scenario(load_scenario("Anywhere"))
+    tiling = LinearSettings(budget=1000, halved_after=90)
+    linear = Q_LAMBDA.train(anywhere, tiling, "coordinates", sequences(), Schedule(1000, (1000,)))
+    for values in (
+        linear.q,
+        linear.greedy,
+        table.q,
+        table.max_q,
+        evaluation.grid_return,
+        evaluation.success,
+        evaluation.zone_steps,
+    ):
         digest.update(values.tobytes())
     return digest.hexdigest()
 
 
 # Of every processor. A change that is meant to alter it has to raise `NetAlgorithm.version`.
-DIGEST = "23da283a07f858596af78295f41d0474d0650dce5d0e5b1aaa422a90633df31c"
+DIGEST = "da836768baacaa23c0bd268228b6a14df7fed18f154c563a5c3d886ab4894975"
 
 
 @pytest.mark.parametrize("kind", ["this one", "nehalem"])

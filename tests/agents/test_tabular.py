@@ -45,7 +45,7 @@ RULES = ("q_learning", "sarsa", "expected_sarsa", "double_q_learning", "watkins_
 CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "S2": ("S2", {}, {}),
     "S3": ("S3", {}, {"epsilon": 0.4}),
-    "time limit": ("S1", {}, {"time_limit": 15, "initial_value": -0.7}),
+    "time limit": ("S1", {}, {"time_limit": 15, "initial_value": -0.7, "halved_after": 400}),
     "people move": ("S2", MOVES, {"time_limit": 50}),
     "all at once": ("S2", {"issuer.position": [8, 6], "rewards.wrong_ping_uncomfortable": -0.8},
                     {"epsilon": 0.15, "ties": "lowest", "budget": 120, "budget_unit": "episodes",

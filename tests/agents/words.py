@@ -49,6 +49,30 @@ def uniform(word: int) -> float:
     return (word >> 11) / 2**53
 
 
+def start(model: Model, stream: Iterator[int]) -> int:
+    """Returns a state to start in."""
+    n = len(model.starts)
+    return int(model.starts[int(uniform(next(stream)) * n)]) if n > 1 else model.start
+
+
+def take(model: Model, state: int, action: int, stream: Iterator[int]) -> tuple[float, int]:
+    """Returns the reward of an action and the next state."""
+    at = state, action
+    reward = model.grid_reward[at] + model.issuer_reward[at]
+    if model.issuer_noise[at]:
+        reward += model.issuer_noise[at] * (2 * uniform(next(stream)) - 1)
+    outcome = 0
+    if model.n_outcomes > 1:
+        outcome = int((np.cumsum(model.probability[at])[:-1] <= uniform(next(stream))).sum())
+    return float(reward), int(model.next_state[(*at, outcome)])
+
+
+def best_of(row: NDArray[np.float64], ties: str) -> list[int]:
+    """Returns the greedy actions, given action values (A,)."""
+    best = [action for action in range(5) if row[action] == row.max()]
+    return best[:1] if ties == "lowest" else best
+
+
 def textbook(
     name: str, model: Model, settings: Any, seed: SeedSequence, points: Sequence[int] = ()
 ) -> dict[str, Any]:
@@ -67,19 +91,14 @@ def textbook(
         return np.asarray(tables[:n_tables, o].mean(axis=0))
 
     def best_actions(row: NDArray[np.float64]) -> list[int]:
-        best = [action for action in range(5) if row[action] == row.max()]
-        return best[:1] if settings.ties == "lowest" else best
-
-    def start() -> int:
-        n = len(model.starts)
-        return int(model.starts[int(uniform(next(stream)) * n)]) if n > 1 else model.start
+        return best_of(row, settings.ties)
 
     def take_snapshot(unit: int) -> None:
         if unit in points:
             rows = map(values, range(model.n_observations))
             record["greedy"].append([sum(2**action for action in best_actions(row)) for row in rows])
 
-    state, episode_steps, following_action = start(), 0, -1
+    state, episode_steps, following_action = start(model, stream), 0, -1
     unit = steps = episodes = 0
     visited: list[float] = []  # the largest values met in a unit of the budget, and those of the table then
     largest: list[float] = []
@@ -95,20 +114,13 @@ def textbook(
             action = choose(next(stream), epsilon, best_actions(values(o)))
         is_greedy = action in best_actions(values(o))
 
-        at = state, action
-        reward = model.grid_reward[at] + model.issuer_reward[at]
-        if model.issuer_noise[at]:
-            reward += model.issuer_noise[at] * (2 * uniform(next(stream)) - 1)
-        outcome = 0
-        if model.n_outcomes > 1:
-            outcome = int((np.cumsum(model.probability[at])[:-1] <= uniform(next(stream))).sum())
-        next_state = int(model.next_state[(*at, outcome)])
+        reward, next_state = take(model, state, action, stream)
         o_next = int(model.observation[next_state])
         word = next(stream) if name == "double_q_learning" else 0
         updated = word >> 63
 
         target = reward
-        if not model.terminated[at]:
+        if not model.terminated[state, action]:
             row = values(o_next)
             match name:
                 case "q_learning" | "watkins_q_lambda":
@@ -124,7 +136,7 @@ def textbook(
                     argmax = choose(word, 0.0, best_actions(tables[updated, o_next]))
                     value = tables[1 - updated, o_next, argmax]
             target += settings.discount * value
-        rate = settings.learning_rate
+        rate = settings.learning_rate / (1 + steps / (settings.halved_after or np.inf))
         if name == "watkins_q_lambda":
             if episode_steps == 0 or not is_greedy:
                 traces.clear()
@@ -137,10 +149,11 @@ def textbook(
         else:
             tables[updated, o, action] += rate * (target - tables[updated, o, action])
 
+        terminates = model.terminated[state, action]
         state, episode_steps, steps = next_state, episode_steps + 1, steps + 1
-        ends = model.terminated[at] or episode_steps == settings.time_limit
+        ends = terminates or episode_steps == settings.time_limit
         if ends:
-            state, episode_steps, episodes = start(), 0, episodes + 1
+            state, episode_steps, episodes = start(model, stream), 0, episodes + 1
         if ends or settings.budget_unit == "steps":
             if unit % settings.record_every == 0:
                 record["max_q"].append(max(visited))

@@ -1,0 +1,211 @@
+"""Tile coding: features by hand; learners equal to the table's, and to loops in plain Python."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.random import SeedSequence
+
+from agents import Schedule, load_algorithm
+from agents.linear.tiles import tiles_of
+from agents.tabular.kernel import LEAST_TRACE
+from benchmark.experiments import load_experiment
+from envs import InputError, Model, load_scenario
+from envs.inputs import parse
+from envs.observations import compile_seen
+from tests.agents.test_tabular import MOVES
+from tests.agents.words import best_of, choose, start, take, words
+
+FORMS = {"coordinates": "index", "offset_coordinates": "offset"}
+POINTS = (0, 1, 700, 2000)
+
+
+def model_of(scenario: str, observation: str, **overrides: Any) -> Model:
+    return compile_seen(load_scenario(scenario, overrides), observation)
+
+
+def test_tiles_of_two_tilings_by_hand() -> None:
+    """S1 shows the agent's cell alone, in 10 rows and 12 columns; tiles are 4 cells wide.
+
+    The first tiling has its edges before rows 4 and 8. The second is displaced by 1 and 3 halves of a width,
+    that is, modulo a width, by 2 cells along both, so its edges are before rows and columns 2, 6 and 10.
+    """
+    tiles = tiles_of(model_of("S1", "coordinates"), 2, 4).reshape(10, 12, 2)
+    rows, columns = np.indices((10, 12))
+    first = rows // 4 * 3 + columns // 4
+    second = (rows + 2) // 4 * 4 + (columns + 2) // 4
+    assert (tiles[..., 0] == first).all()
+    assert (tiles[..., 1] == 9 + second).all()
+
+
+def test_tilings_have_different_displacements() -> None:
+    """With 16 tilings three cells wide, no two of them divide the 14,400 pairs of cells alike."""
+    tiles = tiles_of(model_of("Anywhere", "coordinates"), 16, 3)
+    alike = {tuple(np.unique(column, return_index=True)[1]) for column in tiles.T}
+    assert len(alike) > 8
+    assert all(np.bincount(column - column.min()).max() <= 3**4 for column in tiles.T)
+
+
+def test_parts_without_order_have_tiles_of_their_own() -> None:
+    model = model_of("S2", "coordinates", **MOVES)
+    tiles = tiles_of(model, 4, 3)
+    phase = np.arange(model.n_observations) // 120  # the agent's cell changes fastest
+    assert model.n_observations == 360
+    for tiling in tiles.T:
+        assert all(len({*phase[tiling == tile]}) == 1 for tile in np.unique(tiling))
+
+
+def test_offsets_count_cells_on_both_sides() -> None:
+    tiles = tiles_of(model_of("Anywhere", "offset_coordinates"), 1, 3)
+    rows, columns = np.indices((19, 23))
+    assert (tiles[:, 0] == (rows // 3 * 8 + columns // 3).ravel()).all()
+
+
+@pytest.mark.parametrize("scenario", ["S2", "Anywhere", "Noisy", "MoodyHidden"])
+@pytest.mark.parametrize("observation", FORMS)
+@pytest.mark.parametrize(
+    ("name", "table", "changes"),
+    [("linear_q_lambda", "watkins_q_lambda", {}), ("linear_sarsa_lambda", "sarsa", {"trace_decay": 0.0})],
+)
+def test_one_tiling_of_single_cells_is_the_table(
+    name: str, table: str, changes: dict[str, Any], observation: str, scenario: str
+) -> None:
+    linear: Any = load_algorithm(name)
+    tabular: Any = load_algorithm(table)
+    shared: dict[str, Any] = {"budget": 2000, "time_limit": 60, "initial_value": 0.2, "halved_after": 900}
+    settings = linear.settings(**shared, **changes, n_tilings=1, tile_width=1)
+    schedule, seeds = Schedule(2000, POINTS, (0, 2000)), [SeedSequence([3, i]) for i in range(3)]
+    ours = linear.train(model_of(scenario, observation), settings, observation, seeds, schedule)
+    form = FORMS[observation]
+    settings = tabular.settings(**shared, record_every=2000)
+    theirs = tabular.train(model_of(scenario, form), settings, form, seeds, schedule)
+    for key in ("q", "greedy", "values", "disagreements", "updates", "parameters"):
+        assert np.array_equal(getattr(ours, key), getattr(theirs, key)), key
+    assert (ours.q[0] != ours.q[1]).any()
+
+
+def textbook(model: Model, settings: Any, seed: SeedSequence, *, is_sarsa: bool) -> dict[str, Any]:
+    """Learns as in Sutton & Barto (2018), chapter 12, with dictionaries of weights and traces."""
+    tiles = tiles_of(model, settings.n_tilings, settings.tile_width).tolist()
+    weights: dict[tuple[int, int], float] = {}
+    traces: dict[tuple[int, int], float] = {}
+    stream, record = words(seed), {"greedy": [], "disagreements": []}  # type: ignore[var-annotated]
+
+    def values(o: int) -> Any:
+        own = settings.initial_value / settings.n_tilings
+        return np.array([sum(weights.get((f, a), own) for f in tiles[o]) for a in range(5)])
+
+    state, begins, episode_steps, wrong, following = start(model, stream), True, 0, 0, -1
+    for step in range(settings.budget + 1):
+        if step in POINTS:
+            rows = map(values, range(model.n_observations))
+            record["greedy"].append([sum(2**a for a in best_of(row, settings.ties)) for row in rows])
+            record["disagreements"].append(wrong)
+        if step == settings.budget:
+            break
+        o = int(model.observation[state])
+        best = best_of(values(o), settings.ties)
+        action = choose(next(stream), settings.epsilon, best) if begins or not is_sarsa else following
+        reward, next_state = take(model, state, action, stream)
+        wrong += int(model.is_wrong_ping[state, action])
+        target, terminates = reward, model.terminated[state, action]
+        if not terminates:
+            row = values(int(model.observation[next_state]))
+            following = (
+                choose(next(stream), settings.epsilon, best_of(row, settings.ties)) if is_sarsa else -1
+            )
+            target += settings.discount * (row[following] if is_sarsa else row.max())
+        if begins or not (is_sarsa or action in best):
+            traces = {}
+        error = target - values(o)[action]
+        faded = {key: settings.discount * settings.trace_decay * trace for key, trace in traces.items()}
+        traces = {key: trace for key, trace in faded.items() if trace >= LEAST_TRACE}
+        traces |= {(f, action): 1.0 for f in tiles[o]}
+        rate = settings.learning_rate / (1 + step / (settings.halved_after or np.inf)) / settings.n_tilings
+        for key, trace in traces.items():
+            own = weights.get(key, settings.initial_value / settings.n_tilings)
+            weights[key] = own + rate * error * trace
+        state, episode_steps = next_state, episode_steps + 1
+        begins = bool(terminates) or episode_steps == settings.time_limit
+        if begins:
+            state, episode_steps = start(model, stream), 0
+    return record | {"q": [values(o) for o in range(model.n_observations)]}
+
+
+@pytest.mark.parametrize("scenario", ["S2", "people move"])
+@pytest.mark.parametrize("name", ["linear_q_lambda", "linear_sarsa_lambda"])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"n_tilings": 4, "epsilon": 0.2},
+        {"n_tilings": 5, "tile_width": 2, "ties": "lowest", "initial_value": 0.3, "halved_after": 500},
+    ],
+)
+def test_kernel_equals_a_loop_in_plain_python(changes: dict[str, Any], name: str, scenario: str) -> None:
+    overrides = MOVES if scenario == "people move" else {}
+    model, algorithm = model_of("S2", "coordinates", **overrides), load_algorithm(name)
+    settings: Any = algorithm.settings(budget=2000, time_limit=50, **changes)
+    seeds = [SeedSequence([7, i]) for i in range(2)]
+    training = algorithm.train(model, settings, "coordinates", seeds, Schedule(2000, POINTS))
+    for i, seed in enumerate(seeds):
+        for key, expected in textbook(model, settings, seed, is_sarsa="sarsa" in name).items():
+            assert np.array_equal(getattr(training, key)[i], np.asarray(expected)), key
+
+
+def test_sharing_tiles_learns_from_fewer_steps() -> None:
+    """One update changes the values of all observations that share a tile, and of no other."""
+    algorithm: Any = load_algorithm("linear_q_lambda")
+    model = model_of("S1", "coordinates")
+    settings = algorithm.settings(
+        budget=1, epsilon=0.0, ties="lowest", learning_rate=0.5, n_tilings=2, tile_width=4
+    )
+    training = algorithm.train(model, settings, "coordinates", [SeedSequence(0)], Schedule(1))
+    # UP at the wall of the start cell costs 0.1 and moves the sum of two weights half-way to that.
+    tiles = tiles_of(model, 2, 4)
+    shared = (tiles == tiles[0]).sum(axis=1)
+    assert training.q[0, :, 0].tolist() == pytest.approx((-0.025 * shared).tolist())
+    assert not training.q[0, :, 1:].any()
+    assert {*shared} == {0, 1, 2}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"tile_width": 0}, "tile_width = 0"),
+        ({"n_tilings": 10**6}, "n_tilings = 1000000"),
+        ({"halved_after": 0}, "halved_after = 0"),
+        ({"record_every": 5}, "unknown key record_every"),
+    ],
+)
+def test_wrong_settings_get_one_sentence(change: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse(load_algorithm("linear_q_lambda").settings, change, "mine.toml")
+    assert str(caught.value).startswith("mine.toml: ")
+    assert expected in str(caught.value)
+    assert len(caught.value.args) == 1
+
+
+def test_features_that_do_not_fit_memory_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        """
+        description = "Too many features."
+        scenarios = ["Anywhere"]
+        horizon = 200
+        evaluation_every = 1000
+        map_every = 1000
+        [algorithms.tiles]
+        algorithm = "linear_q_lambda"
+        observations = ["coordinates", "offset_coordinates"]
+        seeds = 2
+        settings = { budget = 1000, n_tilings = 1024 }
+        [grids.rooms.axes.room.large]
+        scenario = { "grid.rows" = 20, "grid.columns" = 24, "issuer.places" = 150, ping_limit = 1 }
+        """,
+        encoding="utf-8",
+    )
+    with pytest.raises(InputError) as caught:
+        load_experiment(path)
+    (line,) = caught.value.args
+    assert line.startswith(f"{path}: algorithms.tiles: n_tilings = 1024: ")
