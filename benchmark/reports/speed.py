@@ -23,6 +23,7 @@ from rich.progress import track
 
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
+from agents.linear.tiles import tiles_of
 from agents.policy import uniform_policy
 from agents.process import N_ACTIONS
 from benchmark.drawing.tables import to_markdown, write_csv
@@ -38,6 +39,7 @@ from envs.inputs import parse, read_toml
 _ENV: Final = "envs:Proxemic/S1-v0"
 _NETS: Final = Path(__file__).with_name("speed_nets.toml")
 _LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
+_TILE_LOOP: Final = "the same loop with 16 tilings in Anywhere: weights in lists, traces in a dict"
 _SB3: Final = "Stable-Baselines3, by CPU time"
 Side = tuple[float, Callable[[], object]]  # how many units one call of a function does
 
@@ -122,12 +124,15 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
     many, one = _kernel(s1, 1000, short), _kernel(s1, 1, short)
     runs = _reading(scratch, size(10_000)), _reading(scratch, size(100))
     in_anywhere, in_s1 = (_kernel(model, 100, long) for model in (anywhere, s1))
+    tiled = _training(anywhere, "linear_q_lambda", "coordinates", {"budget": long, "time_limit": 200}, 10)
+    tiles = tiles_of(anywhere, 16, 3).tolist()
     batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
     exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
     played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
     states = f"the same in S1; Anywhere has {len(anywhere.observation):,} states"
     rows = [
         Row("q_learning_kernel", "updates", _kernel(s1, 200, short), (long, partial(_loop, long)), _LOOP),
+        Row("tile_coding_kernel", "steps", tiled, (short, partial(_tile_loop, tiles, short)), _TILE_LOOP),
         Row("vector_env_1000", "steps", batched, sync, "gymnasium.vector.SyncVectorEnv"),
         Row("evaluate", "policies", exact, played, "1,000 simulated episodes, uniform random policy"),
         # How cost grows: a ratio of 1 means in proportion.
@@ -193,6 +198,35 @@ def _loop(steps: int) -> None:
         target = float(reward) + (0.0 if terminated else 0.9 * max(q[following]))
         row[action] += 0.6 * (target - row[action])
         observation = env.reset()[0] if terminated or truncated else following
+
+
+def _tile_loop(tiles: list[list[int]], steps: int) -> None:
+    """Learns as `_loop`, by Watkins's Q(lambda) over the tiles of every observation."""
+    env = gymnasium.make("envs:Proxemic/Anywhere-v0", max_episode_steps=200)
+    rng = random.Random(0)
+    weights = [[0.0] * 5 for _ in range(1 + max(map(max, tiles)))]
+    observation, _ = env.reset(seed=0)
+    traces: dict[tuple[int, int], float] = {}
+    for _ in range(steps):
+        row = [sum(values) for values in zip(*(weights[tile] for tile in tiles[observation]), strict=True)]
+        best = [a for a in range(5) if row[a] == max(row)]
+        action = rng.randrange(5) if rng.random() < 0.6 else rng.choice(best)
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward)
+        if not terminated:
+            rows = zip(*(weights[tile] for tile in tiles[following]), strict=True)
+            target += 0.9 * max(map(sum, rows))
+        faded = (
+            {pair: 0.81 * trace for pair, trace in traces.items() if trace > 1e-3} if action in best else {}
+        )
+        traces = faded | {(tile, action): 1.0 for tile in tiles[observation]}
+        change = 0.6 / len(tiles[observation]) * (target - row[action])
+        for (tile, a), trace in traces.items():
+            weights[tile][a] += change * trace
+        if terminated or truncated:
+            observation, traces = env.reset()[0], {}
+        else:
+            observation = following
 
 
 def _play(episodes: int) -> None:
