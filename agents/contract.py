@@ -88,7 +88,7 @@ class Algorithm(ABC):
     """A method of learning: its settings, where it runs, and how it trains. A subclass sets what differs."""
 
     settings: type[LearnerSettings]
-    family: Literal["tabular", "deep", "planner"] = "tabular"
+    family: Literal["tabular", "linear", "deep", "planner"] = "tabular"
     """What kind of learner it is; a planner knows the model."""
     version: int = 1
     """Part of every run's identity; raised when a change alters what is learned."""
