@@ -42,6 +42,8 @@ _KNOWN: Final[Mapping[str, tuple[str, str]]] = {
 # Of other variants, in the order of the experiment: all 8 * 15 pairs come up before one returns.
 _COLOURS: Final = ("#c2418f", "#17a2b8", "#8f1d2c", "#b59b00", "#5b5b5b", "#e58fc0", "#3f7f93", "#d98880")
 _MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
+# Of linear learners, in colours and markers that no table and no net above has.
+_LINEAR: Final = ("#b3003c", "#f08fb8"), ("<", ">", "H")
 # Dashes, and how much lighter a learner is drawn; other forms of observation are solid and not lighter.
 _BY_OBSERVATION: Final[Mapping[str, tuple[tuple[int, tuple[float, ...]], float]]] = {
     "coordinates": ((0, (4, 1.5)), 0.3),
@@ -100,16 +102,20 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
                 axis.label_outer()  # the maps of a figure share their axes
 
 
-def learner_style(variant: str, observation: str, variants: Sequence[str]) -> dict[str, Any]:
+def learner_style(
+    variant: str, observation: str, variants: Sequence[str], family: str = ""
+) -> dict[str, Any]:
     """Returns the colour and marker of a variant of an experiment, and tint and dashes of its observation.
 
-    No two of the first 120 variants that are not published share both colour and marker.
+    No two of the first 120 variants that are not published share both colour and marker, or, if they are
+    linear, no two of the first 6.
     """
     if variant in _KNOWN:
         colour, marker = _KNOWN[variant]
     else:
         i = [name for name in variants if name not in _KNOWN].index(variant)
-        colour, marker = _COLOURS[i % len(_COLOURS)], _MARKERS[i % len(_MARKERS)]
+        colours, markers = _LINEAR if family == "linear" else (_COLOURS, _MARKERS)
+        colour, marker = colours[i % len(colours)], markers[i % len(markers)]
     dashes, tint = _BY_OBSERVATION.get(observation, ("-", 0.0))
     return {"color": _lighter(colour, tint), "marker": marker, "ls": dashes}
 
@@ -128,7 +134,7 @@ def in_dark(colour: str) -> str:
 
 _IN_DARK: Final = {
     (drawn := _lighter(colour, tint)): in_dark(drawn)
-    for colour in (*(colour for colour, _ in _KNOWN.values()), *_COLOURS, *map(to_hex, COLOURS))
+    for colour in (*(colour for colour, _ in _KNOWN.values()), *_COLOURS, *_LINEAR[0], *map(to_hex, COLOURS))
     for tint in (0.0, *(tint for _, tint in _BY_OBSERVATION.values()))
 }
 

@@ -42,7 +42,7 @@ class Learner:
     declared: Variant
     algorithm: Algorithm
     family: str
-    """What its variant counts as: tabular, deep or planner, see `_Loading.learners`."""
+    """What its variant counts as: tabular, linear, deep or planner, see `_Loading.learners`."""
     chosen: Chosen | None
     """What a search has chosen for it."""
     changed: tuple[str, ...] = ()
@@ -80,10 +80,10 @@ _ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets", "offset_one
 def title_of(variant: str, observation: str, family: str) -> str:
     """Returns what readers call a learner.
 
-    >>> title_of("Q-learning table", "offset", "tabular"), title_of("DQN", "coordinates", "deep")
-    ('Q-learning table of offsets', 'DQN on coordinates')
+    >>> title_of("Q-learning table", "offset", "tabular"), title_of("tile coding", "coordinates", "linear")
+    ('Q-learning table of offsets', 'tile coding on coordinates')
     """
-    phrases = _OBSERVED if family == "deep" else _OBSERVED | _ROWS
+    phrases = _OBSERVED if family in ("linear", "deep") else _OBSERVED | _ROWS
     return variant + phrases.get(observation, f" on {observation}")
 
 

@@ -220,7 +220,7 @@ class Reporting(Table):
     omit: tuple[str, ...] = ()
     """Names of the kind's items that are left out."""
     baseline: tuple[str, ...] = ()
-    """The tables that deep learners have to beat; none if the question is another."""
+    """The learners, of any family, that deep ones have to beat; none if the question is another."""
     pool: Literal["scenarios", "none"] = "scenarios"
     """Whether verdicts are on means over scenarios."""
     adjust: Literal["holm", "none"] = "holm"

@@ -157,7 +157,8 @@ class _Part:
         looks = {}
         for learner, title in self.folder.titles.items():
             variant, observation = learner.split(", ")
-            style = learner_style(variant, observation, [*self.folder.manifest["algorithms"]])
+            variants = self.folder.manifest["algorithms"]
+            style = learner_style(variant, observation, [*variants], variants[variant]["family"])
             looks[learner] = {
                 "name": title,
                 "phrase": self.folder.phrase(learner),

@@ -104,5 +104,5 @@ def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> 
     assert contrasts["success_verdict"].tolist() == ["equivalent", "better"]
     assert pd.read_csv(two / "outcomes.csv")["outcome"].tolist() == ["does not earn"]
     readme = (two / "README.md").read_text(encoding="utf-8")
-    assert "Whether deep RL earns its keep: no net is better than the tables (1 of 1)." in readme
-    assert "The tables to beat, the *baselines*, are calm and lost." in readme
+    assert "Whether deep RL earns its keep: no net is better than the baselines (1 of 1)." in readme
+    assert "The *baselines*, which deep learners have to beat, are calm and lost." in readme

@@ -23,6 +23,7 @@ REPORT = Report(
         training.steps,
         results.verdicts,
         results.effects,
+        results.classes,
         scenarios.scenarios,
         training.wrong_pings,
         training.cost,

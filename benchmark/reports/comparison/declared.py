@@ -57,9 +57,10 @@ def compared_learners(experiment: Experiment) -> list[str]:
 
 
 def decisive_learners(experiment: Experiment) -> list[str]:
-    """Lists the deep learners that are compared with baselines wherever both are."""
+    """Lists the deep learners, but for baselines, that are compared with baselines wherever both are."""
     reporting = reporting_of(experiment)
-    names = dict.fromkeys(x for x, y in reporting.contrasts if y in reporting.baseline)
+    baselines = reporting.baseline
+    names = dict.fromkeys(x for x, y in reporting.contrasts if y in baselines and x not in baselines)
     return [name for name in names if experiment.learners[name].family == "deep"]
 
 
@@ -67,16 +68,18 @@ def check(experiment: Experiment) -> None:
     """Checks what an experiment declares to be compared.
 
     Raises:
-      InputError: A side of a contrast or effect is wrong, a baseline is no table or is not compared with
-        every deep learner of these contrasts, all algorithms are planners, or budgets are not in steps.
+      InputError: A side of a contrast or effect is wrong, a baseline is a planner or a reference, or
+        is not compared with every deep learner of these contrasts, all algorithms are planners, or budgets
+        are not in steps.
     """
     source, reporting = experiment.argument, reporting_of(experiment)
     contrasts_of(experiment)
     effects_of(experiment)
-    tables = [name for name, learner in experiment.learners.items() if learner.family == "tabular"]
+    learners = experiment.learners.items()
+    accepted = [name for name, own in learners if own.family != "planner" and not own.reference_for]
     for y in reporting.baseline:
-        if y not in tables:
-            unknown_name(f"{source}: report.baseline", "table", y, tables)
+        if y not in accepted:
+            unknown_name(f"{source}: report.baseline", "baseline", y, accepted)
         for x in decisive_learners(experiment) or ["LEARNER"]:
             if (x, y) not in reporting.contrasts:
                 raise InputError(

@@ -73,7 +73,7 @@ def style_of(learner: str, experiment: Experiment, observation: str | None = Non
     variants = [other.variant for other in experiment.learners.values() if not other.reference_for]
     drawn = experiment.learners[learner]
     seen = drawn.observation if observation is None else observation
-    return learner_style(drawn.variant, seen, list(dict.fromkeys(variants)))
+    return learner_style(drawn.variant, seen, list(dict.fromkeys(variants)), drawn.family)
 
 
 def differences(frame: pd.DataFrame, names: Sequence[str]) -> Figure:

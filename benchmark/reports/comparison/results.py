@@ -14,7 +14,7 @@ from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, VERDICTS, WO
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
 from benchmark.analysis.intervals import mean_over_scenarios, proportion
 from benchmark.drawing.style import INK, figure_of
-from benchmark.drawing.tables import link, write_csv
+from benchmark.drawing.tables import inert, link, show, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, effort, names_of, own_rows, populations, wrong_pings
@@ -40,15 +40,16 @@ _THAN: Final = {
     WORSE: " than at least one",
     EQUIVALENT: " to at least one, worse than none",
 }
+_KINDS: Final = {"tabular": "table", "linear": "tile coding", "deep": "net"}  # of learners, by family
 # What outcomes mean, in the order of scenarios in a figure
 _OUTCOMES: Final = {
-    "earns": "a net is better than the tables",
-    "another class": "a net with a policy of another class is better",
-    "no table learned": "only nets learned",
+    "earns": "a net is better than the baselines",
+    "another policy": "a net is better, with another kind of policy",
+    "no baseline learned": "only nets learned",
     "mixed": "mixed",
     "undecided": "undecided",
     "unequal budgets": "unequal budgets",
-    "does not earn": "no net is better than the tables",
+    "does not earn": "no net is better than the baselines",
     "neither learned": "neither learned",
     "no verdict": "no verdict",
 }
@@ -87,7 +88,7 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     return figures.differences(table, names)
 
 
-outcomes = item("outcomes", "whether deep RL earns its keep over the tables to beat", meanings=MEANINGS)(
+outcomes = item("outcomes", "whether deep RL earns its keep over the baselines", meanings=MEANINGS)(
     outcome_rows
 )
 
@@ -202,7 +203,7 @@ def _dots(tables: Frames, experiment: Experiment) -> Figure:
             for y in [learners.index(name) for name in baselines if name in learners]:
                 axis.axhspan(y - 0.5, y + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
-        text += "; grey: the tables to beat" if baselines else ""
+        text += "; grey: the baselines" if baselines else ""
         figure.supxlabel(text + figures.reference_note(drawn, tables, experiment), fontsize="small")
     return figure
 
@@ -271,6 +272,33 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
             of_learners = standings(rows, baselines).map(_SIGNS).fillna("")
             signs |= {(str(scenario), str(x)): sign for x, sign in of_learners.items()}
     return signs
+
+
+@item("classes", "the best learner of each class, after training", meanings=MEANINGS)
+def classes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Finds it by mean success, in each scenario and condition; reference implementations are left out."""
+    found: dict[tuple[str, ...], list[Row]] = {}
+    for names, learner, rows in populations(runs, experiment):
+        if not learner.reference_for:
+            row: Row = {name: names[name] for name in ("scenario", "condition") if name in names}
+            row |= {"kind": _KINDS[learner.family], "policy": learner.declared.policy}
+            row["knowledge"] = "offsets" if learner.observation.startswith("offset") else "cells"
+            members = found.setdefault(tuple(row.values()), [])
+            success = proportion(rows["success"].to_numpy())
+            members.append({**row, **names, "n": len(rows), "success": success})
+    for members in found.values():
+        yield max(members, key=lambda row: row["success"].value) | {"learners": len(members)}
+
+
+@classes.shown
+def _(frame: pd.DataFrame) -> pd.DataFrame:
+    """Returns a row for each scenario and condition, and a column for each class."""
+    rows: dict[str, dict[str, str]] = {}
+    for (_, row), place in zip(frame.iterrows(), figures.labelled(frame)["scenario"], strict=True):
+        label = f"{row['policy']} {row['kind']}, {row['knowledge']}"
+        success = link(show(float(row["success"]), 2), "classes", row)
+        rows.setdefault(place, {"scenario": inert(place)})[label] = success
+    return pd.DataFrame(rows.values()).fillna("-")
 
 
 @item(

@@ -140,7 +140,7 @@ def _outcome(
     if (is_won & y_has_learned & (rows["policy_x"] == rows["policy_y"])).any():
         return "earns"
     if is_won.any():
-        return "another class" if (is_won & y_has_learned).any() else "no table learned"
+        return "another policy" if (is_won & y_has_learned).any() else "no baseline learned"
     # Mixed although x is nowhere better by the margin: it is worse in some scenario
     is_nowhere_better = (rows["success_largest"] < rows["success_margin"]) & (rows["success_difference"] <= 0)
     is_worse = (rows["success_verdict"] == MIXED) & is_nowhere_better
@@ -157,11 +157,11 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
     It is better only if it is better than all, worse if it is worse than at least one, and equivalent if it
     is equivalent to at least one and worse than none. Learners that are not compared with all are left out.
     """
-    tables = {*baselines}
+    every = {*baselines}
     order = (NO_VERDICT, WORSE, EQUIVALENT, MIXED, UNDECIDED, BETTER)  # the first that there is
     verdicts = {}
-    for x, against in rows[rows["y"].isin(tables)].groupby("x", sort=False):
-        if set(against["y"]) == tables:
+    for x, against in rows[rows["y"].isin(every)].groupby("x", sort=False):
+        if set(against["y"]) == every:
             verdicts[str(x)] = min(against["success_verdict"], key=order.index)
     return pd.Series(verdicts, dtype=str)
 

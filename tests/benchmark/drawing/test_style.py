@@ -24,6 +24,12 @@ def test_no_two_learners_look_alike_in_grey_either() -> None:
     assert learner_style("mine_1", "index", ["dqn", "mine_0", "mine_1"]) == styles["mine_1"]
     for x, y in (("dqn", "dqn_linear"), ("ppo", "ppo_default"), ("dqn_default", "dqn_linear")):
         assert abs(brightness(styles[x]["color"]) - brightness(styles[y]["color"])) > 0.15, (x, y)
+    linear = [learner_style(name, "index", [*_KNOWN, *"abcdef"], "linear") for name in "abcdef"]
+    assert len({(to_rgba(style["color"]), style["marker"]) for style in linear}) == 6
+    known = [styles[name] for name in _KNOWN]
+    for key in ("color", "marker"):
+        assert {style[key] for style in linear}.isdisjoint(style[key] for style in known)
+    assert abs(brightness(linear[0]["color"]) - brightness(linear[1]["color"])) > 0.15
     looks = [learner_style("dqn", form, []) for form in ("one_hot", "coordinates", "offset_coordinates")]
     assert len({str(look["ls"]) for look in looks}) == len({look["color"] for look in looks}) == 3
 

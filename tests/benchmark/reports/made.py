@@ -33,14 +33,24 @@ _COLUMNS = (
     "steps", "wrong_pings", "uncomfortable_steps", "greedy_success", "target_cells_marked", "cells_marked",
     "region_overlap",
 )  # fmt: skip
-_ALGORITHMS = {"tabular": "q_learning", "deep": f"{__name__}:NET", "planner": "memoryless"}
+_ALGORITHMS = {
+    "tabular": "q_learning",
+    "linear": f"{__name__}:TILES",
+    "deep": f"{__name__}:NET",
+    "planner": "memoryless",
+}
+
+
+class _Tiles(TabularAlgorithm):
+    family = "linear"
+    observations = ("index", "coordinates", "offset_coordinates")
 
 
 class _Net(TabularAlgorithm):
     family = "deep"
 
 
-NET = _Net(Q_LEARNING)  # a table that reports take for a net
+TILES, NET = _Tiles(Q_LEARNING), _Net(Q_LEARNING)  # tables that reports take for tile coding, and for a net
 
 
 class Made(NamedTuple):
@@ -69,6 +79,7 @@ class Cell(NamedTuple):
     condition: str = "default"
     reference_for: str = ""
     wrong_pings: ArrayLike = 0  # (N, T) of training, since its start
+    observation: str = "index"
 
 
 def over_training(final: ArrayLike) -> NDArray[np.float64]:
@@ -95,10 +106,10 @@ def data_of(
 ) -> Data:
     """Returns a comparison of cells.
 
-    Sides of contrasts name learners without their observation. Records are those of a scenario, whoever is
-    asked for; further keys are those of `[report]`.
+    Sides of contrasts name learners without their observation, if that is the index. Records are those of a
+    scenario, whoever is asked for; further keys are those of `[report]`.
     """
-    learners = {f"{cell.name}, index": _learner(cell) for cell in cells}
+    learners = {f"{cell.name}, {cell.observation}": _learner(cell) for cell in cells}
 
     def side(name: str) -> str:
         parts = [f"{part}, index" if f"{part}, index" in learners else part for part in name.split(" @ ")]
@@ -116,7 +127,7 @@ def data_of(
         success = over_training(cell.success)
         score = success if cell.score is None else over_training(cell.score)
         seeds, steps = range(len(success)), np.linspace(0, cell.budget, success.shape[1], dtype=int)
-        learner, condition = learners[f"{cell.name}, index"], conditions[cell.condition]
+        learner, condition = learners[f"{cell.name}, {cell.observation}"], conditions[cell.condition]
         made: Any = (condition, scenarios[cell.scenario], learner, None, seeds)
         populations.append(Population(*made))
         over_time = {"success": success, "score": score.clip(0, 1), "unbounded_score": score}
@@ -144,12 +155,12 @@ def _learner(cell: Cell) -> Learner:
     name = _ALGORITHMS[cell.family]
     declared = Variant(
         algorithm=name,
-        observations=("index",),
+        observations=(cell.observation,),
         seeds=len(np.asarray(cell.success)),
         policy=cast(Any, cell.policy),
         reference_for=cell.reference_for,
     )
-    return Learner(cell.name, "index", declared, load_algorithm(name), cell.family, None)
+    return Learner(cell.name, cell.observation, declared, load_algorithm(name), cell.family, None)
 
 
 def compared(

@@ -75,6 +75,27 @@ def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path
     assert (reporting.pool, reporting.adjust) == ("scenarios", "holm")
 
 
+TILES = """
+algorithms.tiles.algorithm = "tests.benchmark.reports.made:TILES"
+algorithms.tiles.observations = ["coordinates"]
+algorithms.tiles.seeds = 20
+report.kind = "comparison"
+"""
+
+
+def test_a_baseline_may_be_of_any_family(tmp_path: Path) -> None:
+    net, baselines = "net, one_hot", ["tiles, coordinates", "net, coordinates", "table, index"]
+    pairs = [[net, baseline] for baseline in baselines] + [baselines[1:]]
+    reporting = f"report.baseline = {baselines}\nreport.contrasts = {pairs}\n"
+    experiment = experiment_of(tmp_path / "mine.toml", f"{TILES}{reporting}{BASE}")
+    report_of(experiment)  # which checks it
+    assert experiment.learners["tiles, coordinates"].title == "tiles on coordinates"
+    assert decisive_learners(experiment) == [net]  # a baseline need not beat others, even if it is deep
+    undeclared = experiment_of(tmp_path / "mine.toml", f"{TILES}{BASE}")
+    assert reporting_of(undeclared).baseline == ("other, index",)
+    assert decisive_learners(undeclared) == [net, "net, coordinates"]
+
+
 @pytest.mark.parametrize("baseline", ['["table, index"]', '["table, index", "other, index"]'])
 def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
     more = f"""
@@ -110,7 +131,11 @@ def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
         ('contrasts = [["S1 @ S2", "S2 @ S1"]]', ["report.contrasts.0", "at most one scenario"]),
         ('contrasts = [["net, one_hot", "net, one_hot"]]', ["report.contrasts.0", "net, one_hot"]),
         ('contrasts = [["net, one_hot @ S1", "table, index"]]', ["report.contrasts.0"]),
-        (f'baseline = ["net, one_hot"]\ncontrasts = [{CONTRAST}]', ["report.baseline", "net, one_hot"]),
+        (f'baseline = ["net_sb3, one_hot"]\ncontrasts = [{CONTRAST}]', ["baseline net_sb3, one_hot"]),
+        (
+            f'baseline = ["net, one_hot"]\ncontrasts = [{CONTRAST}]',
+            ["contrasts", '"LEARNER", "net, one_hot"'],
+        ),
         (f'baseline = ["tables, index"]\ncontrasts = [{CONTRAST}]', ["report.baseline", "table, index"]),
         (f'baseline = ["other, index"]\ncontrasts = [{CONTRAST}]', ["report.contrasts", "other, index"]),
         ('baseline = ["table, index"]', ["report.contrasts", "table, index"]),
@@ -136,6 +161,7 @@ PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["inde
     ("text", "word"),
     [
         (BASE.partition("algorithms.other")[0] + f'{PLANNER}\nreport = "comparison"', "planner"),
+        (f'{BASE}{PLANNER}\n[report]\nkind = "comparison"\nbaseline = ["search, index"]', "baseline search"),
         (BASE.replace("200 }", '200, budget_unit = "episodes" }') + 'report = "comparison"', "budget_unit"),
         (BASE, "report"),
     ],

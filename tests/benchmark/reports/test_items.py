@@ -124,6 +124,82 @@ def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> N
     assert document.folder.frame("summary")["algorithm"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
 
 
+def test_the_best_of_each_class_by_hand(tmp_path: Path) -> None:
+    """Classes differ in kind, policy and knowledge; a reference is in none."""
+    made = {  # family, policy, observation, successes of 8 runs in S1 and S2
+        "q": ("tabular", "greedy", "index", 8, 2),
+        "sarsa": ("tabular", "greedy", "index", 4, 4),
+        "soft": ("tabular", "stochastic", "index", 6, 0),
+        "near": ("tabular", "greedy", "offset", 7, 7),
+        "tiles": ("linear", "greedy", "coordinates", 5, 5),
+        "near_tiles": ("linear", "greedy", "offset_coordinates", 6, 6),
+        "net": ("deep", "greedy", "coordinates", 1, 1),
+        "net_sb3": ("deep", "greedy", "coordinates", 8, 8),
+        "search": ("planner", "greedy", "index", 8, 8),
+    }
+    cells = [
+        Cell(name, np.arange(8) < of_scenario, scenario, family, policy, observation=observation,
+             reference_for="net" * (name == "net_sb3"))
+        for name, (family, policy, observation, *successes) in made.items()
+        for scenario, of_scenario in zip(("S1", "S2"), successes, strict=True)
+        if name != "net" or scenario == "S1"
+    ]  # fmt: skip
+    frame = table("classes", data_of(cells))
+    found = {
+        (row["scenario"], row["kind"], row["policy"], row["knowledge"]): (
+            row["algorithm"], row["learners"], row["success"] * 8, row["n"],
+        )
+        for row in frame.to_dict("records")
+    }  # fmt: skip
+    assert found == {
+        ("S1", "table", "greedy", "cells"): ("q", 2, 8, 8),
+        ("S2", "table", "greedy", "cells"): ("sarsa", 2, 4, 8),
+        ("S1", "table", "stochastic", "cells"): ("soft", 1, 6, 8),
+        ("S2", "table", "stochastic", "cells"): ("soft", 1, 0, 8),
+        ("S1", "table", "greedy", "offsets"): ("near", 1, 7, 8),
+        ("S2", "table", "greedy", "offsets"): ("near", 1, 7, 8),
+        ("S1", "tile coding", "greedy", "cells"): ("tiles", 1, 5, 8),
+        ("S2", "tile coding", "greedy", "cells"): ("tiles", 1, 5, 8),
+        ("S1", "tile coding", "greedy", "offsets"): ("near_tiles", 1, 6, 8),
+        ("S2", "tile coding", "greedy", "offsets"): ("near_tiles", 1, 6, 8),
+        ("S1", "net", "greedy", "cells"): ("net", 1, 1, 8),
+    }
+    exact = stats.binomtest(4, 8).proportion_ci()
+    row = frame[frame["algorithm"] == "sarsa"].iloc[0]
+    assert (row["success_low"], row["success_high"]) == pytest.approx((exact.low, exact.high))
+    assert [name for name in frame if item("classes").meaning(str(name)) is None] == []
+    document = folder_of(tmp_path, data_of(cells), "classes")
+    shown = document.shown(item("classes"))
+    assert shown.map(plain).to_numpy().tolist() == [
+        ["S1", "1.00", "0.75", "0.88", "0.62", "0.75", "0.12"],
+        ["S2", "0.50", "0.00", "0.88", "0.62", "0.75", "-"],
+    ]
+    assert [*shown] == [
+        "scenario", "greedy table, cells", "stochastic table, cells", "greedy table, offsets",
+        "greedy tile coding, cells", "greedy tile coding, offsets", "greedy net, cells",
+    ]  # fmt: skip
+    for column in shown.columns[1:]:
+        for text in shown[column][shown[column] != "-"]:  # each links to its row
+            line = int(text.partition("row=")[2].rstrip(")"))
+            assert f"{frame.iloc[line - 2]['success']:.2f}" == plain(text)
+    assert "biased upwards" in document.readme()
+
+
+def test_classes_are_found_under_each_condition() -> None:
+    cells = [
+        Cell(name, np.full(2, success), condition=condition)
+        for condition, shares in {"default/noise=low": (0.25, 0.5), "default/noise=high": (1.0, 0.0)}.items()
+        for name, success in zip("ab", shares, strict=True)
+    ]
+    frame = table("classes", data_of(cells))
+    assert frame.set_index("condition")["algorithm"].to_dict() == {
+        "default/noise=low": "b",
+        "default/noise=high": "a",
+    }
+    shown = item("classes").display(frame)
+    assert shown["scenario"].tolist() == ["S1 under default/noise=low", "S1 under default/noise=high"]
+
+
 def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:
     learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0, 0.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0, 0.0))}
     scenarios = ["S1", "S2", "S3", "Hall", "Walls"]

@@ -36,7 +36,7 @@ def headline(path: Path, data: Data) -> str:
 
 CASES: list[tuple[dict[str, Made], str]] = [
     ({"table": WEAK, "net": WINNER}, "earns"),
-    ({"table": Made("tabular", 0.0), "net": WINNER}, "no table learned"),
+    ({"table": Made("tabular", 0.0), "net": WINNER}, "no baseline learned"),
     ({"table": TABLE, "net": LOSER}, "does not earn"),
     ({"table": TABLE, "net": LOSER, "other": EQUAL}, "does not earn"),
     ({"table": TABLE, "net": EQUAL}, "does not earn"),  # equivalent: nothing is gained
@@ -58,15 +58,19 @@ CASES: list[tuple[dict[str, Made], str]] = [
     ({"table": Made("tabular", (0.7, 1.0, 1.0)), "net": Made("deep", (1.0, 0.85, 0.85))}, "mixed"),
     # A table at 0.92 leaves less room than the margin, and can still be beaten.
     ({"table": Made("tabular", 0.92), "net": WINNER}, "earns"),
-    ({"table": WEAK._replace(policy="stochastic"), "net": WINNER}, "another class"),
+    ({"table": WEAK._replace(policy="stochastic"), "net": WINNER}, "another policy"),
     ({"table": WEAK._replace(budget=800), "net": WINNER}, "unequal budgets"),
     ({"table": TABLE, "net": LOSER._replace(budget=800)}, "unequal budgets"),
 ]
 
 
 @pytest.mark.parametrize(("learners", "expected"), CASES)
-def test_outcome_against_one_table(learners: dict[str, Made], expected: str) -> None:
+def test_outcome_against_one_baseline(learners: dict[str, Made], expected: str) -> None:
     assert outcomes(compared(learners, baseline=["table"])) == [expected]
+    # It is the same whatever the family of the baseline.
+    for family in ("linear", "deep"):
+        other = learners | {"table": learners["table"]._replace(family=family)}
+        assert outcomes(compared(other, baseline=["table"])) == [expected]
 
 
 # Two baselines, one of each class of policy
@@ -76,9 +80,9 @@ UNTRAINED = Made("tabular", random_success("S1"), policy="stochastic", every_run
 NOTHING = WEAK._replace(success=0.0)
 TWO: list[tuple[dict[str, Made], str]] = [
     ({"net": WINNER}, "earns"),
-    ({"soft": WEAK, "net": WINNER._replace(policy="stochastic")}, "another class"),
-    ({"table": NOTHING, "net": WINNER}, "another class"),
-    ({"table": NOTHING, "soft": UNTRAINED, "net": WINNER}, "no table learned"),
+    ({"soft": WEAK, "net": WINNER._replace(policy="stochastic")}, "another policy"),
+    ({"table": NOTHING, "net": WINNER}, "another policy"),
+    ({"table": NOTHING, "soft": UNTRAINED, "net": WINNER}, "no baseline learned"),
     ({"soft": SOFT._replace(success=1.0), "net": Made("deep", 0.6)}, "does not earn"),
     ({"soft": SOFT._replace(success=1.0, n=12), "net": WINNER}, "undecided"),
     ({"table": NOTHING, "soft": SOFT._replace(success=0.0), "net": Made("deep", 0.0)}, "neither learned"),
@@ -92,6 +96,23 @@ TWO: list[tuple[dict[str, Made], str]] = [
 def test_deep_rl_has_to_beat_every_baseline(learners: dict[str, Made], expected: str) -> None:
     data = compared({"table": WEAK, "soft": SOFT} | learners, baseline=["table", "soft"])
     assert outcomes(data) == [expected]
+
+
+@pytest.mark.parametrize(
+    ("tiles", "net", "expected"),
+    [
+        (0.3, 1.0, "earns"),
+        (1.0, 1.0, "does not earn"),  # the table is beaten, but tile coding does as well
+        (1.0, 0.6, "does not earn"),  # the table is beaten, but tile coding does better
+        (0.0, 1.0, "earns"),  # tile coding has not learned, but the table has
+    ],
+)
+def test_tile_coding_has_to_be_beaten_like_a_table(tiles: float, net: float, expected: str) -> None:
+    learners = {"table": WEAK, "tiles": Made("linear", tiles), "net": Made("deep", net)}
+    assert outcomes(compared(learners, baseline=["table", "tiles"])) == [expected]
+    # What baselines are among each other has no part in it.
+    pairs = [("net", "table"), ("net", "tiles"), ("tiles", "table")]
+    assert outcomes(compared(learners, pairs, ["table", "tiles"])) == [expected]
 
 
 @pytest.mark.parametrize(
@@ -134,7 +155,7 @@ def test_a_net_at_the_random_policy_does_not_earn_its_keep_over_a_greedy_table_a
         assert outcomes(data) == ["neither learned"]
         learners["dqn"] = Made("deep", 1.0, policy="stochastic")
         data = compared(learners, baseline=["table"], scenarios=["TurningHidden"])
-        assert outcomes(data) == ["no table learned"]
+        assert outcomes(data) == ["no baseline learned"]
 
 
 def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
@@ -232,8 +253,8 @@ def test_conditions_have_outcomes_of_their_own(tmp_path: Path) -> None:
         found = table("outcomes", data).set_index("condition")["outcome"].to_dict()
         assert found == {"default/noise=low": "does not earn", "default/noise=high": "earns"}
         assert headline(tmp_path / pool, data) == (
-            "Whether deep RL earns its keep: a net is better than the tables (1 of 2); "
-            "no net is better than the tables (1 of 2)."
+            "Whether deep RL earns its keep: a net is better than the baselines (1 of 2); "
+            "no net is better than the baselines (1 of 2)."
         )
 
 
@@ -257,8 +278,8 @@ def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
     }
     data = compared(learners, baseline=["table"], scenarios=["S1", "S2", "S3", "Hall", "Walls"], pool="none")
     assert headline(tmp_path, data) == (
-        "Whether deep RL earns its keep: a net is better than the tables (1 of 5); "
-        "only nets learned (1 of 5); no net is better than the tables (2 of 5); neither learned (1 of 5)."
+        "Whether deep RL earns its keep: a net is better than the baselines (1 of 5); "
+        "only nets learned (1 of 5); no net is better than the baselines (2 of 5); neither learned (1 of 5)."
     )
 
 
