@@ -50,7 +50,7 @@ def tables(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Returns the tables `runs` and `curves`, in the order of the groups and their runs.
 
-    By default they have all results that are recorded, else these columns.
+    They have all results that are recorded, or only these columns of them.
 
     Raises:
       InputError: A record is missing or damaged, or a learner does not learn the policy that counts.
@@ -64,7 +64,8 @@ def tables(
                 "returns no such policy; accepted: greedy."
             )
         keys, steps = keys_of(group.population) | dict(group.more), records.evaluation_steps
-        wanted = columns or _recorded(records.run)
+        recorded = _recorded(records.run)
+        wanted = recorded.intersection(columns) if columns else recorded
         of_runs, of_curves = (
             {name: compute(records, policy) for name, compute in computed.items() if name in wanted}
             for computed in (_RUN_COLUMNS, _CURVE_COLUMNS)
@@ -88,7 +89,7 @@ def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
 def _recorded(run: RunSpecification) -> set[str]:
     if run.solved is not None:
         return _MAPPED
-    names = {*_RUN_COLUMNS, *_CURVE_COLUMNS} - {"unseen_success"}
+    names = {*_RUN_COLUMNS, *_CURVE_COLUMNS} - {"unseen_success", "earliness"}
     is_everywhere = "every_cell" in run.evaluated_from
     return {name for name in names if is_everywhere or "every_cell_" not in name}
 
@@ -126,6 +127,15 @@ def _area(records: Records, policy: str) -> Floats:
     return np.asarray(np.trapezoid(success, steps) / (steps[-1] - steps[0]))
 
 
+def _earliness(records: Records, _: str) -> Floats:
+    """Returns the share of the logarithm of the budget, (N,), that runs save by learning early."""
+    run, steps = records.run, records.evaluation_steps
+    assert run.solved is not None
+    first = learned(records.arrays["success"], steps, float(run.solved["success"]), until=2)
+    taken = np.maximum([*steps, steps[-1]], run.evaluation_every)[first]
+    return np.asarray(1 - np.log(taken / run.evaluation_every) / np.log(steps[-1] / run.evaluation_every))
+
+
 _RUN_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     **{name: partial(_final, name, "start") for name in ENDPOINTS},
     **{f"every_cell_{name}": partial(_final, name, "every_cell") for name in ENDPOINTS},
@@ -135,6 +145,7 @@ _RUN_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     ),
     "unseen_success": _unseen_success,
     "area": _area,
+    "earliness": _earliness,
     "target_cells_marked": lambda records, _: (records.values_ping & records.in_target).sum(axis=1),
     "cells_marked": lambda records, _: records.values_ping.sum(axis=1),
     "region_overlap": lambda records, _: records.region_overlap,
@@ -156,8 +167,8 @@ _CURVE_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
 }
 # Of runs that end when they have learned; they record nothing else.
 _MAPPED: Final = {
-    "success", "unseen_success", "training_wrong_pings", "diverged_at", "updates", "parameters", "cpu_time_s",
-    "peak_memory_mb",
+    "success", "unseen_success", "earliness", "training_wrong_pings", "diverged_at", "updates", "parameters",
+    "cpu_time_s", "peak_memory_mb",
 }  # fmt: skip
 
 

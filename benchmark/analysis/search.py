@@ -1,30 +1,31 @@
 """The stages of a search for settings: which runs it has, given those that are stored.
 
-First, every trial of every learner, in all scenarios. Then, with fresh seeds, the trials of the largest mean
-area under the curve of exact success; that with the largest mean on these seeds is chosen, so one that was
-merely lucky is not. Beside them trial 0, and in each scenario the trial that is best there. Last, with other
-seeds, the chosen settings, and the same with one of them at other values.
+First, every trial of every learner, in all scenarios. Then, with fresh seeds, the trials of the largest mean;
+that with the largest mean on these seeds is chosen, so one that was merely lucky is not. Beside them trial 0,
+and in each scenario the trial that is best there. Last, with other seeds and unless the search leaves it out,
+the chosen settings, and the same with one of them at other values.
+
+What is averaged is the measure of a run: the area under its curve of exact success or, with `[solved]`, how
+early it has learned.
 """
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from benchmark.analysis.frames import Group, tables
+from benchmark.analysis.frames import Floats, Group, tables
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Learner, Population
-from benchmark.experiments.search import Chosen, Search
+from benchmark.experiments.search import Chosen, Finalist, Search
 from envs.inputs import override, parse
 
-Areas = NDArray[np.float64]
-Fresh = Mapping[tuple[int, str], Areas]  # (N,) on fresh seeds, by trial and scenario
-COLUMNS: Final = ("area", "cpu_time_s")  # of runs, that a search needs
+Fresh = Mapping[tuple[int, str], Floats]  # (N,) on fresh seeds, by trial and scenario
+COLUMNS: Final = ("area", "earliness", "cpu_time_s")  # of runs, that a search needs as far as they have them
 SEARCHED, FRESH, AROUND = "search", "fresh", "around"  # stages
 
 
@@ -32,47 +33,60 @@ class Outcome(NamedTuple):
     """What a search has found for a learner. I scenarios."""
 
     learner: Learner
-    searched: Areas  # (trials, I, N) of every trial, on the first seeds
+    searched: Floats  # (trials, I, N) of every trial, on the first seeds
     fresh: Fresh
-    chosen: int  # the finalist with the largest mean on fresh seeds
+    ranked: Sequence[int]  # the finalists, that with the largest mean on fresh seeds first
+
+    @property
+    def chosen(self) -> int:
+        """The best finalist."""
+        return self.ranked[0]
 
 
-def everywhere(fresh: Fresh, trial: int) -> list[Areas]:
-    """Returns the fresh areas of a finalist or of trial 0 in every scenario."""
-    return [areas for (other, _), areas in fresh.items() if other == trial]
+def measure_of(experiment: Experiment) -> str:
+    """Returns the column of runs that a search compares."""
+    return "area" if experiment.declared.solved is None else "earliness"
 
 
-def finalists(searched: Areas, n: int) -> list[int]:
-    """Returns the n best trials by (trials, I, N) areas, the best first; of equal ones the first."""
+def everywhere(fresh: Fresh, trial: int) -> list[Floats]:
+    """Returns the fresh measures of a finalist or of trial 0 in every scenario."""
+    return [measures for (other, _), measures in fresh.items() if other == trial]
+
+
+def finalists(searched: Floats, n: int) -> list[int]:
+    """Returns the n best trials by (trials, I, N) measures, the best first; of equal ones the first."""
     order = np.argsort(-searched.mean(axis=(1, 2)), kind="stable")
     return [int(trial) for trial in order[:n]]
 
 
-def best_apart(searched: Areas) -> list[int]:
-    """Returns the best trial of each scenario, by (trials, I, N) areas."""
+def best_apart(searched: Floats) -> list[int]:
+    """Returns the best trial of each scenario, by (trials, I, N) measures."""
     return [int(trial) for trial in searched.mean(axis=2).argmax(axis=0)]
 
 
-def searched_areas(runs: pd.DataFrame, experiment: Experiment, learner: Learner) -> Areas:
-    """Returns the areas of a learner's trials on the first seeds, (trials, I, N)."""
+def searched_measures(runs: pd.DataFrame, experiment: Experiment, learner: Learner) -> Floats:
+    """Returns the measures of a learner's trials on the first seeds, (trials, I, N)."""
     rows = runs[(runs["learner"] == learner.name) & (runs["stage"] == SEARCHED)]
-    return rows["area"].to_numpy().reshape(len(experiment.conditions), len(experiment.scenarios), -1)
+    measures = rows[measure_of(experiment)].to_numpy()
+    return measures.reshape(len(experiment.conditions), len(experiment.scenarios), -1)
 
 
 def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
     """Returns what a search has found for every learner, by its runs of the first two stages."""
     assert experiment.declared.search is not None
-    all_outcomes = []
+    all_outcomes, measure = [], measure_of(experiment)
     for learner in experiment.learners.values():
-        searched = searched_areas(runs, experiment, learner)
+        searched = searched_measures(runs, experiment, learner)
         again = runs[(runs["learner"] == learner.name) & (runs["stage"] == FRESH)]
         fresh = {
-            (int(str(trial)), str(scenario)): areas.to_numpy()
-            for (trial, scenario), areas in again.groupby(["trial", "scenario"], sort=False)["area"]
+            (int(str(trial)), str(scenario)): measures.to_numpy()
+            for (trial, scenario), measures in again.groupby(["trial", "scenario"], sort=False)[measure]
         }
-        candidates = finalists(searched, experiment.declared.search.finalists)
-        best = max(candidates, key=lambda trial: float(np.mean(everywhere(fresh, trial))))
-        all_outcomes.append(Outcome(learner, searched, fresh, best))
+        best = finalists(searched, experiment.declared.search.finalists)
+        means = {trial: float(np.mean(everywhere(fresh, trial))) for trial in best}
+        all_outcomes.append(
+            Outcome(learner, searched, fresh, sorted(best, key=means.__getitem__, reverse=True))
+        )
     return all_outcomes
 
 
@@ -86,20 +100,31 @@ def settings_of(experiment: Experiment, learner: Learner, trial: int) -> dict[st
 
 def chosen(experiment: Experiment, store: Store) -> dict[str, Chosen]:
     """Returns the chosen settings of every learner and the effort, by its name; all runs are stored."""
-    groups = [group for groups in stages(experiment, store) for group in groups]
+    groups = [group for groups in islice(stages(experiment, store), 2) for group in groups]
     return chosen_by(experiment, tables(groups, store, COLUMNS)[0])
 
 
 def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
-    """Returns the same, given the runs of all stages."""
+    """Returns the same, given the runs of the first two stages, or of all.
+
+    The effort is that of the trials and of the fresh runs of finalists: the choice depends on no others.
+    """
     results = {}
     for outcome in outcomes(experiment, runs):
         name = outcome.learner.name
-        tried = runs[(runs["learner"] == name) & (runs["stage"] != AROUND)]
+        is_final = (runs["stage"] == FRESH) & runs["trial"].isin([*map(str, outcome.ranked)])
+        tried = runs[(runs["learner"] == name) & ((runs["stage"] == SEARCHED) | is_final)]
+        best, *others = (
+            Finalist(
+                trial=trial,
+                settings=settings_of(experiment, outcome.learner, trial),
+                score=round(float(np.mean(everywhere(outcome.fresh, trial))), 6),
+            )
+            for trial in outcome.ranked[:3]
+        )
         results[name] = Chosen(
-            trial=outcome.chosen,
-            settings=settings_of(experiment, outcome.learner, outcome.chosen),
-            score=round(float(np.mean(everywhere(outcome.fresh, outcome.chosen))), 6),
+            **dict(best),
+            others=tuple(others),
             trials=len(outcome.searched) - 1,
             runs=len(tried),
             steps=int(tried["budget"].sum()),
@@ -122,16 +147,19 @@ def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     runs, _ = tables(first, store, COLUMNS)
     fresh = []
     for learner in experiment.learners.values():
-        searched = searched_areas(runs, experiment, learner)
+        searched = searched_measures(runs, experiment, learner)
         again = product([*finalists(searched, search.finalists), 0], names)
         for trial, name in dict.fromkeys([*again, *zip(best_apart(searched), names, strict=True)]):
             population = populations[learner.name, trial, name]
             fresh.append(Group(population, population.runs(search.fresh), {"stage": FRESH}))
     yield fresh
+    if not search.around:
+        return
     runs = pd.concat([runs, tables(fresh, store, COLUMNS)[0]])
     around: list[Group] = []
-    for learner, _, _, chosen in outcomes(experiment, runs):
-        around += _around([populations[learner.name, chosen, name] for name in names], search)
+    for outcome in outcomes(experiment, runs):
+        chosen = [populations[outcome.learner.name, outcome.chosen, name] for name in names]
+        around += _around(chosen, search)
     yield around
 
 
@@ -147,5 +175,5 @@ def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
                 changed[key, json.dumps(value)] = other
     for ((key, value), other), population in product(changed.items(), chosen):
         first = replace(population.first, settings=other)
-        runs = [first.with_seed(seed) for seed in search.around(len(population.seeds))]
+        runs = [first.with_seed(seed) for seed in search.seeds_around(len(population.seeds))]
         yield Group(population, runs, {"stage": AROUND, "setting": key, "value": value})

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 from agents import dynamic_programming, load_algorithm
 from benchmark.experiments.schema import Declaration, overlap, read_experiment
-from benchmark.experiments.search import Chosen, read_chosen
+from benchmark.experiments.search import Chosen, chosen_file, read_chosen
 from envs import InputError, Scenario, load_scenario
 from envs.inputs import unknown_name
 
 
 def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen | None:
-    """Returns the settings that a search has chosen for a learner, and their effort; None without a search.
+    """Returns the settings that a learner takes from a search, and their effort; None without a search.
 
     Refuses, by an InputError, a search that has chosen nothing for it, or was declared otherwise then.
     """
@@ -30,7 +30,13 @@ def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen 
         )
     if learner not in made.learners:
         unknown_name(source, "learner of the search", learner, made.learners)
-    return made.learners[learner]
+    found, rank = made.learners[learner], declared.algorithms[variant].rank
+    if rank == 1:
+        return found
+    if rank > (n := 1 + len(found.others)):
+        reason = f"rank = {rank}: {chosen_file(search.path)} has the {n} best settings of {learner}"
+        raise InputError(f"{declared.argument}: algorithms.{variant}.{reason}; accepted: at most {n}.")
+    return found.model_copy(update=dict(found.others[rank - 2]))
 
 
 def source_of(declared: Declaration, variant: str) -> tuple[str, str]:
@@ -55,6 +61,8 @@ def digest_of_search(search: Declaration) -> str:
             del axis["why"]
     content["scenarios"] = [load_scenario(name).model_dump(mode="json") for name in search.scenarios]
     algorithms = [load_algorithm(variant.algorithm).version for variant in search.algorithms.values()]
+    if search.solved is not None:
+        content["solved"] = search.solved.model_dump(mode="json")
     content["sweep"] = {}  # a key of earlier versions, on which digests depend
     content["versions"] = [*algorithms, dynamic_programming.VERSION]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

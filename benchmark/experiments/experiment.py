@@ -280,6 +280,9 @@ class _Loading:
         where = f"{self.path}: algorithms.{learner.variant}"
         with self.noted(f"{where}: "):
             check_size(run)
+            if declared.search and declared.solved and evaluation_every >= settings.budget:
+                accepted = f"less than budget = {settings.budget} in a search with [solved]"
+                raise InputError(f"evaluation_every = {evaluation_every}; accepted: {accepted}.")
         if variant.tuned_by:
             search, _ = choices.source_of(declared, learner.variant)
             with self.noted(f"{where}.tuned_by = {variant.tuned_by}: "):

@@ -9,14 +9,14 @@ import json
 import math
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from itertools import chain, product
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -45,7 +45,7 @@ MOST_POINTS: Final = 10_000  # of a grid
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*")
 # What a reference implementation takes from its variant, and does not set itself.
-_SHARED: Final = {"group", "settings", "policy", "tuned_by"}
+_SHARED: Final = {"group", "settings", "policy", "tuned_by", "rank"}
 
 
 class Variant(Table):
@@ -54,6 +54,8 @@ class Variant(Table):
     A *reference implementation* of another variant learns the same by other code. It takes that variant's
     settings, its group, its policy and, unless it names some of them, its observations.
     """
+
+    omitted_at_default: ClassVar[Set[str]] = {"rank"}
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
@@ -81,6 +83,13 @@ class Variant(Table):
     """What a search varies: a table for each setting, by dotted key."""
     tuned_by: Line = ""
     """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own settings."""
+    rank: Annotated[int, Field(ge=1, le=3)] = 1
+    """Which of the search's settings it takes: the best, the second or the third best on fresh runs."""
+
+    @model_validator(mode="after")
+    def _has_a_search(self) -> Self:
+        require(self.rank == 1 or bool(self.tuned_by), f"rank = {self.rank}", "a key tuned_by beside it")
+        return self
 
 
 class Changes(Table):
@@ -308,7 +317,7 @@ class Declaration(Table):
     grids: dict[Name, Grid] = Field(default_factory=dict)
     """Further conditions, by name: products of axes."""
     solved: Solved | None = None
-    """If it is there, runs are measured until their scenario is solved."""
+    """If it is there, runs are measured until they solve their scenario; a search compares how early."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -330,8 +339,8 @@ class Declaration(Table):
                 require(not variant.search, f"algorithms.{name}.search", "a table [search] beside it")
             return
         is_changed = any(reading.scenario or reading.settings for reading in self.readings.values())
-        is_alone = not (self.grids or self.solved or is_changed or len(self.readings) > 1)
-        require(is_alone, "search", "no grids, readings or solved in the same experiment")
+        is_alone = not (self.grids or is_changed or len(self.readings) > 1)
+        require(is_alone, "search", "no grids or readings in the same experiment")
         efforts = [
             (variant.seeds, *self.schedule(name), (self.settings | variant.settings).get("budget"))
             for name, variant in self.algorithms.items()
@@ -390,7 +399,7 @@ class Declaration(Table):
         """Returns the seeds of a variant's trials, and those of the further stages of the search."""
         assert self.search is not None
         first, n = self.algorithms[variant].first_seed, self.algorithms[variant].seeds
-        return range(first, first + n), range(self.search.first_seed, self.search.around(n).stop)
+        return range(first, first + n), range(self.search.first_seed, self.search.seeds_around(n).stop)
 
     @cached_property
     def conditions(self) -> dict[str, Condition]:

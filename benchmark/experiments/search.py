@@ -5,9 +5,10 @@ Owen 1998), one sequence per variant. So trial t is the same however many there 
 """
 
 import hashlib
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Set
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
@@ -57,6 +58,11 @@ class Span(Table):
         """Values all over the range."""
         return [self.at(share) for share in (0.0, 0.5, 1.0)]
 
+    @property
+    def edges(self) -> tuple[float, float]:
+        """Where the lowest tenth of the range ends, on its scale, and the highest begins."""
+        return self.at(0.1), self.at(0.9)
+
 
 class Choice(Table):
     """A setting that is drawn from a few values."""
@@ -75,6 +81,13 @@ class Choice(Table):
         """All values."""
         return list(self.values)
 
+    @property
+    def edges(self) -> tuple[float, float]:
+        """The smallest and the largest value, if there are at least three and all are numbers."""
+        numbers = [value for value in self.values if isinstance(value, int | float)]
+        has_inner = len(numbers) == len(self.values) > 2
+        return (min(numbers), max(numbers)) if has_inner else (-math.inf, math.inf)
+
 
 def _kind(value: object) -> str:
     is_choice = isinstance(value, Choice) or (isinstance(value, Mapping) and "values" in value)
@@ -88,6 +101,8 @@ Space = dict[str, Axis]  # dotted key of a setting to its range
 class Search(Table):
     """How much a search tries. The runs of a trial are those that its variant declares, in every scenario."""
 
+    omitted_at_default: ClassVar[Set[str]] = {"around"}
+
     trials: Annotated[int, Field(ge=1, le=5000)]
     """Trials of each learner, besides trial 0."""
     finalists: Annotated[int, Field(ge=1, le=100)] = 4
@@ -96,6 +111,8 @@ class Search(Table):
     """The first of the fresh seeds."""
     seeds: Annotated[int, Field(ge=2, le=10_000)] = 40
     """Fresh runs of each finalist per scenario."""
+    around: bool = True
+    """Whether the chosen settings are at last run with one of them changed at a time."""
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -108,9 +125,9 @@ class Search(Table):
         """The seeds of finalists."""
         return range(self.first_seed, self.first_seed + self.seeds)
 
-    def around(self, n: int) -> range:
-        """Returns the seeds of n runs of what is around the chosen settings."""
-        return range(self.fresh.stop, self.fresh.stop + n)
+    def seeds_around(self, n: int) -> range:
+        """Returns the seeds of n runs of what is around the chosen settings; none if that is not run."""
+        return range(self.fresh.stop, self.fresh.stop + n * self.around)
 
 
 def trials(name: str, space: Space, n: int) -> list[dict[str, object]]:
@@ -131,15 +148,21 @@ def trials(name: str, space: Space, n: int) -> list[dict[str, object]]:
     return [{}, *drawn]
 
 
-class Chosen(Table):
-    """The settings that a search has chosen for a learner, and what it took to find them."""
+class Finalist(Table):
+    """The settings of a trial that was run again."""
 
     trial: int
     settings: dict[str, object]
-    score: float  # mean area under the curve of success on fresh runs
+    score: float  # mean on fresh runs of what the search compares runs by
+
+
+class Chosen(Finalist):
+    """The settings that a search has chosen for a learner, and what it took to find them."""
+
+    others: tuple[Finalist, ...] = ()  # the second and the third best finalist, if there are so many
     trials: int  # that were tried, without trial 0
-    runs: int
-    steps: int  # environment steps of all these runs
+    runs: int  # on which the choice depends
+    steps: int  # environment steps of all these runs; at most so many if they end when they have learned
     cpu_time_s: float  # of their training
 
 

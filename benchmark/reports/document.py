@@ -103,7 +103,8 @@ class Document:
         plus = " or more" if manifest["report"].get("looks") else ""
         for variant, declared in manifest["algorithms"].items():
             search = declared["tuned_by"].partition(":")[0]
-            sources = [f"search `{search}`" if search else "declared"]
+            rank = f", rank {declared['rank']}" if "rank" in declared else ""
+            sources = [f"search `{search}`{rank}" if search else "declared"]
             sources += [f"{key} declared" for key in declared["changed"]]
             for observation in declared["settings"]:
                 name, policy = f"{variant}, {observation}", declared["policy"]

@@ -95,7 +95,8 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
         raise missing_package(f"{experiment.name}: its report", missing[0])
     for key, value in {"solved": experiment.declared.solved, "looks": declared.looks}.items():
         if value and not report.reads_curves:
-            raise InputError(f"{where}: {key} with report.kind = {declared.kind}: accepted: kind = map.")
+            accepted = "kind = map" + " or search" * (key == "solved")
+            raise InputError(f"{where}: {key} with report.kind = {declared.kind}: accepted: {accepted}.")
     report.check(experiment)
     return replace(report, items=items, columns=() if declared.items else report.columns)
 

@@ -51,7 +51,7 @@ def _variants(
     settings: dict[str, dict[str, object]] = {}
     for (_, name), run in first.items():
         learner = data.experiment.learners[name]
-        keys = {"algorithm", "title", "reference_for", "policy", "tuned_by"}
+        keys = {"algorithm", "title", "reference_for", "policy", "tuned_by", "rank"}
         about = learner.declared.model_dump(include=keys)
         about |= {"family": learner.family, "packages": learner.algorithm.packages}
         about |= {"changed": learner.changed, "runs": sizes[run.population]}  # in a scenario

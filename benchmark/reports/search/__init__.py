@@ -13,9 +13,11 @@ from envs import InputError
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, an experiment without a search."""
+    """Refuses, by an InputError, an experiment without a search, or with looks."""
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
+    if experiment.report is not None and experiment.report.looks:
+        raise InputError(f"{experiment.argument}: looks with report.kind = search: accepted: kind = map.")
 
 
 def headline(folder: Folder) -> str:
@@ -25,8 +27,11 @@ def headline(folder: Folder) -> str:
     default, chosen = (link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen"))
     learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
     trials = folder.manifest["search"]["trials"]
+    measure = "success averaged over training"
+    if folder.manifest["solved"]:
+        measure = "the share of the logarithm of the budget that is saved"
     return (
-        f"With the best of the defaults and {trials} trials, success averaged over training goes from "
+        f"With the best of the declared settings and {trials} trials, {measure} goes from "
         f"{default} to {chosen} for the best learner, {learner}."
     )
 
@@ -47,5 +52,6 @@ REPORT: Final = Report(
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
     lead="best_of",
+    reads_curves=True,
     columns=COLUMNS,
 )

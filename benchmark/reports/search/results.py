@@ -12,15 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
-from numpy.typing import NDArray
 
+from benchmark.analysis.frames import Floats
 from benchmark.analysis.intervals import Estimate, combined, interval, mean_over_scenarios, resample
-from benchmark.analysis.search import AROUND, Areas, best_apart, chosen_by, everywhere, outcomes, settings_of
+from benchmark.analysis.search import AROUND, best_apart, chosen_by, everywhere, measure_of, outcomes
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import decimals_of
 from benchmark.experiments import Experiment, Learner
-from benchmark.experiments.search import Choice
+from benchmark.experiments.search import Choice, Space
 from benchmark.reports.comparison.figures import style_of
 from benchmark.reports.item import Frames, drawing, entry, item, labelled_columns, no_rows
 from envs import compile_scenario
@@ -29,23 +29,28 @@ Row = dict[str, object]
 
 _MEANINGS: Final = {
     "area": "mean area under the curve of success, over scenarios and runs",
-    "chosen": "mean area of the chosen settings, on fresh runs",
+    "chosen": "mean area, or earliness, of the chosen settings, on fresh runs",
     "cpu_ms": "CPU milliseconds of training per run of the search",
-    "cpu_time_s": "CPU seconds of training, sum over all runs of the search",
-    "default": "mean area of the default settings, on fresh runs",
-    "difference": "area minus that of the chosen settings",
-    "expected": "expected area of the best of b trials",
-    "found": "mean area of the best trial on its first runs",
-    "fresh_area": "the same on fresh runs; empty if the trial was not run again",
+    "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
+    "default": "mean area, or earliness, of trial 0, the settings as declared, on fresh runs",
+    "difference": "area, or earliness, minus that of the chosen settings",
+    "earliness": "mean share of the logarithm of the budget that is saved, over scenarios and runs: of a run "
+    "that has learned, 1 - log(steps / evaluation_every) / log(budget / evaluation_every), else 0",
+    "edges": "settings whose chosen value lies in the lowest or highest tenth of its range, on its scale, or "
+    "is the smallest or largest of three or more numbers",
+    "expected": "expected area, or earliness, of the best of b trials",
+    "found": "mean area, or earliness, of the best trial on its first runs",
+    "fresh_area": "`area` on fresh runs; empty if the trial was not run again",
+    "fresh_earliness": "`earliness` on fresh runs; empty if the trial was not run again",
     "gain": "`chosen` minus `default`",
-    "per_scenario": "mean area if the best trial could be chosen in each scenario",
+    "per_scenario": "mean area, or earliness, if the best trial could be chosen in each scenario",
     "range": "declared range",
-    "runs": "runs of the search",
+    "runs": "runs of the search: of all trials, and fresh ones of finalists",
     "sensitivity": "`per_scenario` minus `chosen`",
     "setting": "setting, by dotted key",
-    "settings": "settings that the trial changes, as JSON",
-    "steps": "environment steps of all runs of these trials",
-    "trial": "number of the trial; 0 has the default settings",
+    "settings": "values of the searched settings, as JSON",
+    "steps": "environment steps of all these runs; with [solved] their budgets, before which they may end",
+    "trial": "number of the trial; 0 has the settings as declared",
     "trials": "number of trials, b, without trial 0",
     "value": "value of that setting",
     "why": "the reason for the range",
@@ -54,6 +59,7 @@ _LABELS: Final = {
     "cpu_ms": "CPU ms per run",
     "cpu_time_s": "CPU seconds",
     "difference": "difference from the chosen",
+    "edges": "at the edge of the range",
     "found": "mean on the first runs",
     "n": "runs",
     "per_scenario": "the best per scenario",
@@ -62,18 +68,21 @@ _LABELS: Final = {
 }
 _item: Final = partial(item, meanings=_MEANINGS)
 _columns: Final = partial(labelled_columns, _LABELS)
-_AREA: Final = "mean area under the curve of success"
-_TITLES: Final = {"tabular": "tables", "deep": "nets", "planner": "planners"}
+_AXES: Final = {
+    "area": "mean area under the curve of success",
+    "earliness": "mean share of the logarithm of the budget that is saved",
+}
+_TITLES: Final = {"tabular": "tables", "linear": "tile coding", "deep": "nets", "planner": "planners"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
 _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
-_CLOSE: Final = 0.05  # areas that differ by less are close to each other
+_CLOSE: Final = 0.05  # measures that differ by less are close to each other
 
 
 @_item(
     "chosen",
-    "the chosen settings of each learner, and its areas under the curve of success on fresh runs",
-    _columns("learner trial settings default chosen gain per_scenario sensitivity found")
-    | {"default": "default settings", "chosen": "chosen settings"},
+    "the chosen settings of each learner, and what it reaches with them on fresh runs",
+    _columns("learner trial settings edges default chosen gain per_scenario sensitivity found")
+    | {"default": "trial 0", "chosen": "chosen settings"},
     best="chosen",
 )
 def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
@@ -83,19 +92,21 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         best, default = everywhere(fresh, outcome.chosen), everywhere(fresh, 0)
         trials = zip(best_apart(outcome.searched), experiment.scenarios, strict=True)
         apart = [fresh[trial, scenario] for trial, scenario in trials]
+        settings = _settings(experiment, learner, outcome.chosen)
         yield _names(learner) | {
             "trial": outcome.chosen,
-            "settings": _text(experiment, learner, outcome.chosen),
+            "settings": _text(settings),
+            "edges": ", ".join(key.split(".")[-1] for key in at_edges(learner.declared.search, settings)),
             "default": mean_over_scenarios(default),
             "chosen": mean_over_scenarios(best),
             "gain": gain(best, default),
             "per_scenario": mean_over_scenarios(apart),
             "sensitivity": gain(apart, best),
-            "found": float(max(areas.mean() for areas in outcome.searched)),
+            "found": float(max(measures.mean() for measures in outcome.searched)),
         }
 
 
-@_item("best_of", "the expected area of the best of b trials")
+@_item("best_of", "what is expected of the best of b trials")
 def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates `expected_best` of the trials without trial 0, with intervals over trials.
 
@@ -103,12 +114,12 @@ def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """
     budget = experiment.populations[0].first.settings.budget
     for outcome in outcomes(experiment, runs):
-        areas = outcome.searched[1:]
-        samples = expected_best(areas, resample(len(areas), outcome.learner.name))
+        tried = outcome.searched[1:]
+        samples = expected_best(tried, resample(len(tried), outcome.learner.name))
         low, high = interval(samples)
         for i, value in enumerate(samples[0]):
-            ends = (min(low[i], value), max(high[i], value)) if i < len(areas) // 3 else (math.nan, math.nan)
-            effort = {"trials": i + 1, "steps": (i + 1) * budget * areas[0].size}
+            ends = (min(low[i], value), max(high[i], value)) if i < len(tried) // 3 else (math.nan, math.nan)
+            effort = {"trials": i + 1, "steps": (i + 1) * budget * tried[0].size}
             yield _names(outcome.learner) | effort | {"expected": Estimate(value, *ends)}
 
 
@@ -127,7 +138,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
                 axis.fill_between(rows["trials"], *ends, color=style["color"], alpha=0.1, lw=0)
                 by_default = _of(default, learner)["default"].iloc[0]
                 axis.plot(0.8, by_default, "x", ms=6, mew=1.8, color=style["color"])
-            axis.set(xscale="log", xlabel="trials (cross: default settings)", ylim=(-0.02, 1.0))
+            axis.set(xscale="log", xlabel="trials (cross: trial 0, as declared)", ylim=(-0.02, 1.0))
             axis.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
             steps = axis.secondary_xaxis("top")
             steps.set_xticks(_TICKS, [f"{tick * million:.3g}" for tick in _TICKS])
@@ -141,7 +152,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
             ]
             place_below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)}
             axis.legend(handles=handles, **place_below, ncols=2, frameon=False, handlelength=3)
-        axes[0, 0].set_ylabel(_AREA)
+        axes[0, 0].set_ylabel(_AXES[measure_of(experiment)])
     return figure
 
 
@@ -162,7 +173,7 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
 
 @_item(
     "cost",
-    "cost of the search, excluding the runs that vary the chosen settings",
+    "cost of the search: of all trials, and of fresh runs of finalists",
     _columns("learner trials runs steps cpu_time_s cpu_ms"),
     is_measured=True,
     best="-cpu_time_s",
@@ -177,45 +188,45 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 @item(
     "trials",
-    "every trial of every learner: settings, and mean areas by scenario",
+    "every trial of every learner: settings, and means by scenario",
     where=no_rows,
-    meanings=_MEANINGS | {"*": "mean area in the scenario of this name, on the first runs"},
+    meanings=_MEANINGS | {"*": "mean area, or earliness, in the scenario of this name, on the first runs"},
 )
 def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the means over the first runs of each trial, and over fresh runs where there are any."""
-    names = [*experiment.scenarios]
+    names, measure = [*experiment.scenarios], measure_of(experiment)
     for outcome in outcomes(experiment, runs):
-        for trial, areas in enumerate(outcome.searched):
+        for trial, measures in enumerate(outcome.searched):
             cells = [outcome.fresh.get((trial, name), np.array([math.nan])) for name in names]
             yield _names(outcome.learner) | {
                 "trial": trial,
-                "settings": _text(experiment, outcome.learner, trial),
-                "area": float(areas.mean()),
-                "fresh_area": float(np.mean([cell.mean() for cell in cells])),
-                **dict(zip(names, areas.mean(axis=1).tolist(), strict=True)),
+                "settings": _text(_settings(experiment, outcome.learner, trial)),
+                measure: float(measures.mean()),
+                f"fresh_{measure}": float(np.mean([cell.mean() for cell in cells])),
+                **dict(zip(names, measures.mean(axis=1).tolist(), strict=True)),
             }
 
 
 @trials.figure("What each trial of the search reached, and what the chosen settings reach in fresh runs.")
 def _(tables: Frames, experiment: Experiment) -> Figure:
-    learners = [*experiment.learners.values()]
+    learners, measure = [*experiment.learners.values()], measure_of(experiment)
     with figure_of(1, 1, (9.0, 0.3 * len(learners) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
         for y, learner in enumerate(learners):
-            areas, style = _of(tables["trials"], learner)["area"], style_of(learner.name, experiment)
+            reached, style = _of(tables["trials"], learner)[measure], style_of(learner.name, experiment)
             row = _of(tables["chosen"], learner).iloc[0]
-            axis.plot(areas[1:], [y] * (len(areas) - 1), "|", ms=9, mew=0.9, color="0.55")
+            axis.plot(reached[1:], [y] * (len(reached) - 1), "|", ms=9, mew=0.9, color="0.55")
             axis.plot(row["default"], y, "x", ms=7, mew=2, color="black")
             ends = [row["chosen_low"], row["chosen_high"]]
             axis.plot(ends, [y, y], lw=3, alpha=0.5, color=style["color"])
             axis.plot(row["chosen"], y, style["marker"], ms=7, color=style["color"], mec="white", mew=0.4)
         axis.set_yticks(range(len(learners)), [learner.title for learner in learners])
-        axis.set(ylim=(len(learners) - 0.5, -0.5), xlim=(-0.02, 1.0), xlabel=f"{_AREA}, over scenarios")
+        axis.set(ylim=(len(learners) - 0.5, -0.5), xlim=(-0.02, 1.0), xlabel=_AXES[measure])
         axis.grid(axis="y", lw=0.4, color="0.85")
         axis.tick_params(axis="y", length=0)
         handles = [
             Line2D([], [], ls="", marker="|", ms=9, color="0.55", label="a trial"),
-            Line2D([], [], ls="", marker="x", mew=2, color="black", label="default settings"),
+            Line2D([], [], ls="", marker="x", mew=2, color="black", label="trial 0, as declared"),
             Line2D([], [], lw=3, marker="o", color="0.4", label="chosen settings, 95 % interval"),
         ]
         figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)
@@ -225,22 +236,24 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
 @_item(
     "around",
     "one setting at a time around the chosen ones",
-    _columns("learner setting value n area difference"),
+    _columns("learner setting value n area earliness difference"),
     where=no_rows,
 )
 def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the chosen settings, and the same with one setting at another value, on runs of their own."""
-    of_stage = runs[runs["stage"] == AROUND]
+    of_stage, measure = runs[runs["stage"] == AROUND], measure_of(experiment)
+    if of_stage.empty:
+        return
     for learner in experiment.learners.values():
         groups = of_stage[of_stage["learner"] == learner.name].groupby(["setting", "value"], sort=False)
-        areas = {key: np.split(rows["area"].to_numpy(), len(experiment.scenarios)) for key, rows in groups}
-        for (setting, value), parts in areas.items():
+        found = {key: np.split(rows[measure].to_numpy(), len(experiment.scenarios)) for key, rows in groups}
+        for (setting, value), parts in found.items():
             yield _names(learner) | {
                 "setting": setting or "none",
                 "value": value or "as chosen",
                 "n": sum(map(len, parts)),
-                "area": mean_over_scenarios(parts),
-                "difference": gain(parts, areas["", ""]),
+                measure: mean_over_scenarios(parts),
+                "difference": gain(parts, found["", ""]),
             }
 
 
@@ -258,31 +271,33 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
             for axis in row[len(learners) :]:
                 axis.set_axis_off()
             for axis, learner in zip(row, learners, strict=False):
-                _draw_around(axis, _of(table, learner), learner, style_of(learner.name, experiment)["color"])
+                _draw_around(axis, _of(table, learner), learner, experiment)
                 names = [key.split(".")[-1].replace("_", " ") for key in learner.declared.search]
                 axis.set_yticks(range(len(names)), names if axis is row[0] else [])
                 axis.tick_params(labelbottom=i == len(variants) - 1, axis="x")
         figure.supxlabel(
-            f"{_AREA}; bars: 95 % intervals; larger dots: larger values, or later in the order declared;\n"
-            "dotted line and grey band: nothing changed",
+            f"{_AXES[measure_of(experiment)]}; bars: 95 % intervals; larger dots: larger values,\n"
+            "or later in the order declared; dotted line and grey band: nothing changed",
             fontsize="small",
         )
     return figure
 
 
-def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, colour: str) -> None:
+def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, experiment: Experiment) -> None:
     """Draws a line of dots for each setting of a learner, below each other."""
+    measure, colour = measure_of(experiment), style_of(learner.name, experiment)["color"]
+    bar = [f"{measure}_low", f"{measure}_high"]
     unchanged = rows[rows["setting"] == "none"].iloc[0]
-    axis.axvspan(unchanged["area_low"], unchanged["area_high"], color="0.92", lw=0)
-    axis.axvline(unchanged["area"], color="0.35", lw=0.8, ls=":")
+    axis.axvspan(*unchanged[bar], color="0.92", lw=0)
+    axis.axvline(unchanged[measure], color="0.35", lw=0.8, ls=":")
     space = learner.declared.search
     for y, (key, declared) in enumerate(space.items()):
         marks = [json.dumps(value) for value in declared.marks]
         for _, row in rows[rows["setting"] == key].iterrows():
             i = marks.index(row["value"])
-            height, ends = y + 0.27 * (i - (len(marks) - 1) / 2), [row["area_low"], row["area_high"]]
-            axis.plot(ends, [height, height], color=colour, lw=0.9, alpha=0.7)
-            axis.plot(row["area"], height, "o", ms=3 + 1.6 * i, color=colour, mew=0)
+            height = y + 0.27 * (i - (len(marks) - 1) / 2)
+            axis.plot(row[bar], [height, height], color=colour, lw=0.9, alpha=0.7)
+            axis.plot(row[measure], height, "o", ms=3 + 1.6 * i, color=colour, mew=0)
     axis.set(ylim=(len(space) - 0.4, -0.6), xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
     axis.set_title(learner.title, fontsize="small", fontweight="bold")
     for y in range(len(space) - 1):
@@ -293,7 +308,7 @@ def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, colour: str) 
     "spaces",
     "the declared range of every setting, and why",
     _columns("algorithm setting default range why"),
-    meanings=_MEANINGS | {"default": "default value"},
+    meanings=_MEANINGS | {"default": "value in trial 0, as declared"},
 )
 def spaces(experiment: Experiment) -> Iterator[Row]:
     """Tabulates what was declared before the search."""
@@ -332,15 +347,26 @@ def _at(settings: object, key: str) -> object:
     return settings
 
 
-def _text(experiment: Experiment, learner: Learner, trial: int) -> str:
-    """Returns the searched settings of a trial as readers see them; those of trial 0 are the defaults."""
-    settings = settings_of(experiment, learner, trial)
-    values = {key.split(".")[-1]: _at(settings, key) for key in learner.declared.search}
-    texts = [f"{key} {json.dumps(value)}" for key, value in values.items() if value is not None]
-    return ", ".join(texts) or "default"
+def _settings(experiment: Experiment, learner: Learner, trial: int) -> Row:
+    """Returns the searched settings of a trial, by dotted key."""
+    condition, scenario = [*experiment.conditions][trial], next(iter(experiment.scenarios))
+    settings = experiment.population(condition, scenario, learner.name).first.settings
+    return {key: _at(settings, key) for key in learner.declared.search}
 
 
-def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
+def _text(settings: Row) -> str:
+    """Returns the searched settings of a trial as readers see them, without those that are not set."""
+    texts = {key.split(".")[-1]: json.dumps(value) for key, value in settings.items() if value is not None}
+    return ", ".join(f"{key} {text}" for key, text in texts.items()) or "default"
+
+
+def at_edges(space: Space, settings: Row) -> list[str]:
+    """Lists the settings with a number at an edge of what was searched."""
+    numbers = {key: value for key, value in settings.items() if isinstance(value, int | float)}
+    return [key for key, value in numbers.items() if not space[key].edges[0] < value < space[key].edges[1]]
+
+
+def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:
     """Returns the difference of two means over scenarios, x minus y, as of independent runs."""
     # Scenarios in which both sides are the same runs change neither the difference nor its interval.
     apart = [pair for pair in zip(x, y, strict=True) if pair[0] is not pair[1]]
@@ -351,29 +377,30 @@ def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
     return Estimate(float(np.dot(weights, means)), *combined(weights, means, [*map(len, sides)]))
 
 
-def expected_best(areas: Areas, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the expected mean area of the best of b trials, for b from 1 to all: (..., trials).
+def expected_best(measures: Floats, weights: Floats) -> Floats:
+    """Returns the expected mean of the best of b of n trials, for b from 1 to n: (..., n).
 
-    Trials are drawn with replacement. The best of them is that with the largest mean over half of the runs of
-    each scenario, and what counts is its mean over the other half, which removes the optimism of the maximum;
-    both ways are averaged.
+    Trials are drawn without replacement. The best of them is that with the largest mean over half of the runs
+    of each scenario, and what counts is its mean over the other half, which removes the optimism of the
+    maximum; both ways are averaged.
 
     Args:
-      areas: (trials, I, N) of all trials, N at least 2.
-      weights: (..., trials) how often each trial counts.
+      measures: (n, I, N) of all trials, N at least 2.
+      weights: (..., n) how often each trial is among those that are drawn from; they sum to n.
 
-    >>> areas = np.array([0.2, 0.8])[:, None, None].repeat(2, axis=2)
-    >>> expected_best(areas, np.ones(2)).round(3).tolist()  # 0.8 with probability 1/2, 3/4
-    [0.5, 0.65]
+    >>> measures = np.array([0.2, 0.5, 0.8])[:, None, None].repeat(2, axis=2)
+    >>> expected_best(measures, np.ones(3)).round(3).tolist()  # of 2: 0.5 with probability 1/3, else 0.8
+    [0.5, 0.7, 0.8]
     """
-    half = areas.shape[2] // 2
-    parts = [areas[:, :, part].mean(axis=(1, 2)) for part in (slice(half), slice(half, None))]
-    b = np.arange(1, len(areas) + 1)
+    n, half = len(measures), measures.shape[2] // 2
+    parts = [measures[:, :, part].mean(axis=(1, 2)) for part in (slice(half), slice(half, None))]
+    # The probability that all of b trials are among the lowest c, for c from 0 and b from 1: (n + 1, n).
+    drawn = np.arange(n)
+    all_among = np.cumprod(np.maximum(np.arange(n + 1)[:, None] - drawn, 0) / (n - drawn), axis=1)
     halves = []
     for by, counted in (parts, parts[::-1]):
         order = np.argsort(by, kind="stable")  # the worst first
-        up_to = weights[..., order].cumsum(axis=-1) / weights.sum(axis=-1, keepdims=True)
-        below = np.concatenate([np.zeros_like(up_to[..., :1]), up_to[..., :-1]], axis=-1)
-        is_best = up_to[..., None] ** b - below[..., None] ** b  # (..., trials, b)
+        up_to = weights[..., order].cumsum(axis=-1).astype(int)
+        is_best = np.diff(all_among[up_to], axis=-2, prepend=0.0)  # (..., trials, b)
         halves.append((is_best * counted[order][:, None]).sum(axis=-2))
     return np.asarray(np.mean(halves, axis=0))
