@@ -64,8 +64,7 @@ def tables(
                 "returns no such policy; accepted: greedy."
             )
         keys, steps = keys_of(group.population) | dict(group.more), records.evaluation_steps
-        recorded = _recorded(records.run)
-        wanted = recorded.intersection(columns) if columns else recorded
+        wanted = _recorded(records.run).intersection(columns or {*_RUN_COLUMNS, *_CURVE_COLUMNS})
         of_runs, of_curves = (
             {name: compute(records, policy) for name, compute in computed.items() if name in wanted}
             for computed in (_RUN_COLUMNS, _CURVE_COLUMNS)

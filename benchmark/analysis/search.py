@@ -2,11 +2,9 @@
 
 First, every trial of every learner, in all scenarios. Then, with fresh seeds, the trials of the largest mean;
 that with the largest mean on these seeds is chosen, so one that was merely lucky is not. Beside them trial 0,
-and in each scenario the trial that is best there. Last, with other seeds and unless the search leaves it out,
-the chosen settings, and the same with one of them at other values.
-
-What is averaged is the measure of a run: the area under its curve of exact success or, with `[solved]`, how
-early it has learned.
+and in each scenario the trial that is best there. Last, unless the search leaves it out, with other seeds the
+chosen settings, and the same with one of them at other values. Means are of a measure of each run: the area
+under its curve of exact success or, with `[solved]`, how early it has learned.
 """
 
 import json
@@ -35,12 +33,7 @@ class Outcome(NamedTuple):
     learner: Learner
     searched: Floats  # (trials, I, N) of every trial, on the first seeds
     fresh: Fresh
-    ranked: Sequence[int]  # the finalists, that with the largest mean on fresh seeds first
-
-    @property
-    def chosen(self) -> int:
-        """The best finalist."""
-        return self.ranked[0]
+    ranked: Sequence[int]  # finalists by their mean on fresh seeds; the first is chosen
 
 
 def measure_of(experiment: Experiment) -> str:
@@ -158,7 +151,7 @@ def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     runs = pd.concat([runs, tables(fresh, store, COLUMNS)[0]])
     around: list[Group] = []
     for outcome in outcomes(experiment, runs):
-        chosen = [populations[outcome.learner.name, outcome.chosen, name] for name in names]
+        chosen = [populations[outcome.learner.name, outcome.ranked[0], name] for name in names]
         around += _around(chosen, search)
     yield around
 

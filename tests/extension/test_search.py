@@ -30,12 +30,12 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     chosen = pd.read_csv(tmp_path / "results" / "mine" / "chosen.csv")
     learners = ["q_learning, index", "q_learning, offset", "dqn, coordinates", "mine, index"]
     assert [*(chosen["algorithm"] + ", " + chosen["observation"])] == learners
-    # Another experiment takes what was chosen for it.
+    # Another experiment takes what was chosen for it, here the second best.
     tuned = tmp_path / "tuned.toml"
     tuned.write_text(
         'description = ""\nscenarios = ["S1"]\nhorizon = 50\nevaluation_every = 100\nmap_every = 100\n'
         f'[algorithms.mine]\nalgorithm = "sarsa"\nobservations = ["index"]\nseeds = 2\nfirst_seed = 50\n'
-        f'tuned_by = "{path}:mine"\nsettings = {{ budget = 100 }}\n'
+        f'tuned_by = "{path}:mine"\nrank = 2\nsettings = {{ budget = 100 }}\n'
     )
     assert main(["run", str(tuned), "--results", str(tmp_path / "results")]) == 0
     assert "2 runs done" in capsys.readouterr().out

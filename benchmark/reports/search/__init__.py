@@ -27,9 +27,8 @@ def headline(folder: Folder) -> str:
     default, chosen = (link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen"))
     learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
     trials = folder.manifest["search"]["trials"]
-    measure = "success averaged over training"
-    if folder.manifest["solved"]:
-        measure = "the share of the logarithm of the budget that is saved"
+    share = "the share of the logarithm of the budget that is saved"
+    measure = share if folder.manifest["solved"] else "success averaged over training"
     return (
         f"With the best of the declared settings and {trials} trials, {measure} goes from "
         f"{default} to {chosen} for the best learner, {learner}."

@@ -88,13 +88,12 @@ _CLOSE: Final = 0.05  # measures that differ by less are close to each other
 def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
     for outcome in outcomes(experiment, runs):
-        learner, fresh = outcome.learner, outcome.fresh
-        best, default = everywhere(fresh, outcome.chosen), everywhere(fresh, 0)
-        trials = zip(best_apart(outcome.searched), experiment.scenarios, strict=True)
-        apart = [fresh[trial, scenario] for trial, scenario in trials]
-        settings = _settings(experiment, learner, outcome.chosen)
+        learner, fresh, trial = outcome.learner, outcome.fresh, outcome.ranked[0]
+        best, default = everywhere(fresh, trial), everywhere(fresh, 0)
+        apart = [fresh[pair] for pair in zip(best_apart(outcome.searched), experiment.scenarios, strict=True)]
+        settings = _settings(experiment, learner, trial)
         yield _names(learner) | {
-            "trial": outcome.chosen,
+            "trial": trial,
             "settings": _text(settings),
             "edges": ", ".join(key.split(".")[-1] for key in at_edges(learner.declared.search, settings)),
             "default": mean_over_scenarios(default),
@@ -151,7 +150,9 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
                 for learner in learners
             ]
             place_below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)}
-            axis.legend(handles=handles, **place_below, ncols=2, frameon=False, handlelength=3)
+            axis.legend(
+                handles=handles, **place_below, ncols=max(1, 4 // len(panels)), frameon=False, handlelength=3
+            )
         axes[0, 0].set_ylabel(_AXES[measure_of(experiment)])
     return figure
 
@@ -295,8 +296,8 @@ def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, experiment: E
         marks = [json.dumps(value) for value in declared.marks]
         for _, row in rows[rows["setting"] == key].iterrows():
             i = marks.index(row["value"])
-            height = y + 0.27 * (i - (len(marks) - 1) / 2)
-            axis.plot(row[bar], [height, height], color=colour, lw=0.9, alpha=0.7)
+            height, ends = y + 0.27 * (i - (len(marks) - 1) / 2), row[bar]
+            axis.plot(ends, [height, height], color=colour, lw=0.9, alpha=0.7)
             axis.plot(row[measure], height, "o", ms=3 + 1.6 * i, color=colour, mew=0)
     axis.set(ylim=(len(space) - 0.4, -0.6), xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
     axis.set_title(learner.title, fontsize="small", fontweight="bold")

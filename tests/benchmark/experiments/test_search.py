@@ -58,7 +58,9 @@ first_seed = 100
 def chosen(learning_rate: float) -> dict[str, object]:
     """What a search writes of a learner."""
     effort = {"trials": 4, "runs": 10, "steps": 2000, "cpu_time_s": 0.1}
-    return {"trial": 3, "settings": {"discount": 0.8, "learning_rate": learning_rate}, "score": 0.5} | effort
+    second = {"trial": 1, "settings": {"discount": 0.8, "learning_rate": learning_rate / 2}, "score": 0.4}
+    best = {"trial": 3, "settings": {"discount": 0.8, "learning_rate": learning_rate}, "score": 0.5}
+    return best | {"others": [second]} | effort
 
 
 @pytest.fixture
@@ -111,6 +113,49 @@ def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path) -> 
         learning_rate = {"index": 0.25, "offset": 0.75}[population.learner.observation]
         expected = {"learning_rate": learning_rate, "discount": 0.8, "epsilon": 0.3}
         assert population.first.settings.model_dump(include={*expected}) == expected
+
+
+@pytest.mark.usefixtures("search")
+def test_a_variant_can_take_the_second_best(tmp_path: Path) -> None:
+    second = 'rank = 2\ntuned_by = "'
+    for population in tuned(tmp_path, ('tuned_by = "', second)).populations:
+        learning_rate = {"index": 0.125, "offset": 0.375}[population.learner.observation]
+        expected = {"learning_rate": learning_rate, "discount": 0.8, "epsilon": 0.3}
+        assert population.first.settings.model_dump(include={*expected}) == expected
+        assert population.learner.chosen is not None
+        assert (population.learner.chosen.trial, population.learner.chosen.runs) == (1, 10)
+    reason = (
+        r"rank = 3: .*search\.chosen\.json has the 2 best settings of q_learning, index; accepted: at most 2"
+    )
+    with pytest.raises(InputError, match=reason):
+        tuned(tmp_path, ('tuned_by = "', second.replace("2", "3")))
+    with pytest.raises(InputError, match="rank = 2: accepted: a key tuned_by beside it"):
+        tuned(
+            tmp_path,
+            ('tuned_by = "PATH:q_learning"'.replace("PATH", str(tmp_path / "search.toml")), "rank = 2"),
+        )
+
+
+def test_only_what_a_search_depends_on_changes_its_digest(search: Experiment, tmp_path: Path) -> None:
+    def digest(old: str, new: str) -> str:
+        assert old in SEARCH
+        other = experiment_of(tmp_path / "search.toml", SEARCH.replace(old, new))
+        return choices.digest_of_search(other.declared)
+
+    same = choices.digest_of_search(search.declared)
+    assert digest("seeds = 3 }", "seeds = 3, around = true }") == same
+    assert digest("horizon", "solved = { growth = 1.1 }\nhorizon") != same
+    growths = {digest("horizon", f"solved = {{ growth = {growth} }}\nhorizon") for growth in (1.1, 1.2, 1.2)}
+    assert len(growths) == 2
+
+
+def test_edges_are_the_outer_tenths_and_the_outer_of_three_numbers() -> None:
+    assert SPACE["learning_rate"].edges == pytest.approx((0.01 * 100**0.1, 100**-0.1), rel=0.005)
+    assert SPACE["epsilon"].edges == (0.05, 0.45)
+    assert Span(low=2, high=4, whole=True, why="-").edges == (2, 4)
+    assert Choice(values=(8, 1, 4), why="-").edges == (1, 8)
+    for values in ((1, 2), ([8], [8, 8], [16]), ("a", "b", "c")):
+        assert Choice(values=values, why="-").edges == (-np.inf, np.inf)
 
 
 @pytest.mark.usefixtures("search")
@@ -184,7 +229,8 @@ def test_missing_and_damaged_choices_are_refused(tmp_path: Path, text: str | Non
         ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),
         ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
         ("first_seed = 10", "first_seed = 1", "accepted: seeds outside 1 to 5, which its"),
-        ("search = { trials", "grids.a.axes.b.c = {}\nsearch = { trials", "no grids, readings or solved"),
+        ("search = { trials", "grids.a.axes.b.c = {}\nsearch = { trials", "no grids or readings in"),
+        ("evaluation_every = 100", "solved.growth = 2.0\nevaluation_every = 200", "less than budget = 200"),
         ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", "", "a table .search."),
     ],
 )  # fmt: skip

@@ -1,7 +1,7 @@
 """The report of a search: what the best of b trials is expected to reach, and what is published."""
 
 import json
-from itertools import product
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +13,14 @@ from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.reports.folder import PICTURES
-from benchmark.reports.search.results import expected_best, gain
+from benchmark.reports.search.results import at_edges, expected_best, gain
 from tests.support import ROOT, mistyped_columns
 
 PUBLISHED = ROOT / "results" / "tuning"
 TUNING = load_experiment("tuning")
 
 
-@pytest.mark.parametrize("b", [1, 2, 3])
+@pytest.mark.parametrize("b", [1, 2, 3, 4])
 def test_expected_best_of_all_draws(b: int) -> None:
     """Averages over all draws of b trials, chosen by one half of the runs and scored by the other."""
     areas = np.random.default_rng(1).random((4, 2, 6))
@@ -29,8 +29,15 @@ def test_expected_best_of_all_draws(b: int) -> None:
     found = []
     for chosen_by, scored_by in ((slice(3), slice(3, None)), (slice(3, None), slice(3))):
         by, score = (areas[:, :, part].mean(axis=(1, 2)) for part in (chosen_by, scored_by))
-        found.append(np.mean([score[max(draw, key=lambda t: by[t])] for draw in product(pool, repeat=b)]))
+        found.append(np.mean([score[max(draw, key=lambda t: by[t])] for draw in combinations(pool, b)]))
     assert expected_best(areas, weights)[b - 1] == pytest.approx(np.mean(found))
+
+
+def test_expected_best_by_hand() -> None:
+    """Of 4 trials, 6 pairs: the lowest is never the best, the others are in 1, 2 and 3 of them."""
+    measures = np.array([0.3, 0.1, 0.6, 1.0])[:, None, None].repeat(2, axis=2)
+    expected = [2.0 / 4, (0.3 + 2 * 0.6 + 3 * 1.0) / 6, (0.6 + 3 * 1.0) / 4, 1.0]
+    assert expected_best(measures, np.ones(4)) == pytest.approx(expected)
 
 
 def test_means_are_over_scenarios() -> None:
@@ -75,6 +82,48 @@ def test_everything_of_a_search_is_published(folder: Path) -> None:
     row = rows[(rows["observation"] == "index") & (rows["trial"] == chosen["trial"])].iloc[0]
     assert row["fresh_area"] == pytest.approx(chosen["chosen"], abs=1e-5)
     assert row["settings"] == chosen["settings"]
+    settings = dict(part.split(" ") for part in chosen["settings"].split(", "))
+    is_edge = not 0.03 * (1 / 0.03) ** 0.1 < float(settings["learning_rate"]) < 0.03**0.1
+    assert ("learning_rate" in str(chosen.get("edges", ""))) == is_edge
+
+
+def test_settings_at_edges_are_named() -> None:
+    space = TUNING.learners["dqn, one_hot"].declared.search
+    settings = {
+        "learning_rate": 0.0095, "gamma": 0.8, "exploration_fraction": 0.5, "target_update_interval": 10_000,
+        "train_freq": 4, "policy_kwargs.net_arch": [64, 64],
+    }  # fmt: skip
+    assert at_edges(space, settings) == ["learning_rate", "gamma", "target_update_interval"]
+    assert at_edges(space, dict.fromkeys(space)) == []
+
+
+def test_a_search_by_earliness_is_published(tmp_path: Path) -> None:
+    """The tables have its column, the text says what it is, and nothing is around what is chosen."""
+    path = tmp_path / "early.toml"
+    path.write_text(
+        'extends = "tuning_smoke"\ndescription = "-"\n[changes]\nsolved = { success = 0.5, growth = 1.5 }\n'
+        '"search.around" = false\n"settings.budget" = 800\n'
+    )
+    assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 0
+    folder = tmp_path / "results" / "early"
+    assert not [*folder.glob("around.*")]
+    trials = pd.read_csv(folder / "trials.csv")
+    assert {"earliness", "fresh_earliness"} < {*trials}
+    assert not {"area", "fresh_area"} & {*trials}
+    chosen, text = pd.read_csv(folder / "chosen.csv"), (folder / "README.md").read_text(encoding="utf-8")
+    assert trials["fresh_earliness"].max() == pytest.approx(chosen["chosen"].max(), abs=1e-5)
+    assert "stays at or above 0.5 until" in " ".join(text.split())
+    assert "Which settings matter" not in text
+    assert "area" not in text
+    made = read_chosen(path, "here").learners
+    assert all(found.score >= found.others[0].score for found in made.values())
+
+
+def test_looks_in_a_search_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('extends = "tuning_smoke"\ndescription = "-"\nchanges = { "report.looks" = [2] }\n')
+    assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 2
+    assert "looks with report.kind = search: accepted: kind = map" in capsys.readouterr().err
 
 
 def test_published_trials_are_the_declared_ones() -> None:
