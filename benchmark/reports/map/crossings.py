@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from benchmark.analysis.looks import rows_of, took
-from benchmark.experiments import Experiment, Learner
+from benchmark.experiments import Experiment
 from benchmark.reports.item import item
 
 
@@ -40,19 +40,15 @@ def ranked(experiment: Experiment) -> dict[str, list[str]]:
 
     These have the same algorithm, search and form of observation. Reference implementations are left out.
     """
-    every = [learner for learner in experiment.learners.values() if not learner.reference_for]
-    ranks = {learner.name: list[str]() for learner in every if learner.declared.rank == 1}
-    for learner in sorted(every, key=lambda learner: learner.declared.rank):
-        of = [
-            other.name for other in every if other.name in ranks and _search_of(other) == _search_of(learner)
-        ]
-        if learner.declared.rank > 1 and of:
-            ranks[of[0]].append(learner.name)
+    ranks, first = dict[str, list[str]](), dict[tuple[str, ...], str]()
+    for learner in sorted(experiment.learners.values(), key=lambda learner: learner.declared.rank):
+        key = learner.declared.algorithm, learner.declared.tuned_by, learner.observation
+        if learner.declared.rank > 1 and key in first:
+            ranks[first[key]].append(learner.name)
+        elif learner.declared.rank == 1 and not learner.reference_for:
+            ranks[learner.name] = []
+            first.setdefault(key, learner.name)
     return ranks
-
-
-def _search_of(learner: Learner) -> tuple[str, str, str]:
-    return learner.declared.algorithm, learner.declared.tuned_by, learner.observation
 
 
 @item(

@@ -85,7 +85,8 @@ def others(tables: Frames, experiment: Experiment) -> Figure | None:
     widths = [6.0 if kinds[grid] == "steps" else 3.0 for grid in grids]
     if not grids:
         return None
-    with figure_of(1, 1, (sum(widths), 4.9)) as (figure, axes):
+    n_named = max(len(_lines(tables, experiment, grid)) for grid in grids)  # below panels of success
+    with figure_of(1, 1, (sum(widths), 4.3 + 0.2 * n_named)) as (figure, axes):
         axes[0, 0].remove()
         parts = figure.subfigures(1, len(grids), width_ratios=widths, squeeze=False)[0]
         for part, grid, width in zip(parts, grids, widths, strict=True):
@@ -139,11 +140,12 @@ def _packed(contrasts: pd.DataFrame) -> list[list[Cell]]:
     lines: list[list[Cell]] = []
     for grid, own in contrasts.groupby("grid", sort=False):
         points = [(str(grid), str(point)) for point in own["point"].unique()]
-        line = next((line for line in lines if len(line) + 1 + len(points) <= _COLUMNS), None)
-        if line is None:
-            lines.append(points)
+        for line in lines:
+            if len(line) + len(points) < _COLUMNS:
+                line += [("", ""), *points]
+                break
         else:
-            line += [("", ""), *points]
+            lines.append(points)
     return lines
 
 
@@ -158,9 +160,9 @@ def _draw_cells(
         used.update([text, text[:1]])
         is_dark = abs(np.nan_to_num(colours[index])) > _DARK * _MOST
         ink = "black" if np.isnan(colours[index]) else INK[int(is_dark)]
-        font = {"size": "x-small" if text in _SIGNS else "small"}
-        font |= {"weight": "bold" if colours[index] > 0 else "normal"}
-        axis.text(index[1], index[0], text, ha="center", va="center", color=ink, **font)
+        label = axis.text(index[1], index[0], text, ha="center", va="center", color=ink)
+        weight = "bold" if colours[index] > 0 else "normal"
+        label.set(fontsize="x-small" if text in _SIGNS else "small", fontweight=weight)
     edges = np.arange(len(columns) + 1) - 0.5, np.arange(len(rows) + 1) - 0.5
     norm = Normalize(-_MOST, _MOST)
     image = axis.pcolormesh(*edges, colours, cmap=_COLOUR_MAP, norm=norm, edgecolors="white", linewidth=0.8)

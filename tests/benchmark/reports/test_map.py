@@ -22,11 +22,12 @@ from benchmark.experiments import Population, load_experiment
 from benchmark.reports.data import Data
 from benchmark.reports.document import Document
 from benchmark.reports.draw import tables_of
-from benchmark.reports.map import REPORT
+from benchmark.reports.folder import Folder
+from benchmark.reports.map import REPORT, figures
 from benchmark.reports.map.results import verdicts
 from tests.benchmark.reports.conftest import experiment_of
 from tests.benchmark.reports.sentences import check_links
-from tests.support import mistyped_columns
+from tests.support import ROOT, mistyped_columns
 
 OFFSETS, TABLE = "shared, offset", "table, index"
 EXPERIMENT = """
@@ -427,3 +428,11 @@ def test_mistakes_are_named(
     assert message in errors
     assert len(errors.splitlines()) == 1
     assert not (tmp_path / "runs.db").exists()
+
+
+def test_published_maps_can_be_drawn_again() -> None:
+    folder, experiment = Folder(ROOT / "results" / "when"), load_experiment("when")
+    tables = {path.stem: folder.frame(path.stem) for path in folder.path.glob("*.csv")}
+    for item in (figures.picture, figures.others, verdicts):
+        figure = item.picture(cast("Data", SimpleNamespace(experiment=experiment, is_partial=False)), tables)
+        assert figure is not None
