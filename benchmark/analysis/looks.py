@@ -12,7 +12,7 @@ not matter why a contrast gets more runs.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -48,6 +48,7 @@ class Contrast(NamedTuple):
     y: Population
     took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of n pairs, within the smaller of their budgets
     decision: Decision
+    at_level: Mapping[float, str]  # verdicts on the same pairs at further levels of success, exploratory
 
 
 def tail_of(n_contrasts: int, n_looks: int) -> float:
@@ -133,19 +134,31 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     for sides in pairs:
         if not all(side in rows for side in sides):
             continue
-        budget = min(side.first.settings.budget for side in sides)
-        own = [took(rows[side], solved.success)["steps"] for side in sides]
-        x, y = (took(rows[side], solved.success, budget) for side in sides)
-        decision = None
+        budget, decision = min(side.first.settings.budget for side in sides), None
+        taken = {
+            level: [[took(rows[side], level, until) for side in sides] for until in (math.inf, budget)]
+            for level in (solved.success, *solved.further)
+        }
+        x, y = taken[solved.success][1]
         for n in (n for n in report.looks if n <= min(len(x), len(y))):
-            one_learns = any(np.isfinite(steps[:n]).mean() > 0.5 for steps in own)
-            steps = x["steps"].to_numpy()[:n], y["steps"].to_numpy()[:n]
-            decision = decide(*steps, report.margins.faster, tail, one_learns=one_learns)
+            decision = _look(taken[solved.success], n, report.margins.faster, tail)
             if decision.verdict != UNDECIDED:
                 break
         if decision is not None:
-            looked.append(Contrast(*sides, (x[: decision.n], y[: decision.n]), decision))
+            at_level = {
+                level: _look(taken[level], decision.n, report.margins.faster, tail).verdict
+                for level in solved.further
+            }
+            looked.append(Contrast(*sides, (x[: decision.n], y[: decision.n]), decision, at_level))
     return looked
+
+
+def _look(taken: Sequence[Sequence[pd.DataFrame]], n: int, margin: float, tail: float) -> Decision:
+    """Decides by the first n pairs: what both sides took within their own budgets, and within the smaller."""
+    own, within = taken
+    one_learns = any(np.isfinite(side["steps"][:n]).mean() > 0.5 for side in own)
+    x, y = (side["steps"].to_numpy()[:n] for side in within)
+    return decide(x, y, margin, tail, one_learns=one_learns)
 
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:

@@ -256,7 +256,9 @@ class _Loading:
         declared, variant = self.declared, learner.declared
         seeds = declared.seeds_of(learner.variant, condition)
         evaluation_every, map_every = declared.schedule(learner.variant)
-        solved = None if declared.solved is None else declared.solved.model_dump(mode="json")
+        solved = None
+        if declared.solved is not None:
+            solved = declared.solved.model_dump(mode="json", exclude={"levels"})
         run = RunSpecification(
             stream=declared.stream or declared.name,
             condition=condition.name,

@@ -193,10 +193,25 @@ class Solved(Table):
     only curves are recorded.
     """
 
+    omitted_at_default: ClassVar[Set[str]] = {"levels"}
+
     success: Annotated[float, Field(gt=0, le=1)] = 0.9
     """The level."""
     growth: Annotated[float, Field(gt=1, le=2)] = 1.15
     """About how many times as late each evaluation is as the one before."""
+    levels: tuple[Annotated[float, Field(gt=0)], ...] = ()
+    """Further levels, at most `success`, at which a map decides its contrasts, too; runs stay the same."""
+
+    @model_validator(mode="after")
+    def _has_levels(self) -> Self:
+        accepted = f"numbers up to success = {self.success:g}, above which runs may have ended"
+        require(max(self.levels, default=0.0) <= self.success, f"levels = {[*self.levels]}", accepted)
+        return self
+
+    @property
+    def further(self) -> list[float]:
+        """The levels but `success`, rising."""
+        return sorted({*self.levels} - {self.success})
 
 
 Margin = Annotated[float, Field(gt=0, le=0.2)]  # a larger difference matters
@@ -211,6 +226,15 @@ class Margins(Table):
     """Of the score."""
     faster: Margin = 0.2
     """Of the probability of being faster, from 1/2."""
+
+
+class Panel(Table):
+    """A panel of a map's first figure."""
+
+    title: Annotated[Line, Field(min_length=1)]
+    """Its heading."""
+    learners: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Names of the learners that it shows."""
 
 
 class Reporting(Table):
@@ -240,6 +264,8 @@ class Reporting(Table):
     """Pairs x, y that are compared, with verdicts."""
     looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
     """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
+    panels: tuple[Panel, ...] = ()
+    """Panels in which a map draws its first grid with one axis; by default, one with all learners."""
     effects: tuple[tuple[str, str, Annotated[Line, Field(min_length=1)]], ...] = ()
     """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
 

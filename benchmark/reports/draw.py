@@ -93,7 +93,8 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
     missing = [package for package in report.packages if find_spec(package) is None]
     if is_drawn and missing:
         raise missing_package(f"{experiment.name}: its report", missing[0])
-    for key, value in {"solved": experiment.declared.solved, "looks": declared.looks}.items():
+    of_maps = {"solved": experiment.declared.solved, "looks": declared.looks, "panels": declared.panels}
+    for key, value in of_maps.items():
         if value and not report.reads_curves:
             accepted = "kind = map" + " or search" * (key == "solved")
             raise InputError(f"{where}: {key} with report.kind = {declared.kind}: accepted: {accepted}.")

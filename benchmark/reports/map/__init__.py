@@ -9,6 +9,7 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
 from benchmark.reports.map import figures, results
 from benchmark.reports.map.check import check
+from benchmark.reports.map.crossings import crossings
 
 
 def headline(folder: Folder) -> str:
@@ -34,7 +35,9 @@ REPORT: Final = Report(
         results.contrasts,
         results.verdicts,
         results.looks,
-        results.measures,
+        results.levels,
+        crossings,
+        results.success,
         results.reference,
         results.pairs,
         results.runs,

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from itertools import filterfalse
+from itertools import chain, filterfalse
 
 from agents.dynamic_programming import largest_success
 from benchmark.analysis.looks import compared
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.schema import is_number
+from benchmark.reports.map.crossings import leading, ranked
 from envs import InputError, Scenario, compile_scenario
 
 
@@ -37,6 +38,13 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
         yield f"report.looks = {[*report.looks]}: accepted: increasing numbers."
     for contrast in report.contrasts:
         yield from _mistakes_of_sides(contrast, report.looks, known)
+    first = leading(experiment)
+    ran = {each.learner.name for each in experiment.populations if each.condition.axes.get("grid") == first}
+    shown = [name for name in ranked(experiment) if name in ran]
+    for name in chain.from_iterable(panel.learners for panel in report.panels):
+        if name not in shown:
+            accepted = f"of the first grid with one axis, {first or 'but there is none'}: {', '.join(shown)}"
+            yield f"report.panels: {name}: accepted: learners {accepted}."
 
 
 def _mistakes_of_sides(

@@ -1,21 +1,19 @@
-"""Items of the report on a map: what every population took, which learner needs fewer steps, and why."""
+"""Items of the report on a map: what every population took, and which learner needs fewer steps."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
-from agents.hardness import Hardness, hardness
 from benchmark.analysis import looks as rules
 from benchmark.analysis.frames import by_step
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, median, proportion
 from benchmark.analysis.looks import VERDICTS, Contrast
 from benchmark.experiments import Experiment, Population
-from benchmark.reports.item import item, labelled_columns, no_rows
-from envs import InputError, Scenario
-from envs.observations import compile_seen
+from benchmark.reports.item import expanded, item, labelled_columns, no_rows
+from envs import InputError
 from envs.scenario import NoisyFeedback
 
 Row = Mapping[str, object]
@@ -35,10 +33,13 @@ _LABELS: Final = {
     "verdict": "verdict on x",
 }
 _MEANINGS: Final = {
+    "at_all_levels": "of these, how many have the same verdict at all levels",
+    "at_no_other_level": "others that have it at no further level and are reversed at none",
+    "at_some_levels": "others that have it at some further levels and are reversed at none",
     "columns": "columns of the room",
     "contrasts": "contrasts that ended with so many pairs of runs",
-    "covering_steps": "steps in which the random policy has tried nine tenths of what it can reach",
     "cpu_time_s": "CPU seconds of training until a run has solved its scenario, median; inf if most never do",
+    "decided": "points at which x is faster or slower",
     "disagreements": "wrong PINGs until a run has solved its scenario, of several runs the median; inf or "
     "empty if it never does",
     "faster": "probability that a run of x needs fewer steps than one of y; in `contrasts.csv`, its interval "
@@ -52,11 +53,12 @@ _MEANINGS: Final = {
     "permuted": "share of the issuer's cells whose coordinates are permuted",
     "places": "cells in which the issuer may stand",
     "point": "point of the grid",
+    "points": "points of all grids, those of several once",
     "ratio": "median steps of y divided by those of x; where one never solves, its budget counts",
     "ratio_disagreements": "the same of wrong PINGs",
+    "reversed": "of the decided, how many have the opposite verdict at a further level",
     "rows": "rows of the room",
     "run": "number of the run, from 0, in the order of seeds",
-    "solvable_k": "smallest k for which the scenario is k-QVI-solvable",
     "solved": "share of runs that solve their scenario",
     "steps": "steps until a run has solved its scenario, of several runs the median; inf or empty if it "
     "never does",
@@ -68,6 +70,8 @@ _MEANINGS: Final = {
     **dict.fromkeys(VERDICTS, "contrasts with this verdict"),
 }
 _item: Final = partial(item, meanings=_MEANINGS)
+_KEPT: Final = ("at_all_levels", "at_some_levels", "at_no_other_level", "reversed")
+_SPREAD: Final = 18  # evaluations of `success.csv`
 _COUNTED: Final = dict.fromkeys(VERDICTS, "")
 _columns: Final = partial(labelled_columns, _LABELS)
 
@@ -126,6 +130,7 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             "faster": contrast.decision.faster,
             "ratio": ratio(*contrast.took, "steps"),
             "ratio_disagreements": ratio(*contrast.took, "disagreements"),
+            **{f"verdict_{level:g}": verdict for level, verdict in contrast.at_level.items()},
         }
 
 
@@ -145,6 +150,32 @@ def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @_item(
+    "levels",
+    "exploratory: how many verdicts are the same at lower levels of success, over the points of all grids",
+)
+def levels(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Counts how verdicts change with the level of success; a point of two grids counts once."""
+    decided = pd.DataFrame(
+        _sides(contrast) | {"kept": _kept(contrast.decision.verdict, [*contrast.at_level.values()])}
+        for contrast in _distinct(experiment, curves)
+        if contrast.at_level
+    )
+    for (x, y), own in decided.groupby(["x", "y"], sort=False)["kept"] if len(decided) else ():
+        counts = {kept: int((own == kept).sum()) for kept in _KEPT}
+        yield {"x": x, "y": y, "points": len(own), "decided": sum(counts.values()), **counts}
+
+
+def _kept(verdict: str, others: Sequence[str]) -> str:
+    """Returns what other levels make of a verdict, one of `_KEPT`; empty if it names no winner."""
+    winners, n = {rules.FASTER, rules.SLOWER}, others.count(verdict)
+    if verdict not in winners:
+        return ""
+    if {*others} & winners - {verdict}:
+        return "reversed"
+    return "at_no_other_level" if n == 0 else "at_all_levels" if n == len(others) else "at_some_levels"
+
+
+@_item(
     "looks",
     "how many pairs of runs the contrasts took, and how they ended",
     {"n": "pairs of runs", "contrasts": "", **_COUNTED},
@@ -152,12 +183,9 @@ def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts contrasts by the look that decided them, those of several grids once."""
     assert experiment.report is not None
-    distinct = {
-        (contrast.x.first.digest, contrast.y.first.digest): contrast.decision
-        for contrast in _contrasts(experiment, curves)
-    }
+    distinct = _distinct(experiment, curves)
     for n in experiment.report.looks:
-        ended = [decision.verdict for decision in distinct.values() if decision.n == n]
+        ended = [contrast.decision.verdict for contrast in distinct if contrast.decision.n == n]
         yield {"n": n, "contrasts": len(ended), **_counted(ended)}
 
 
@@ -185,6 +213,26 @@ def reference(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
                 "steps_reference": median(y),
                 "faster": float(np.where(x[:, None] == y, 0.5, x[:, None] < y).mean()),
             }
+
+
+@_item("success", "success at up to 18 evaluations of training, mean over runs", where=no_rows)
+def success(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
+    """Tabulates success over training; a run that has ended counts with its last evaluation.
+
+    To keep the file small, it has two digits, and where it stays the same, only the ends have a row.
+    """
+    tables = []
+    for population, rows in rules.rows_of(experiment, curves).items():
+        steps, values = by_step(rows, "step")[0], by_step(rows, "success")
+        wanted = np.geomspace(steps[1], steps[-1], _SPREAD)
+        at = np.unique(abs(np.log(steps[1:, None] / wanted)).argmin(axis=0)) + 1
+        names = {key: _cell(population)[key] for key in ("grid", "point", "algorithm", "observation")}
+        success = expanded({"success": proportion(values[:, at])})
+        table = pd.DataFrame({**names, "step": steps[at].astype(int), **success}).round(2)
+        numbers = table[[*success]]
+        is_inner = (numbers.eq(numbers.shift()) & numbers.eq(numbers.shift(-1))).all(axis=1)
+        tables.append(table[~is_inner])
+    return pd.concat(tables, ignore_index=True) if tables else None
 
 
 @_item("pairs", "what every contrast uses: the steps of its pairs of runs, within one budget", where=no_rows)
@@ -227,25 +275,6 @@ def _numbered(tables: Iterable[tuple[Mapping[str, str], pd.DataFrame]]) -> pd.Da
     return pd.concat(frames, ignore_index=True) if frames else None
 
 
-@_item("measures", "measures of every point, for the places of its first run", where=no_rows)
-def measures(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Tabulates `agents.hardness`, beside the median steps.
-
-    Points at which a learner does the same count once: those that differ in unseen places, or for a table in
-    permuted coordinates. They are known by the wrong PINGs of the first run.
-    """
-    seen, rows = set[tuple[str, bytes]](), rules.rows_of(experiment, curves)
-    for population, took in _took(experiment, curves).items():
-        scenario, learner = population.scenario.drawn(population.seeds.start), population.learner
-        same = learner.name, by_step(rows[population], "training_wrong_pings")[0].tobytes()
-        if learner.reference_for or same in seen or scenario.following[0].shape[1] > 1:
-            continue  # the last: what follows an action is random
-        seen.add(same)
-        measured = _hardness(scenario, learner.observation, experiment.declared.horizon)._asdict()
-        steps = {"steps": float(np.median(took["steps"]))}
-        yield _cell(population) | {"n": len(took)} | measured | steps
-
-
 def _took(experiment: Experiment, curves: pd.DataFrame) -> dict[Population, pd.DataFrame]:
     solved, rows = experiment.declared.solved, rules.rows_of(experiment, curves)
     assert solved is not None
@@ -256,6 +285,12 @@ def _contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     if contrasts := rules.contrasts(experiment, curves):
         return contrasts
     raise InputError(f"{experiment.name}: no contrast has enough runs yet: run the experiment first.")
+
+
+def _distinct(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
+    """Returns the contrasts, those of several grids once."""
+    every = _contrasts(experiment, curves)
+    return [*{(contrast.x.first.digest, contrast.y.first.digest): contrast for contrast in every}.values()]
 
 
 def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
@@ -308,8 +343,3 @@ def _cell(population: Population) -> dict[str, object]:
 
 def _sides(contrast: Contrast) -> dict[str, str]:
     return {"x": contrast.x.learner.name, "y": contrast.y.learner.name}
-
-
-@lru_cache(maxsize=1024)
-def _hardness(scenario: Scenario, observation: str, horizon: int) -> Hardness:
-    return hardness(compile_seen(scenario, observation), horizon)

@@ -2,10 +2,11 @@
 
 import shutil
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -17,14 +18,16 @@ from benchmark.analysis.looks import took
 from benchmark.analysis.stages import runs_of, stages
 from benchmark.drawing.tables import plain
 from benchmark.execution.store import Store
-from benchmark.experiments import load_experiment
+from benchmark.experiments import Population, load_experiment
 from benchmark.reports.data import Data
 from benchmark.reports.document import Document
 from benchmark.reports.draw import tables_of
-from benchmark.reports.map import REPORT
+from benchmark.reports.folder import Folder
+from benchmark.reports.map import REPORT, figures
+from benchmark.reports.map.results import verdicts
 from tests.benchmark.reports.conftest import experiment_of
 from tests.benchmark.reports.sentences import check_links
-from tests.support import mistyped_columns
+from tests.support import ROOT, mistyped_columns
 
 OFFSETS, TABLE = "shared, offset", "table, index"
 EXPERIMENT = """
@@ -33,7 +36,7 @@ scenarios = ["Anywhere"]
 horizon = 60
 evaluation_every = 100
 map_every = 100
-solved = { success = 0.9, growth = 1.2 }
+solved = { success = 0.9, growth = 1.2, levels = [0.5, 0.7] }
 settings = { budget = 30000, time_limit = 60, record_every = 30000, epsilon = 0.1 }
 
 [report]
@@ -123,6 +126,18 @@ def test_contrasts_follow_from_the_pairs_that_are_published(made: Path) -> None:
         assert np.median(y) / np.median(x) == pytest.approx(row["ratio"], rel=1e-5)
 
 
+def test_success_over_training_is_that_of_the_runs(made: Path) -> None:
+    found = pd.read_csv(made / "success.csv").groupby(["grid", "point", "algorithm", "observation"])
+    cells = pd.read_csv(made / "cells.csv")
+    for _, row in cells.iterrows():
+        own = found.get_group((row["grid"], row["point"], row["algorithm"], row["observation"]))
+        assert len(own) <= 18
+        assert own["step"].is_monotonic_increasing
+        assert (own["step"].iloc[0], own["step"].iloc[-1]) == (100, row["budget"])
+        last = own.iloc[-1][["success", "success_low", "success_high"]].astype(float)
+        assert last.tolist() == pytest.approx(row[[*last.index]].astype(float).tolist(), abs=0.0051)
+
+
 def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
     contrasts = pd.read_csv(made / "contrasts.csv")
     assert {*contrasts["n"]} == {12, 16}
@@ -189,18 +204,20 @@ def test_a_map_can_be_drawn_while_runs_are_missing(made: Path, tmp_path: Path) -
 # Maps made by hand: 100,000 steps for the shared table, 1,000,000 for the other one
 
 
-def by_hand(folder: Path, steps: Mapping[str, float]) -> Data:
-    """Returns what a map is computed from in which every run of a variant has learned after so many steps."""
-    text = EXPERIMENT
+def by_hand(folder: Path, curve_of: Callable[[Population], Mapping[float, float]], more: str = "") -> Data:
+    """Returns what a map is computed from in which success is 0, and a number from each of these steps on."""
+    text = EXPERIMENT + more
     for variant, budget in (("shared", 100_000), ("table", 1_000_000)):
         settings = f"settings = {{ budget = {budget}, record_every = {budget} }}"
         text = text.replace(f"[algorithms.{variant}]", f"[algorithms.{variant}]\n{settings}")
     experiment, runs, curves = experiment_of(folder / "hand.toml", text), [], []
     for population in experiment.populations:
         if not population.learner.reference_for:
-            n_steps, budget = steps[population.learner.variant], population.first.settings.budget
-            step = np.unique([0, min(n_steps, 1e5), 1e5, min(max(n_steps, 1e5), budget), budget])
-            success = np.where(step < n_steps, 0.0, 1.0)
+            changes, budget = curve_of(population), population.first.settings.budget
+            step = np.unique([0, min(1e5, budget), budget, *(min(start, budget) for start in changes)])
+            success = np.zeros(len(step))
+            for start, value in changes.items():
+                success[step >= start] = value
             spent = {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
             curve = pd.DataFrame(keys_of(population) | {"step": step, "success": success, **spent})
             curves += [curve.assign(seed=seed) for seed in range(12)]
@@ -210,19 +227,21 @@ def by_hand(folder: Path, steps: Mapping[str, float]) -> Data:
 
 
 @pytest.mark.parametrize(
-    ("shared", "table", "verdict", "ratio"),
+    ("shared", "table", "verdict", "ratio", "sign"),
     [
-        (1000, 1600, "faster", 1.6),
-        (1000, np.inf, "faster", 100),  # runs that never learn: the smaller budget counts
-        (np.inf, 5e5, "budget too short", np.nan),  # the table learns, but not within the budget of the other
-        (np.inf, np.inf, "neither learns", np.nan),
-        (0, 0, "undecided", np.nan),  # all learn at once
+        (1000, 1600, "faster", 1.6, "1.6"),
+        (1000, np.inf, "faster", 100, "≥100"),  # runs that never learn: the smaller budget counts
+        # The table learns, but not within the budget of the other.
+        (np.inf, 5e5, "budget too short", np.nan, "short"),
+        (np.inf, np.inf, "neither learns", np.nan, "neither"),
+        (0, 0, "undecided", np.nan, "?"),  # all learn at once
     ],
 )
 def test_verdicts_and_ratios_by_hand(
-    shared: float, table: float, verdict: str, ratio: float, tmp_path: Path
+    shared: float, table: float, verdict: str, ratio: float, sign: str, tmp_path: Path
 ) -> None:
-    data = by_hand(tmp_path, {"shared": shared, "table": table})
+    steps = {"shared": shared, "table": table}
+    data = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
     tables = tables_of(REPORT.items, data)
     assert {*tables["contrasts"]["verdict"]} == {verdict}
     for column in ("ratio", "ratio_disagreements"):
@@ -230,7 +249,142 @@ def test_verdicts_and_ratios_by_hand(
         assert found.tolist() == pytest.approx([ratio] * 3, nan_ok=True)
     for item in REPORT.items:  # figures can be drawn without a difference, too
         item.save(data, tables, tmp_path)
-    assert {path.stem for path in tmp_path.glob("*.[sp][vn]g")} == {"map", "grids"}
+    assert {path.stem for path in tmp_path.glob("*.[sp][vn]g")} == {"map", "grids", "verdicts", "success"}
+    picture = verdicts.picture(data, tables)
+    assert picture is not None
+    texts = [text.get_text() for text in picture.axes[0].texts]
+    assert texts.count(sign) == len(tables["contrasts"]) == 9
+    titles = {"places", "rooms: room, places", "code: permuted", "unseen: places"}
+    assert {text.replace("\n", " ") for text in texts} - {sign} == titles
+
+
+def test_levels_by_hand(tmp_path: Path) -> None:
+    """With 16 places, the shared table takes longer at all levels; with others, it is faster at 0.5 and 0.7.
+
+    In larger rooms, it is as fast as the table at 0.5 and 0.7, and at 0.7 alone with 8 places.
+    """
+
+    def curve(population: Population) -> dict[float, float]:
+        scenario = population.scenario
+        n_places = len(scenario.places) - scenario.issuer.unseen
+        if population.learner.variant == "table":
+            return {1000: 1.0}
+        if n_places == 16:
+            return {1500: 0.6, 2000: 1.0}
+        if scenario.grid.rows == 6:
+            return {1000: 0.8, 2000: 1.0}
+        return {1000: 0.7, 1500: 0.6, 2000: 1.0} if n_places == 8 else {500: 0.8, 2000: 1.0}
+
+    tables = tables_of(REPORT.items, by_hand(tmp_path, curve))
+    columns = ["verdict", "verdict_0.5", "verdict_0.7"]
+    rows = tables["contrasts"].set_index("grid")[["point", *columns]].itertuples()
+    verdicts_at = {tuple(row[:2]): [*row[2:]] for row in rows}
+    assert {found[0] for found in verdicts_at.values()} == {"slower"}
+    assert verdicts_at["places", "places 16"] == ["slower"] * 3
+    assert verdicts_at["places", "places 4"] == ["slower", "faster", "faster"]
+    assert verdicts_at["rooms", "room 6x7, places 1"] == ["slower", "undecided", "undecided"]
+    assert verdicts_at["unseen", "places 8"] == ["slower", "undecided", "slower"]
+    # Of 9 points, 7 are distinct: 1, 4 and 16 places, 2 in the room, 1 in the larger one, permuted, unseen.
+    (row,) = tables["levels"].to_dict("records")
+    counts = {"at_all_levels": 1, "at_some_levels": 1, "at_no_other_level": 1, "reversed": 4}
+    assert row == {"x": OFFSETS, "y": TABLE, "points": 7, "decided": 7, **counts}
+
+
+def test_runs_do_not_depend_on_levels(tmp_path: Path) -> None:
+    texts = (EXPERIMENT, EXPERIMENT.replace(", levels = [0.5, 0.7]", ""))
+    with_levels, without = (
+        {population.first.digest for population in experiment_of(tmp_path / "same.toml", text).populations}
+        for text in texts
+    )
+    assert with_levels == without
+
+
+RANKS = """
+[algorithms.shared_2]
+algorithm = "q_learning"
+observations = ["offset"]
+seeds = 12
+
+[algorithms.shared_3]
+algorithm = "q_learning"
+observations = ["offset"]
+seeds = 12
+
+[algorithms.table_2]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 12
+
+[[report.panels]]
+title = "With offsets"
+learners = ["shared, offset"]
+
+[[report.panels]]
+title = "With both"
+learners = ["shared, offset", "table, index"]
+"""
+
+
+def with_ranks(folder: Path, steps: Mapping[str, tuple[float, ...]]) -> Data:
+    """Returns a map with the best settings, and with others, of two learners, by steps at 1, 4, 16 places."""
+
+    def curve(population: Population) -> dict[float, float]:
+        places = {"1": 0, "4": 1, "16": 2}.get(population.condition.axes.get("places", ""), 0)
+        return {steps[population.learner.variant][places]: 1.0}
+
+    data = by_hand(folder, curve, RANKS)
+    learners = {
+        name: replace(
+            learner, declared=learner.declared.model_copy(update={"rank": int(name.split(",")[0][-1])})
+        )
+        if name.split(",")[0][-1].isdecimal()
+        else learner
+        for name, learner in data.experiment.learners.items()
+    }
+    return cast(
+        "Data", SimpleNamespace(**{**vars(data), "experiment": replace(data.experiment, learners=learners)})
+    )
+
+
+# Of (shared, table) and (shared, table_2), 16 places are the first at which 3,000 steps are fewer; of
+# (shared_2, table), 4 places; (shared_2, table_2) is faster everywhere.
+STEPS = {
+    "shared": (3000.0, 3000.0, 3000.0),
+    "shared_2": (1500.0, 500.0, 500.0),
+    "table": (1000.0, 2000.0, 4000.0),
+    "table_2": (2000.0, 2000.0, 8000.0),
+}
+
+
+@pytest.mark.parametrize(
+    ("third", "counts"),
+    [
+        (20_000.0, {"x_always": 1, "y_always": 2, "x_later": 3, "agreement": 0}),
+        (600.0, {"x_always": 3, "y_always": 0, "x_later": 3, "agreement": 1}),  # with 16 places
+    ],
+)
+def test_crossings_by_hand(third: float, counts: dict[str, int], tmp_path: Path) -> None:
+    data = with_ranks(tmp_path, STEPS | {"shared_3": (third,) * 3})
+    (row,) = tables_of(REPORT.items, data)["crossings"].to_dict("records")
+    names = {"grid": "places", "x": OFFSETS, "y": TABLE, "combinations": 6, "values": 3}
+    assert row == names | counts | {"earliest": 4.0, "latest": 16.0}
+
+
+def test_panels_show_their_learners_and_thinly_those_with_other_settings(tmp_path: Path) -> None:
+    data = with_ranks(tmp_path, STEPS | {"shared_3": (600.0,) * 3})
+    tables = tables_of(REPORT.items, data)
+    drawn = {item.name: item.picture(data, tables) for item in REPORT.items}
+    first, second = cast("Any", drawn["map"]).axes
+    assert [axis.get_title(loc="left") for axis in (first, second)] == ["With offsets", "With both"]
+    assert first.get_ylim() == second.get_ylim()
+    assert [text.get_text() for text in first.texts] == ["shared table of\noffsets"]
+    for axis, solid, thin in ((first, 1, 2), (second, 2, 3)):
+        widths = [line.get_linewidth() for line in axis.lines if line.get_linestyle() != "None"]
+        assert (widths.count(1.6), widths.count(0.8)) == (solid, thin)
+        colours = {line.get_color() for line in axis.lines if line.get_linestyle() != "None"}
+        assert len(colours) == solid
+    titles = [axis.get_title(loc="left") for axis in cast("Any", drawn["grids"]).axes]
+    assert [title.split()[0] for title in titles] == ["Does", "What"]  # the grids `code` and `unseen`
 
 
 def test_a_run_has_learned_within_a_budget_if_success_stays_to_its_end() -> None:
@@ -257,6 +411,11 @@ def test_a_run_has_learned_within_a_budget_if_success_stays_to_its_end() -> None
         ('question = "What does a larger room cost?"', "", "grids.rooms.question is missing"),
         ("room=6x7/places=2", "room=6x7", "without: room=6x7: accepted: points such as room=5x6/places=1"),
         ("[grids.code]", '[grids.code]\nlearners = ["dqn"]', "grids.code.learners: dqn: accepted: "),
+        ("levels = [0.5", "levels = [0.95", "levels = [0.95, 0.7]: accepted: numbers up to success = 0.9"),
+        ("[report]", '[report]\npanels = [{ title = "All", learners = ["dqn, index"] }]',
+         "report.panels: dqn, index: accepted: learners of the first grid with one axis, places: shared, o"),
+        ("[report]", '[report]\npanels = [{ title = "All", learners = ["check, index"] }]',
+         "report.panels: check, index: accepted: learners of the first grid"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(
@@ -269,3 +428,11 @@ def test_mistakes_are_named(
     assert message in errors
     assert len(errors.splitlines()) == 1
     assert not (tmp_path / "runs.db").exists()
+
+
+def test_published_maps_can_be_drawn_again() -> None:
+    folder, experiment = Folder(ROOT / "results" / "when"), load_experiment("when")
+    tables = {path.stem: folder.frame(path.stem) for path in folder.path.glob("*.csv")}
+    for item in (figures.picture, figures.others, verdicts):
+        figure = item.picture(cast("Data", SimpleNamespace(experiment=experiment, is_partial=False)), tables)
+        assert figure is not None
