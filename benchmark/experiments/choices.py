@@ -13,12 +13,12 @@ from envs import InputError, Scenario, load_scenario
 from envs.inputs import unknown_name
 
 
-def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen | None:
-    """Returns the settings that a learner takes from a search, and their effort; None without a search.
+def chosen_for(declared: Declaration, variant: str, observation: str, other: str = "") -> Chosen | None:
+    """Returns the settings that a learner takes from its search or another, and their effort; None without.
 
     Refuses, by an InputError, a search that has chosen nothing for it, or was declared otherwise then.
     """
-    name, searched = source_of(declared, variant)
+    name, searched = source_of(declared, variant, other)
     if not name:
         return None
     source = f"{declared.argument}: algorithms.{variant}.tuned_by = {name}:{searched}"
@@ -39,10 +39,13 @@ def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen 
     return found.model_copy(update=dict(found.others[rank - 2]))
 
 
-def source_of(declared: Declaration, variant: str) -> tuple[str, str]:
-    """Returns the search that has chosen a variant's settings, and the variant there; empty if none has."""
+def source_of(declared: Declaration, variant: str, other: str = "") -> tuple[str, str]:
+    """Returns the search that has chosen a variant's settings, and the variant there; empty if none has.
+
+    Where a grid names another search, that one has.
+    """
     name, _, searched = declared.algorithms[variant].tuned_by.rpartition(":")
-    return name, searched
+    return other if name and other else name, searched
 
 
 def changed_settings(declared: Declaration, variant: str) -> list[str]:
@@ -68,12 +71,12 @@ def digest_of_search(search: Declaration) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def check_source(declared: Declaration, variant: str, path: Path) -> None:
+def check_source(declared: Declaration, variant: str, path: Path, other: str = "") -> None:
     """Refuses, by an InputError, what does not name a variant of a search."""
-    if not (tuned_by := declared.algorithms[variant].tuned_by):
+    if not declared.algorithms[variant].tuned_by:
         return
-    where = f"{path}: algorithms.{variant}.tuned_by = {tuned_by}"
-    name, searched = source_of(declared, variant)
+    name, searched = source_of(declared, variant, other)
+    where = f"{path}: algorithms.{variant}.tuned_by = {f'{name}:{searched}'.removeprefix(':')}"
     if not name:
         raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
     search = _search(name).declared
@@ -85,9 +88,9 @@ def check_source(declared: Declaration, variant: str, path: Path) -> None:
         raise InputError(f"{where}: its stream is that of the search; accepted: another stream.")
 
 
-def check_seeds(declared: Declaration, variant: str, path: Path) -> None:
+def check_seeds(declared: Declaration, variant: str, path: Path, other: str = "") -> None:
     """Refuses, by an InputError, seeds on which a variant's settings were chosen."""
-    name, searched = source_of(declared, variant)
+    name, searched = source_of(declared, variant, other)
     taken = _search(name).declared.seeds_of_search(searched) if name else ()
     for own in declared.all_seeds(variant):
         if any(overlap(own, seeds) for seeds in taken):

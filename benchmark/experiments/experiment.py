@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, zip_longest
+from itertools import chain, product, zip_longest
 from pathlib import Path
 from typing import Final
 
@@ -180,9 +180,11 @@ class _Loading:
     def experiment(self) -> Experiment:
         """Returns the experiment; raises an InputError with all mistakes at once."""
         declared, variants = self.declared, self.declared.algorithms
+        searches = dict.fromkeys(["", *(grid.tuned_by for grid in declared.grids.values())])
+        sources = [*product(variants, searches)]
         check_all(  # what all else depends on
             *(partial(_check_observations, declared, name, self.path) for name in variants),
-            *(partial(choices.check_source, declared, name, self.path) for name in variants),
+            *(partial(choices.check_source, declared, name, self.path, other) for name, other in sources),
             partial(_check_scenarios, declared, self.path),
         )
         learners = {learner.name: learner for name in variants for learner in self.learners(name)}
@@ -191,9 +193,9 @@ class _Loading:
             for condition in declared.conditions.values()
             for population in self.populations(condition, learners.values())
         ]
-        for name in variants:
+        for name, other in sources:
             with self.noted():
-                choices.check_seeds(declared, name, self.path)
+                choices.check_seeds(declared, name, self.path, other)
         if self.mistakes:
             raise InputError(*self.mistakes.values())
         _check_titles(learners.values(), str(self.path))
@@ -286,7 +288,7 @@ class _Loading:
                 accepted = f"less than budget = {settings.budget} in a search with [solved]"
                 raise InputError(f"evaluation_every = {evaluation_every}; accepted: {accepted}.")
         if variant.tuned_by:
-            search, _ = choices.source_of(declared, learner.variant)
+            search, _ = choices.source_of(declared, learner.variant, condition.tuned_by)
             with self.noted(f"{where}.tuned_by = {variant.tuned_by}: "):
                 choices.check_unseen(scenario, search)
         return Population(condition, scenario, learner, run, seeds)
@@ -304,7 +306,12 @@ class _Loading:
             for inner, value in (table.items() if isinstance(table, dict) else [("", table)])
         }
         changed = own | condition.settings_changes(learner.variant)
-        chosen = {} if learner.chosen is None else learner.chosen.settings
+        found = learner.chosen
+        if condition.tuned_by:
+            found = choices.chosen_for(
+                self.declared, learner.variant, learner.observation, condition.tuned_by
+            )
+        chosen = {} if found is None else found.settings
         where = self._where(learner, condition)
         return parse(cls, override(shared | chosen, changed, where), where)
 

@@ -161,6 +161,8 @@ class Grid(Changes):
     number, or two joined by "x"."""
     is_compared: bool = True
     """Whether a map decides contrasts at its points."""
+    tuned_by: Line = ""
+    """Another search, from which learners take their settings here, of the variant in their own `tuned_by`."""
     without: tuple[str, ...] = ()
     """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
@@ -282,6 +284,8 @@ class Condition:
     """What it changes, in this order, by the tables of the file."""
     learners: tuple[str, ...] = ()
     """Names of the learners, or of their variants, that run under it; all if it is empty."""
+    tuned_by: str = ""
+    """The search from which learners take their settings, if it is another one than theirs."""
     of_variants: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     """Further changes of settings, by variant: those of a trial."""
 
@@ -459,7 +463,8 @@ class Declaration(Table):
                         for axis, value in point.items()
                     }
                     axes = {"grid": grid_name, **point}
-                    yield Condition(f"{grid_name}/{name}", axes, {table: grid, **changes}, learners)
+                    changes = {table: grid, **changes}
+                    yield Condition(f"{grid_name}/{name}", axes, changes, learners, grid.tuned_by)
         else:
             yield Condition("", {}, {})
 

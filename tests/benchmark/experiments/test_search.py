@@ -136,6 +136,37 @@ def test_a_variant_can_take_the_second_best(tmp_path: Path) -> None:
         )
 
 
+def test_a_grid_can_take_settings_from_another_search(search: Experiment, tmp_path: Path) -> None:
+    """As where feedback is noisy: the same learner, with the settings that were found under noise."""
+    other = experiment_of(tmp_path / "noisy.toml", SEARCH.replace("FarCorner", "Noisy"))
+    learners = {f"q_learning, {form}": chosen(0.05) for form in ("index", "offset")}
+    text = json.dumps({"search": choices.digest_of_search(other.declared), "learners": learners})
+    (tmp_path / "noisy.chosen.json").write_text(text)
+    grids = f"""
+[grids.quiet.axes.at.1]
+scenario = {{ "grid.start" = [0, 1] }}
+
+[grids.noisy]
+tuned_by = "{tmp_path / "noisy.toml"}"
+axes.noise.1.scenario = {{ "issuer.feedback" = {{ kind = "noisy", noise = 1 }} }}
+
+[algorithms.plain]"""
+    found = {
+        (population.condition.axes["grid"], population.learner.name): population.first.settings
+        for population in tuned(tmp_path, ("\n[algorithms.plain]", grids)).populations
+    }
+    rates = {key: settings.model_dump()["learning_rate"] for key, settings in found.items()}
+    assert rates["quiet", "mine, index"] == 0.25
+    assert rates["noisy", "mine, index"] == rates["noisy", "mine, offset"] == 0.05
+    with pytest.raises(
+        InputError, match=r"algorithms.mine.tuned_by = reproduce:q_learning: reproduce has no table"
+    ):
+        tuned(tmp_path, ("\n[algorithms.plain]", grids.replace(str(tmp_path / "noisy.toml"), "reproduce")))
+    (tmp_path / "noisy.chosen.json").unlink()
+    with pytest.raises(InputError, match=r"noisy.chosen.json is missing or damaged"):
+        tuned(tmp_path, ("\n[algorithms.plain]", grids))
+
+
 def test_only_what_a_search_depends_on_changes_its_digest(search: Experiment, tmp_path: Path) -> None:
     def digest(old: str, new: str) -> str:
         assert old in SEARCH
