@@ -162,7 +162,7 @@ class Grid(Changes):
     is_compared: bool = True
     """Whether a map decides contrasts at its points."""
     tuned_by: Line = ""
-    """Another search, from which learners take their settings here, of the variant in their own `tuned_by`."""
+    """Another search, from which learners take their settings here: of the variant in their `tuned_by`."""
     without: tuple[str, ...] = ()
     """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 

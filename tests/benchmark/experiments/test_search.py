@@ -136,7 +136,8 @@ def test_a_variant_can_take_the_second_best(tmp_path: Path) -> None:
         )
 
 
-def test_a_grid_can_take_settings_from_another_search(search: Experiment, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("search")
+def test_a_grid_can_take_settings_from_another_search(tmp_path: Path) -> None:
     """As where feedback is noisy: the same learner, with the settings that were found under noise."""
     other = experiment_of(tmp_path / "noisy.toml", SEARCH.replace("FarCorner", "Noisy"))
     learners = {f"q_learning, {form}": chosen(0.05) for form in ("index", "offset")}
