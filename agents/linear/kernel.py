@@ -14,21 +14,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
-from agents.tabular.kernel import LEAST_TRACE, choose_action, find_best
-
-
-class Constants(NamedTuple):
-    """How agents act and learn."""
-
-    learning_rate: float
-    halved_after: float  # steps after which the learning rate is half as large
-    discount: float
-    epsilon: float
-    initial_value: float
-    trace_decay: float
-    takes_lowest: bool  # whether the lowest of several best actions is the only greedy one
-    time_limit: int
-    is_on_policy: bool  # Sarsa(lambda); else Watkins's Q(lambda)
+from agents.tabular.kernel import LEAST_TRACE, Constants, choose_action, find_best
 
 
 class Results(NamedTuple):
@@ -45,15 +31,10 @@ def _add_up(
     weights: NDArray[np.float64], tiles: NDArray[np.int32], o: np.uint64, q: NDArray[np.float64], row: int
 ) -> None:
     """Writes the action values of an observation into a row of q; sums are in the order of tilings."""
-    q0 = q1 = q2 = q3 = q4 = 0.0
+    q[row] = 0.0
     for t in range(tiles.shape[1]):
-        feature = U(tiles[o, t])
-        q0 += weights[feature, 0]
-        q1 += weights[feature, 1]
-        q2 += weights[feature, 2]
-        q3 += weights[feature, 3]
-        q4 += weights[feature, 4]
-    q[row, 0], q[row, 1], q[row, 2], q[row, 3], q[row, 4] = q0, q1, q2, q3, q4
+        for a in range(N_ACTIONS):
+            q[row, a] += weights[U(tiles[o, t]), a]
 
 
 @numba.njit
@@ -64,10 +45,11 @@ def _tabulate(
     q: NDArray[np.float64],
     greedy: NDArray[np.uint8],
 ) -> None:
-    """Writes the action values (O, A) and masks of greedy actions (O,) of all observations."""
+    """Writes the action values (O, A) and masks of greedy actions (O,), 0 where values are not finite."""
     for o in range(len(tiles)):
         _add_up(weights, tiles, U(o), q, o)
-        _, greedy[o] = find_best(q, U(o), takes_lowest)
+        _, mask = find_best(q, U(o), takes_lowest)
+        greedy[o] = mask if np.isfinite(q[o]).all() else 0
 
 
 @numba.njit
@@ -111,20 +93,21 @@ def train(
     process: Process,
     tiles: NDArray[np.int32],
     constants: Constants,
+    is_on_policy: bool,
     points: NDArray[np.int64],
     map_index: NDArray[np.int64],
     budget: int,
     streams: NDArray[np.uint64],
     results: Results,
 ) -> None:
-    """Trains N agents from streams (N, 4), recorded at the points (T + 1,), see `tabular.kernel.Plan`."""
+    """Trains N agents from streams (N, 4), by Sarsa(lambda) if it is on-policy, else by Watkins's Q(lambda).
+
+    They are recorded at the points (T + 1,) and mapped at the indices (T,), see `tabular.kernel.Plan`.
+    """
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    (
-        learning_rate, halved_after, discount, epsilon, initial_value, trace_decay, takes_lowest, time_limit,
-        is_on_policy,
-    ) = constants  # fmt: skip
+    first_rate, halved_after, discount, epsilon, initial_value, decay, takes_lowest, time_limit = constants
     explore_below = U(round(epsilon * 2**32))
-    n_tilings, n_features, decay = tiles.shape[1], tiles.max() + 1, discount * trace_decay
+    n_tilings, n_features, fading = tiles.shape[1], tiles.max() + 1, discount * decay
     for n in range(len(streams)):
         stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
         weights = np.full((n_features, N_ACTIONS), initial_value / n_tilings)
@@ -170,9 +153,11 @@ def train(
             # Learn
             if begins or not (is_on_policy or (greedy >> a) & U(1)):
                 n_traces = 0
-            rate = learning_rate / (1.0 + step / halved_after) / n_tilings
-            change = rate * (reward + discount * value - q[0, a])
-            n_traces = _learn(weights, tiles, traced, strengths, renewed, n_traces, step, decay, change, o, a)
+            learning_rate = first_rate / (1.0 + step / halved_after) / n_tilings
+            change = learning_rate * (reward + discount * value - q[0, a])
+            n_traces = _learn(
+                weights, tiles, traced, strengths, renewed, n_traces, step, fading, change, o, a
+            )
 
             # Go on, or start the next episode
             episode_steps += 1

@@ -13,8 +13,9 @@ from numpy.random import SeedSequence
 from pydantic import Field
 
 from agents.contract import Algorithm, Schedule, Training
-from agents.linear.kernel import Constants, Results, train
+from agents.linear.kernel import Results, train
 from agents.linear.tiles import tiles_of
+from agents.policy import ALL_ACTIONS
 from agents.process import process_of
 from agents.tabular.learner import ValueSettings
 from envs.model import ACTIONS, Model
@@ -66,22 +67,24 @@ class LinearAlgorithm(Algorithm):
             parameters=np.full(n_agents, (int(tiles.max()) + 1) * len(ACTIONS)),
             diverged_at=np.full(n_agents, -1),
         )
-        constants = Constants(**settings.constants, is_on_policy=self.is_on_policy)
+        loop = process_of(model), tiles, settings.constants, self.is_on_policy
         points = np.array([*schedule.evaluation_steps, settings.budget + 1], dtype=np.int64)
         map_index = np.where(schedule.is_mapped, schedule.is_mapped.cumsum() - 1, -1)
         streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
 
         def train_one(block: slice) -> None:
             rows = Results(*(getattr(result, name)[block] for name in Results._fields))
-            train(
-                process_of(model), tiles, constants, points, map_index, settings.budget, streams[block], rows
-            )
+            train(*loop, points, map_index, settings.budget, streams[block], rows)
 
         train_one(slice(0))  # compiles, or loads what was compiled, before the clock runs
         for i in range(n_agents):
             started_s = time.thread_time()
             train_one(slice(i, i + 1))
             result.cpu_time_s[i] = (time.thread_time() - started_s) * points[:-1] / settings.budget
+        is_lost = (result.greedy == 0).any(axis=2)  # (N, T), where values are not finite
+        result.greedy[is_lost] = ALL_ACTIONS
+        for i in np.flatnonzero(is_lost.any(axis=1)).tolist():
+            result.diverged_at[i], result.q[i] = points[is_lost[i].argmax()], np.nan
         return result
 
 

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from envs import InputError, Model
 
 _POSITIONS: Final = {"agent": 1, "issuer": 1, "offset": 2}  # how many times the room's length they span
-LARGEST_TABLE: Final = 50_000_000  # numbers, of the tiles of all observations
+LARGEST_TABLE: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
 
 
 def check_tiles(n_observations: int, n_tilings: int) -> None:
     """Refuses, by an InputError, features that do not fit into memory."""
     if n_observations * n_tilings > LARGEST_TABLE:
         raise InputError(
-            f"n_tilings = {n_tilings}: {n_observations:,} observations with a feature for each; accepted: "
+            f"n_tilings = {n_tilings}: a feature of each for {n_observations:,} observations; accepted: "
             f"at most {LARGEST_TABLE:,} features in all."
         )
 

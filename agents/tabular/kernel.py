@@ -166,9 +166,7 @@ def _train(
     """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    (
-        first_rate, halved_after, discount, epsilon, initial_value, trace_decay, takes_lowest, time_limit
-    ) = constants  # fmt: skip
+    first_rate, halved_after, discount, epsilon, initial_value, decay, takes_lowest, time_limit = constants
     budget, by_episode, record_every, points, map_index = plan
     explore_below = U(round(epsilon * 2**32))
     has_tree = results.table_max_q.shape[1] > 0
@@ -235,7 +233,7 @@ def _train(
                 if _HAS_TRACES:
                     if begins or not (greedy[o] >> a) & U(1):
                         n_traces = 0
-                    n_traces = _trace(traced, weights, n_traces, discount * trace_decay, o * U(N_ACTIONS) + a)
+                    n_traces = _trace(traced, weights, n_traces, discount * decay, o * U(N_ACTIONS) + a)
                     error = target - q[o, a]
                     for j in range(n_traces):
                         o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Final, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -54,18 +54,18 @@ class ValueSettings(LearnerSettings):
         return self.discount
 
     @property
-    def constants(self) -> dict[str, Any]:
-        """What compiled loops take of the settings, by name."""
-        return {
-            "learning_rate": self.learning_rate,
-            "halved_after": self.halved_after or math.inf,
-            "discount": self.discount,
-            "epsilon": self.epsilon,
-            "initial_value": self.initial_value,
-            "trace_decay": getattr(self, "trace_decay", 0.0),
-            "takes_lowest": self.ties == "lowest",
-            "time_limit": self.time_limit or 2**62,
-        }
+    def constants(self) -> Constants:
+        """What compiled loops take of the settings."""
+        return Constants(
+            learning_rate=self.learning_rate,
+            halved_after=self.halved_after or math.inf,
+            discount=self.discount,
+            epsilon=self.epsilon,
+            initial_value=self.initial_value,
+            trace_decay=getattr(self, "trace_decay", 0.0),
+            takes_lowest=self.ties == "lowest",
+            time_limit=self.time_limit or 2**62,
+        )
 
 
 class Settings(ValueSettings):
@@ -145,7 +145,6 @@ class TabularAlgorithm(Algorithm):
         )
         is_mapped = schedule.is_mapped
         kernel, process = compile_kernel(self.update), process_of(model)
-        constants = Constants(**settings.constants)
         plan = Plan(
             budget=settings.budget,
             by_episode=settings.budget_unit == "episodes",
@@ -157,7 +156,7 @@ class TabularAlgorithm(Algorithm):
 
         def train_block(block: slice) -> None:
             rows = Results(*(getattr(result, name)[block] for name in Results._fields))
-            kernel(process, constants, plan, streams[block], rows)
+            kernel(process, settings.constants, plan, streams[block], rows)
 
         train_block(slice(0))  # compiles, or loads what was compiled, before the clock runs
         for first in range(0, n_agents, _BLOCK):

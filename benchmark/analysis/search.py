@@ -77,9 +77,8 @@ def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
         }
         best = finalists(searched, experiment.declared.search.finalists)
         means = {trial: float(np.mean(everywhere(fresh, trial))) for trial in best}
-        all_outcomes.append(
-            Outcome(learner, searched, fresh, sorted(best, key=means.__getitem__, reverse=True))
-        )
+        ranked = sorted(best, key=means.__getitem__, reverse=True)
+        all_outcomes.append(Outcome(learner, searched, fresh, ranked))
     return all_outcomes
 
 

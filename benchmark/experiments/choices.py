@@ -21,7 +21,7 @@ def chosen_for(declared: Declaration, variant: str, observation: str, other: str
     name, searched = source_of(declared, variant, other)
     if not name:
         return None
-    source = f"{declared.argument}: algorithms.{variant}.tuned_by = {name}:{searched}"
+    source = f"{declared.argument}: {_key(declared, variant, other)}"
     search = _search(name)
     made, learner = read_chosen(search.path, source), f"{searched}, {observation}"
     if made.search != search.digest:
@@ -46,6 +46,12 @@ def source_of(declared: Declaration, variant: str, other: str = "") -> tuple[str
     """
     name, _, searched = declared.algorithms[variant].tuned_by.rpartition(":")
     return other if name and other else name, searched
+
+
+def _key(declared: Declaration, variant: str, other: str) -> str:
+    """Returns the key that names a search, for messages."""
+    own = f"algorithms.{variant}.tuned_by = {declared.algorithms[variant].tuned_by}"
+    return f"{own}, in a grid with tuned_by = {other}" if other else own
 
 
 def changed_settings(declared: Declaration, variant: str) -> list[str]:
@@ -76,7 +82,7 @@ def check_source(declared: Declaration, variant: str, path: Path, other: str = "
     if not declared.algorithms[variant].tuned_by:
         return
     name, searched = source_of(declared, variant, other)
-    where = f"{path}: algorithms.{variant}.tuned_by = {f'{name}:{searched}'.removeprefix(':')}"
+    where = f"{path}: {_key(declared, variant, other)}"
     if not name:
         raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
     search = _search(name).declared
@@ -96,7 +102,7 @@ def check_seeds(declared: Declaration, variant: str, path: Path, other: str = ""
         if any(overlap(own, seeds) for seeds in taken):
             used = " and ".join(f"{seeds.start} to {seeds.stop - 1}" for seeds in taken)
             raise InputError(
-                f"{path}: algorithms.{variant}.tuned_by = {name}:{searched}: the search has used the seeds "
+                f"{path}: {_key(declared, variant, other)}: the search has used the seeds "
                 f"{used}; accepted: seeds other than {own.start} to {own.stop - 1}."
             )
 

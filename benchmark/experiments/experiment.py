@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, product, zip_longest
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Final
 
@@ -44,7 +44,7 @@ class Learner:
     family: str
     """What its variant counts as: tabular, linear, deep or planner, see `_Loading.learners`."""
     chosen: Chosen | None
-    """What a search has chosen for it."""
+    """What its search has chosen for it; a grid may name another one."""
     changed: tuple[str, ...] = ()
     """The settings among these that the experiment changes."""
 
@@ -180,8 +180,13 @@ class _Loading:
     def experiment(self) -> Experiment:
         """Returns the experiment; raises an InputError with all mistakes at once."""
         declared, variants = self.declared, self.declared.algorithms
-        searches = dict.fromkeys(["", *(grid.tuned_by for grid in declared.grids.values())])
-        sources = [*product(variants, searches)]
+        sources = dict.fromkeys(
+            (name, search)
+            for condition in declared.conditions.values()
+            for name, variant in variants.items()
+            for search in ("", condition.tuned_by)
+            if not search or any(condition.has(name, form) for form in variant.observations)
+        )
         check_all(  # what all else depends on
             *(partial(_check_observations, declared, name, self.path) for name in variants),
             *(partial(choices.check_source, declared, name, self.path, other) for name, other in sources),
@@ -284,12 +289,12 @@ class _Loading:
         where = f"{self.path}: algorithms.{learner.variant}"
         with self.noted(f"{where}: "):
             check_size(run)
-            if declared.search and declared.solved and evaluation_every >= settings.budget:
-                accepted = f"less than budget = {settings.budget} in a search with [solved]"
+            if declared.solved and evaluation_every >= settings.budget:
+                accepted = f"less than budget = {settings.budget} with [solved]"
                 raise InputError(f"evaluation_every = {evaluation_every}; accepted: {accepted}.")
         if variant.tuned_by:
             search, _ = choices.source_of(declared, learner.variant, condition.tuned_by)
-            with self.noted(f"{where}.tuned_by = {variant.tuned_by}: "):
+            with self.noted(f"{where}.tuned_by: "):
                 choices.check_unseen(scenario, search)
         return Population(condition, scenario, learner, run, seeds)
 
@@ -306,11 +311,8 @@ class _Loading:
             for inner, value in (table.items() if isinstance(table, dict) else [("", table)])
         }
         changed = own | condition.settings_changes(learner.variant)
-        found = learner.chosen
-        if condition.tuned_by:
-            found = choices.chosen_for(
-                self.declared, learner.variant, learner.observation, condition.tuned_by
-            )
+        names = self.declared, learner.variant, learner.observation, condition.tuned_by
+        found = choices.chosen_for(*names) if condition.tuned_by else learner.chosen
         chosen = {} if found is None else found.settings
         where = self._where(learner, condition)
         return parse(cls, override(shared | chosen, changed, where), where)

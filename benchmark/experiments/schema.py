@@ -395,6 +395,8 @@ class Declaration(Table):
             for learner in grid.learners:
                 where = f"grids.{name}.learners: {learner}"
                 require(learner in known, where, ", ".join(sorted(known)))
+            is_used = not grid.tuned_by or any(variant.tuned_by for variant in self.algorithms.values())
+            require(is_used, f"grids.{name}.tuned_by = {grid.tuned_by}", "variants with a key tuned_by, too")
 
     @property
     def _learners(self) -> dict[str, str]:

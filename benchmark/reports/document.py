@@ -106,6 +106,8 @@ class Document:
             rank = f", rank {declared['rank']}" if "rank" in declared else ""
             sources = [f"search `{search}`{rank}" if search else "declared"]
             sources += [f"{key} declared" for key in declared["changed"]]
+            others = manifest.get("searches", {}).items() if search else ()
+            sources += [f"search `{other}` in the grid `{grid}`" for grid, other in others]
             for observation in declared["settings"]:
                 name, policy = f"{variant}, {observation}", declared["policy"]
                 row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`", "policy": policy}

@@ -19,6 +19,7 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
     first: dict[tuple[str, str], RunSpecification] = {}
     for population in (group.population for group in data.groups):
         first.setdefault((population.scenario.name, population.learner.name), population.first)
+    searches = {name: grid.tuned_by for name, grid in declared.grids.items() if grid.tuned_by}
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
     return {
         "experiment": declared.name,
@@ -28,6 +29,7 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
         "argument": declared.argument,
         **declared.model_dump(mode="json", include={"report", "solved", "search"}),
         "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
+        **({"searches": searches} if searches else {}),
         "horizon": declared.horizon,
         "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in first.values()},
         "algorithms": _variants(data, first, sizes),

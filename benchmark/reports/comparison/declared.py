@@ -57,7 +57,7 @@ def compared_learners(experiment: Experiment) -> list[str]:
 
 
 def decisive_learners(experiment: Experiment) -> list[str]:
-    """Lists the deep learners, but for baselines, that are compared with baselines wherever both are."""
+    """Lists the deep learners, except baselines, that are compared with baselines wherever both are."""
     reporting = reporting_of(experiment)
     baselines = reporting.baseline
     names = dict.fromkeys(x for x, y in reporting.contrasts if y in baselines and x not in baselines)

@@ -45,7 +45,7 @@ def ranked(experiment: Experiment) -> dict[str, list[str]]:
         key = learner.declared.algorithm, learner.declared.tuned_by, learner.observation
         if learner.declared.rank > 1 and key in first:
             ranks[first[key]].append(learner.name)
-        elif learner.declared.rank == 1 and not learner.reference_for:
+        elif not learner.reference_for:
             ranks[learner.name] = []
             first.setdefault(key, learner.name)
     return ranks

@@ -54,7 +54,7 @@ Cell = tuple[str, str]  # a point of a grid; a gap between grids has empty names
     "map",
     "the map: steps that learners need",
     "Median steps of each learner until a run has learned, with 95 % intervals; hollow, drawn at the budget: "
-    "most runs do not learn; thin and dashed: with the second and third best settings of the search.",
+    "most runs do not learn.",
 )
 def picture(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws the first grid about steps, in the declared panels or in one."""
@@ -283,7 +283,7 @@ def _draw_legend(figure: Figure, axes: NDArray[Any], image: QuadMesh, used: set[
 
 
 def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
-    name, _, texts = axis_of(experiment, grid)
+    name, numbers, texts = axis_of(experiment, grid)
     column = "success" if name == "permuted" else "unseen_success"
     every = _lines(tables, experiment, grid)
     for learner in (learner for learner in ranked(experiment) if learner in every):
@@ -291,7 +291,7 @@ def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str)
         success, low, high = (rows[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
         style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **style_of(learner, experiment)}
         ends, title = [success - low, high - success], experiment.learners[learner].title
-        axis.errorbar(range(len(rows)), success, ends, label=title, **style)
+        axis.errorbar(np.searchsorted([*numbers.values()], rows["at"]), success, ends, label=title, **style)
     axis.set_xticks(range(len(texts)), texts)
     axis.set_ylim(-0.04, 1.04)
     axis.figure.legend(loc="outside lower center", frameon=False, fontsize="small")

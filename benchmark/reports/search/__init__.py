@@ -16,8 +16,11 @@ def check(experiment: Experiment) -> None:
     """Refuses, by an InputError, an experiment without a search, or with looks."""
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
-    if experiment.report is not None and experiment.report.looks:
-        raise InputError(f"{experiment.argument}: looks with report.kind = search: accepted: kind = map.")
+    report, solved = experiment.report, experiment.declared.solved
+    of_maps: dict[str, object] = {"looks": report and report.looks, "panels": report and report.panels}
+    of_maps |= {"solved.levels": solved and solved.levels}
+    for key in (key for key, value in of_maps.items() if value):
+        raise InputError(f"{experiment.argument}: {key} with report.kind = search: accepted: kind = map.")
 
 
 def headline(folder: Folder) -> str:

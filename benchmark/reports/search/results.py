@@ -36,7 +36,7 @@ _MEANINGS: Final = {
     "difference": "area, or earliness, minus that of the chosen settings",
     "earliness": "mean share of the logarithm of the budget that is saved, over scenarios and runs: of a run "
     "that has learned, 1 - log(steps / evaluation_every) / log(budget / evaluation_every), else 0",
-    "edges": "settings whose chosen value lies in the lowest or highest tenth of its range, on its scale, or "
+    "edges": "settings whose chosen value lies outside the inner eight tenths of its range, on its scale, or "
     "is the smallest or largest of three or more numbers",
     "expected": "expected area, or earliness, of the best of b trials",
     "found": "mean area, or earliness, of the best trial on its first runs",
@@ -132,6 +132,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
             learners = [learner for learner in experiment.learners.values() if learner.family == family]
             for i, learner in enumerate(learners):
                 rows, style = _of(frame, learner), style_of(learner.name, experiment)
+                style |= {"label": learner.title}
                 axis.plot(rows["trials"], rows["expected"], markevery=(i, 12), ms=5, lw=1.4, **style)
                 ends = rows["expected_low"], rows["expected_high"]
                 axis.fill_between(rows["trials"], *ends, color=style["color"], alpha=0.1, lw=0)
@@ -145,14 +146,8 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
             for scale in (axis.xaxis, steps.xaxis):
                 scale.set_minor_locator(NullLocator())
             axis.set_title(_TITLES[family], fontweight="bold")
-            handles = [
-                Line2D([], [], label=learner.title, **style_of(learner.name, experiment))
-                for learner in learners
-            ]
-            place_below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)}
-            axis.legend(
-                handles=handles, **place_below, ncols=max(1, 4 // len(panels)), frameon=False, handlelength=3
-            )
+            below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "ncols": max(1, 4 // len(panels))}
+            axis.legend(**below, frameon=False, handlelength=3)
         axes[0, 0].set_ylabel(_AXES[measure_of(experiment)])
     return figure
 

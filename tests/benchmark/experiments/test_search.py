@@ -139,33 +139,55 @@ def test_a_variant_can_take_the_second_best(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("search")
 def test_a_grid_can_take_settings_from_another_search(tmp_path: Path) -> None:
     """As where feedback is noisy: the same learner, with the settings that were found under noise."""
-    other = experiment_of(tmp_path / "noisy.toml", SEARCH.replace("FarCorner", "Noisy"))
+    noisy = tmp_path / "noisy.toml"
+    other = experiment_of(noisy, SEARCH.replace("FarCorner", "Noisy"))
     learners = {f"q_learning, {form}": chosen(0.05) for form in ("index", "offset")}
     text = json.dumps({"search": choices.digest_of_search(other.declared), "learners": learners})
     (tmp_path / "noisy.chosen.json").write_text(text)
-    grids = f"""
-[grids.quiet.axes.at.1]
-scenario = {{ "grid.start" = [0, 1] }}
 
+    def rates(search: Path | str, names: str) -> dict[tuple[str, str], object]:
+        grids = f"""
+[algorithms.own]
+algorithm = "sarsa"
+observations = ["index"]
+seeds = 1
+[grids.quiet]
+learners = ["mine", "own", "plain"]
+axes.at.1.scenario = {{ "grid.start" = [0, 1] }}
 [grids.noisy]
-tuned_by = "{tmp_path / "noisy.toml"}"
+learners = {names}
+tuned_by = "{search}"
 axes.noise.1.scenario = {{ "issuer.feedback" = {{ kind = "noisy", noise = 1 }} }}
-
 [algorithms.plain]"""
-    found = {
-        (population.condition.axes["grid"], population.learner.name): population.first.settings
-        for population in tuned(tmp_path, ("\n[algorithms.plain]", grids)).populations
-    }
-    rates = {key: settings.model_dump()["learning_rate"] for key, settings in found.items()}
-    assert rates["quiet", "mine, index"] == 0.25
-    assert rates["noisy", "mine, index"] == rates["noisy", "mine, offset"] == 0.05
-    with pytest.raises(
-        InputError, match=r"algorithms.mine.tuned_by = reproduce:q_learning: reproduce has no table"
-    ):
-        tuned(tmp_path, ("\n[algorithms.plain]", grids.replace(str(tmp_path / "noisy.toml"), "reproduce")))
+        experiment = tuned(tmp_path, ("\n[algorithms.plain]", grids))
+        return {
+            (
+                population.condition.axes["grid"],
+                population.learner.name,
+            ): population.first.settings.model_dump()["learning_rate"]
+            for population in experiment.populations
+        }
+
+    found = rates(noisy, '["mine", "own"]')
+    assert found["quiet", "mine, index"] == 0.25
+    assert found["noisy", "mine, index"] == found["noisy", "mine, offset"] == 0.05
+    assert found["noisy", "own, index"] == 0.6  # is not tuned at all
+    assert rates("reproduce", '["own"]')["quiet", "mine, index"] == 0.25  # no tuned learner runs there
+    with pytest.raises(InputError, match="in a grid with tuned_by = reproduce: reproduce has no table"):
+        rates("reproduce", '["mine"]')
     (tmp_path / "noisy.chosen.json").unlink()
     with pytest.raises(InputError, match=r"noisy.chosen.json is missing or damaged"):
-        tuned(tmp_path, ("\n[algorithms.plain]", grids))
+        rates(noisy, '["mine"]')
+
+
+def test_a_grid_with_another_search_needs_learners_with_one(tmp_path: Path) -> None:
+    grid = '[grids.noisy]\ntuned_by = "tuning"\naxes.noise.1.scenario = { ping_limit = 1 }\n[algorithms'
+    text = SEARCH.replace("[algorithms", grid, 1)
+    text = "\n".join(line for line in text.splitlines() if not line.startswith("search"))
+    with pytest.raises(
+        InputError, match=r"grids.noisy.tuned_by = tuning: accepted: variants with a key tuned_by"
+    ):
+        experiment_of(tmp_path / "mine.toml", text)
 
 
 def test_only_what_a_search_depends_on_changes_its_digest(search: Experiment, tmp_path: Path) -> None:
