@@ -205,28 +205,27 @@ def _tile_loop(tiles: list[list[int]], steps: int) -> None:
     env = gymnasium.make("envs:Proxemic/Anywhere-v0", max_episode_steps=200)
     rng = random.Random(0)
     weights = [[0.0] * 5 for _ in range(1 + max(map(max, tiles)))]
-    observation, _ = env.reset(seed=0)
     traces: dict[tuple[int, int], float] = {}
+
+    def values(o: int) -> list[float]:
+        return [sum(column) for column in zip(*(weights[tile] for tile in tiles[o]), strict=True)]
+
+    observation, _ = env.reset(seed=0)
     for _ in range(steps):
-        row = [sum(values) for values in zip(*(weights[tile] for tile in tiles[observation]), strict=True)]
+        row = values(observation)
         best = [a for a in range(5) if row[a] == max(row)]
         action = rng.randrange(5) if rng.random() < 0.6 else rng.choice(best)
         following, reward, terminated, truncated, _ = env.step(action)
-        target = float(reward)
-        if not terminated:
-            rows = zip(*(weights[tile] for tile in tiles[following]), strict=True)
-            target += 0.9 * max(map(sum, rows))
-        faded = (
-            {pair: 0.81 * trace for pair, trace in traces.items() if trace > 1e-3} if action in best else {}
-        )
-        traces = faded | {(tile, action): 1.0 for tile in tiles[observation]}
+        target = float(reward) + (0.0 if terminated else 0.9 * max(values(following)))
+        kept = traces.items() if action in best else ()
+        traces = {pair: 0.81 * trace for pair, trace in kept if trace > 1e-3}
+        traces |= dict.fromkeys(((tile, action) for tile in tiles[observation]), 1.0)
         change = 0.6 / len(tiles[observation]) * (target - row[action])
         for (tile, a), trace in traces.items():
             weights[tile][a] += change * trace
+        observation = following
         if terminated or truncated:
             observation, traces = env.reset()[0], {}
-        else:
-            observation = following
 
 
 def _play(episodes: int) -> None:
