@@ -70,7 +70,7 @@ _item: Final = partial(item, meanings=_MEANINGS)
 _columns: Final = partial(labelled_columns, _LABELS)
 _AXES: Final = {
     "area": "mean area under the curve of success",
-    "earliness": "mean share of the logarithm of the budget that is saved",
+    "earliness": "mean earliness",
 }
 _TITLES: Final = {"tabular": "tables", "linear": "tile coding", "deep": "nets", "planner": "planners"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
@@ -127,6 +127,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
     frame, default = tables["best_of"], tables["chosen"]
     panels = [*dict.fromkeys(learner.family for learner in experiment.learners.values())]
     million = (frame["steps"] / frame["trials"]).iloc[0] / 1e6
+    ticks = [tick for tick in _TICKS if tick <= frame["trials"].max()]
     with figure_of(1, len(panels), (11.0, 5.0)) as (figure, axes):
         for axis, family in zip(axes[0], panels, strict=True):
             learners = [learner for learner in experiment.learners.values() if learner.family == family]
@@ -139,9 +140,9 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
                 by_default = _of(default, learner)["default"].iloc[0]
                 axis.plot(0.8, by_default, "x", ms=6, mew=1.8, color=style["color"])
             axis.set(xscale="log", xlabel="trials (cross: trial 0, as declared)", ylim=(-0.02, 1.0))
-            axis.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
+            axis.set_xticks(ticks, [str(tick) for tick in ticks])
             steps = axis.secondary_xaxis("top")
-            steps.set_xticks(_TICKS, [f"{tick * million:.3g}" for tick in _TICKS])
+            steps.set_xticks(ticks, [f"{tick * million:.3g}" for tick in ticks])
             steps.set_xlabel("million environment steps of the search")
             for scale in (axis.xaxis, steps.xaxis):
                 scale.set_minor_locator(NullLocator())
