@@ -14,9 +14,9 @@ from benchmark.reports.item import item
 
 def kinds_of(experiment: Experiment) -> dict[str, str]:
     """Returns what every grid with one axis is about: steps, success in unseen places, or a control."""
-    unseen = {p.condition.axes.get("grid") for p in experiment.populations if p.scenario.issuer.unseen}
+    seen = {p.condition.axes.get("grid") for p in experiment.populations if not p.scenario.issuer.unseen}
     return {
-        name: "control" if "permuted" in grid.axes else "unseen" if name in unseen else "steps"
+        name: "control" if "permuted" in grid.axes else "steps" if name in seen else "unseen"
         for name, grid in experiment.declared.grids.items()
         if len(grid.axes) == 1
     }
