@@ -29,6 +29,8 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "beyond": True,
     "reproduce": True,
     "tuning": False,
+    "tuning_map": False,
+    "tuning_noise": False,
     "equivalence": False,
     "ablation": False,
 }
