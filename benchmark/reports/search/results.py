@@ -68,10 +68,7 @@ _LABELS: Final = {
 }
 _item: Final = partial(item, meanings=_MEANINGS)
 _columns: Final = partial(labelled_columns, _LABELS)
-_AXES: Final = {
-    "area": "mean area under the curve of success",
-    "earliness": "mean earliness",
-}
+_AXES: Final = {"area": "mean area under the curve of success", "earliness": "mean earliness"}
 _TITLES: Final = {"tabular": "tables", "linear": "tile coding", "deep": "nets", "planner": "planners"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
 _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
