@@ -41,7 +41,7 @@ compare-deep: $(DEEP) ## tables against DQN and PPO, in results/compare_deep/ (S
 beyond: $(DEEP) ## scenarios beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)
 
-when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (an hour and a half)
+when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (two and a quarter hours)
 	$(RUN) $(or $(EXPERIMENT),when)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there

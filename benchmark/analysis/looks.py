@@ -11,7 +11,6 @@ verdict, in all contrasts at all looks, is at most 5 % (repeated confidence inte
 not matter why a contrast gets more runs.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
@@ -26,9 +25,8 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Population
 
 FASTER, SLOWER, EQUAL, UNDECIDED = "faster", "slower", "equally fast", "undecided"
-NEITHER: Final = "neither learns"  # most runs of neither learner learn, whatever their budgets
-TOO_SHORT: Final = "budget too short"  # nor within the smaller budget; within its own, most runs of one do
-VERDICTS: Final = (FASTER, SLOWER, EQUAL, NEITHER, TOO_SHORT, UNDECIDED)
+NEITHER: Final = "neither learns"  # most runs of neither learner learn
+VERDICTS: Final = (FASTER, SLOWER, EQUAL, NEITHER, UNDECIDED)
 SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
 
@@ -46,7 +44,7 @@ class Contrast(NamedTuple):
 
     x: Population
     y: Population
-    took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of n pairs, within the smaller of their budgets
+    took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of n pairs
     decision: Decision
     at_level: Mapping[float, str]  # verdicts on the same pairs at further levels of success, exploratory
 
@@ -56,20 +54,15 @@ def tail_of(n_contrasts: int, n_looks: int) -> float:
     return (1 - LEVEL) / (_ENDS * n_contrasts * n_looks)
 
 
-def decide(
-    x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: float, *, one_learns: bool = False
-) -> Decision:
-    """Compares the steps, (N,) each, after which runs of the same seeds have learned; infinite if never.
-
-    Both have the smaller of their budgets; `one_learns` says that most runs of one learn within its own.
-    """
+def decide(x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: float) -> Decision:
+    """Compares the steps, (N,) each, after which runs of the same seeds have learned; infinite if never."""
     n = len(x)
     wins = np.where(x == y, 0.5, x < y)
     mean = float(wins.mean())
     low, high = (float(end) for end in proportion_interval(mean, n, tail))
     never = min(float(proportion_interval(np.isinf(steps).mean(), n, tail)[0]) for steps in (x, y))
     if never > 0.5:
-        verdict = TOO_SHORT if one_learns else NEITHER
+        verdict = NEITHER
     elif 0.5 - margin < low <= high < 0.5 + margin:
         verdict = EQUAL
     else:
@@ -77,14 +70,13 @@ def decide(
     return Decision(n, verdict, Estimate(mean, low, high))
 
 
-def took(curves: pd.DataFrame, level: float, budget: float = math.inf) -> pd.DataFrame:
-    """Returns what the runs of a population took until they had learned within a budget.
+def took(curves: pd.DataFrame, level: float) -> pd.DataFrame:
+    """Returns what the runs of a population took until they had learned.
 
     Returns:
       A row for each run: the keys of `SPENT`, infinite if it never learned; `success` at the
-      last evaluation within the budget; and, with the prefix `spent_`, what it had spent by then.
+      last evaluation; and, with the prefix `spent_`, what it had spent by then.
     """
-    curves = curves[curves["step"] <= budget]
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
     first, last = learned(success, steps, level, until=2), len(steps) - 1
     of_runs = {"success": success[:, last]}
@@ -134,12 +126,9 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     for sides in pairs:
         if not all(side in rows for side in sides):
             continue
-        budget, decision = min(side.first.settings.budget for side in sides), None
-        taken = {
-            level: [[took(rows[side], level, until) for side in sides] for until in (math.inf, budget)]
-            for level in (solved.success, *solved.further)
-        }
-        x, y = taken[solved.success][1]
+        levels, decision = (solved.success, *solved.further), None
+        taken = {level: [took(rows[side], level) for side in sides] for level in levels}
+        x, y = taken[solved.success]
         for n in (n for n in report.looks if n <= min(len(x), len(y))):
             decision = _look(taken[solved.success], n, report.margins.faster, tail)
             if decision.verdict != UNDECIDED:
@@ -153,12 +142,10 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     return looked
 
 
-def _look(taken: Sequence[Sequence[pd.DataFrame]], n: int, margin: float, tail: float) -> Decision:
-    """Decides by the first n pairs: what both sides took within their own budgets, and within the smaller."""
-    own, within = taken
-    one_learns = any(np.isfinite(side["steps"][:n]).mean() > 0.5 for side in own)
-    x, y = (side["steps"].to_numpy()[:n] for side in within)
-    return decide(x, y, margin, tail, one_learns=one_learns)
+def _look(taken: Sequence[pd.DataFrame], n: int, margin: float, tail: float) -> Decision:
+    """Decides by the first n pairs of runs, given what both sides took."""
+    x, y = (side["steps"].to_numpy()[:n] for side in taken)
+    return decide(x, y, margin, tail)
 
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:

@@ -154,14 +154,14 @@ class _Part:
         """Returns what the page's map needs but for its tables; None if this is no map."""
         if self.folder.manifest["report"]["kind"] != "map":
             return None
-        looks = {}
+        looks, variants = {}, self.folder.manifest["algorithms"]
         for learner, title in self.folder.titles.items():
             variant, observation = learner.split(", ")
-            variants = self.folder.manifest["algorithms"]
+            if variants[variant].get("rank", 1) > 1 or variants[variant]["reference_for"]:
+                continue
             style = learner_style(variant, observation, [*variants], variants[variant]["family"])
             looks[learner] = {
                 "name": title,
-                "phrase": self.folder.phrase(learner),
                 "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
                 "dash": "" if style["ls"] == "-" else " ".join(f"{4 * n:g}" for n in style["ls"][1]),
             }

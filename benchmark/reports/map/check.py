@@ -38,6 +38,13 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
         yield f"report.looks = {[*report.looks]}: accepted: increasing numbers."
     for contrast in report.contrasts:
         yield from _mistakes_of_sides(contrast, report.looks, known)
+    budgets = dict[str, int]()
+    for population in experiment.populations:
+        budget, where = population.first.settings.budget, population.condition.name.partition("/")[2]
+        if budget != budgets.setdefault(where, budget) and not population.learner.reference_for:
+            accepted = f"accepted: {budgets[where]}, as others have there"
+            yield f"algorithms.{population.learner.variant}: budget = {budget} at {where}: {accepted}."
+            break
     first = leading(experiment)
     ran = {each.learner.name for each in experiment.populations if each.condition.axes.get("grid") == first}
     shown = [name for name in ranked(experiment) if name in ran]

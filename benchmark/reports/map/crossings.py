@@ -106,7 +106,6 @@ def crossings(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Mapping[
 
 
 def _fewer(x: pd.DataFrame, y: pd.DataFrame, level: float) -> int:
-    """Returns 1 if the median of x is smaller within the smaller of both budgets, -1 if that of y is."""
-    budget = min(curves["step"].max() for curves in (x, y))
-    of_x, of_y = (np.median(took(curves, level, budget)["steps"]) for curves in (x, y))
+    """Returns 1 if the median of x is smaller, -1 if that of y is."""
+    of_x, of_y = (np.median(took(curves, level)["steps"]) for curves in (x, y))
     return int(of_x < of_y) - int(of_x > of_y)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 from numpy.typing import NDArray
 
-from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER, TOO_SHORT
+from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER
 from benchmark.drawing.style import INK, figure_of
 from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment
@@ -29,18 +29,17 @@ _MOST: Final = float(np.log(16.0))  # logarithm of the ratio from which on colou
 _HEIGHT, _LINE = 265.0, 11.0  # of an axis, and of a line of text, in points
 _WIDTH: Final = 18  # characters of a line of a label
 _PANELS: Final = 6  # of success over training
+_APART: Final = 0.07  # share of a logarithmic axis between the texts of two ticks
 _COLUMNS: Final = 30  # points in a line of verdicts
 _SIGNS: Final = {  # of a ratio, in the order of their legend
     "≥": "≥ at least",
     "=": "= equally fast",
     "!": "! decided, but without a ratio",
     "neither": "neither: most runs of both fail",
-    "short": "short: the smaller budget is too short",
     "?": "? undecided",
     "": "blank: not compared",
 }
-# Of verdicts without a ratio
-_SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "neither", TOO_SHORT: "short"}
+_SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "neither"}  # verdicts without a ratio
 _FIXED: Final = "\N{NO-BREAK SPACE}"
 _LABELS: Final = {
     "places": "places in which the person may stand",
@@ -92,7 +91,7 @@ def others(tables: Frames, experiment: Experiment) -> Figure | None:
         for part, grid, width in zip(parts, grids, widths, strict=True):
             axis, draw = part.subplots(), _draw_lines if kinds[grid] == "steps" else _draw_success
             draw(axis, tables, experiment, grid)
-            question = fill(experiment.declared.grids[grid].question, round(9.5 * width))
+            question = fill(experiment.declared.grids[grid].question, round(9 * width))
             axis.set_title(question, loc="left", fontweight="bold")
     return figure
 
@@ -214,10 +213,14 @@ def _draw_lines(
     _apart(axis, labels)
     if is_positive:
         axis.set_xscale("log")
-    axis.set_xticks(values, texts)
+    axis.set_xlim(values[0] / 1.15 if is_positive else 0, values[-1] * (9 if is_positive else 2))
+    width, shown = np.log10(np.divide(*axis.get_xlim()[::-1])) if is_positive else 0.0, [0]
+    for i in range(1, len(values)):  # only texts that do not cover each other
+        if not is_positive or np.log10(values[i] / values[shown[-1]]) > _APART * width:
+            shown.append(i)
+    axis.set_xticks(values, [text if i in shown else "" for i, text in enumerate(texts)])
     axis.minorticks_off()
     axis.set_xlabel(_LABELS.get(name, name))
-    axis.set_xlim(values[0] / 1.15 if is_positive else 0, values[-1] * (9 if is_positive else 2))
     axis.set_ylabel("steps until a run has learned")
 
 
@@ -247,13 +250,21 @@ def _shown(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _apart(axis: Axes, labels: Iterable[Annotation]) -> None:
+    """Moves the names at the ends of lines so that none covers another one or the title above."""
     low, high = np.log10(axis.get_ylim())
-    scale, top = _HEIGHT / (high - low), -np.inf  # points of a power of ten
-    for label in sorted(labels, key=lambda label: label.xy[1]):
-        at, half = np.log10(label.xy[1]) * scale, _LINE * (1 + label.get_text().count("\n")) / 2
-        height = max(at, top + half)
-        label.set_position((8, height - at))
-        top = height + half
+    scale = _HEIGHT / (high - low)  # points of a power of ten
+    ordered = sorted(labels, key=lambda label: label.xy[1])
+    at = [np.log10(label.xy[1]) * scale for label in ordered]
+    halves = [_LINE * (1 + label.get_text().count("\n")) / 2 for label in ordered]
+    heights, end = [*at], -np.inf
+    for i, half in enumerate(halves):  # upwards
+        heights[i] = max(heights[i], end + half)
+        end = heights[i] + half
+    end = high * scale
+    for i in reversed(range(len(ordered))):  # and down again
+        heights[i] = min(heights[i], end - halves[i])
+        end = heights[i] - halves[i]
+        ordered[i].set_position((8, heights[i] - at[i]))
 
 
 def _sign(row: pd.Series, pairs: pd.DataFrame) -> tuple[str, float]:
@@ -286,12 +297,14 @@ def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str)
     name, numbers, texts = axis_of(experiment, grid)
     column = "success" if name == "permuted" else "unseen_success"
     every = _lines(tables, experiment, grid)
-    for learner in (learner for learner in ranked(experiment) if learner in every):
-        rows = every[learner]
+    shown = [learner for learner in ranked(experiment) if learner in every]
+    for i, learner in enumerate(shown):
+        rows, beside = every[learner], (i - (len(shown) - 1) / 2) * 0.06
         success, low, high = (rows[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
         style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **style_of(learner, experiment)}
         ends, title = [success - low, high - success], experiment.learners[learner].title
-        axis.errorbar(np.searchsorted([*numbers.values()], rows["at"]), success, ends, label=title, **style)
+        at = np.searchsorted([*numbers.values()], rows["at"]) + beside
+        axis.errorbar(at, success, ends, label=title, **style)
     axis.set_xticks(range(len(texts)), texts)
     axis.set_ylim(-0.04, 1.04)
     axis.figure.legend(loc="outside lower center", frameon=False, fontsize="small")

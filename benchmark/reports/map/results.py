@@ -54,7 +54,7 @@ _MEANINGS: Final = {
     "places": "cells in which the issuer may stand",
     "point": "point of the grid",
     "points": "points of all grids, those of several once",
-    "ratio": "median steps of y divided by those of x; where one never solves, its budget counts",
+    "ratio": "median steps of y divided by those of x; where one never solves, the budget counts",
     "ratio_disagreements": "the same of wrong PINGs",
     "reversed": "of the decided, how many have the opposite verdict at a further level",
     "rows": "rows of the room",
@@ -125,7 +125,7 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             **_point(contrast.x),
             **_sides(contrast),
             "n": contrast.decision.n,
-            "budget": min(side.first.settings.budget for side in (contrast.x, contrast.y)),
+            "budget": contrast.x.first.settings.budget,
             "verdict": contrast.decision.verdict,
             "faster": contrast.decision.faster,
             "ratio": ratio(*contrast.took, "steps"),
@@ -235,9 +235,9 @@ def success(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None
     return pd.concat(tables, ignore_index=True) if tables else None
 
 
-@_item("pairs", "what every contrast uses: the steps of its pairs of runs, within one budget", where=no_rows)
+@_item("pairs", "what every contrast uses: the steps of its pairs of runs", where=no_rows)
 def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
-    """Tabulates the runs of each contrast; steps are empty where a run does not learn within that budget."""
+    """Tabulates the runs of each contrast; steps are empty where a run does not learn."""
     return _numbered(
         (_name(contrast.x) | _sides(contrast), pd.DataFrame({"steps_x": x["steps"], "steps_y": y["steps"]}))
         for contrast in _contrasts(experiment, curves)
@@ -245,7 +245,7 @@ def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     )
 
 
-@_item("runs", "every run: what it took until it had learned, within its own budget", where=no_rows)
+@_item("runs", "every run: what it took until it had learned", where=no_rows)
 def runs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
     return _numbered(
@@ -296,7 +296,7 @@ def _distinct(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
 def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
     """Returns how many times as much y takes as x, by medians over pairs of runs, given what they took.
 
-    Where most runs never solve, what they spend within the smaller budget counts, so the ratio is a bound. It
+    Where most runs never solve, what they spend within the budget counts, so the ratio is a bound. It
     is NaN if that is so of both, or if a median is 0. The 95 % interval is by resampling pairs.
     """
     n, rng = len(x), np.random.default_rng(BOOTSTRAP_SEED)

@@ -64,6 +64,6 @@ def test_other_runs_have_no_text(change: str, tmp_path: Path) -> None:
 def test_paragraphs_are_found_by_their_title() -> None:
     folder = Folder(ROOT / "results" / "when")
     assert prose.paragraphs(folder).startswith("In a room of 10")
-    assert prose.paragraphs(folder, "How nets generalise").startswith("**How nets generalise.** As a control")
+    assert prose.paragraphs(folder, "Unseen places").startswith("**Unseen places.** ")
     with pytest.raises(KeyError, match="nothing"):
         prose.paragraphs(folder, "nothing")

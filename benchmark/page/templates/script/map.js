@@ -1,4 +1,4 @@
-// The map: lines of what learners take against places, and a sentence on the cell and the budget that are chosen.
+// The map: lines of what learners take against places, and how contrasts ended at the chosen point.
 import { byId, drawn, element, grouped, sourced } from "./elements.js";
 import { holds, rowsOf } from "./csv.js";
 
@@ -6,7 +6,7 @@ const box = byId("map");
 
 if (box) {
   const [WIDE, HIGH, LEFT, BOTTOM] = [760, 300, 70, 42];
-  const [PLOT, TOP] = [560, 12]; // right of it are the names
+  const [PLOT, TOP] = [540, 12]; // right of it are the names
   const BUDGETS = [1000, 2000, 5000, 10000, 20000, 50000, 100000, 200000, 500000, 1000000];
   const UNITS = { steps: "steps", disagreements: "wrong PINGs", cpu_time_s: "seconds of CPU time" };
   const looks = JSON.parse(box.dataset.looks); // name, colour and dash of every learner
@@ -22,8 +22,8 @@ if (box) {
   const learner = (row) => `${row.algorithm}, ${row.observation}`;
   const room = (row) => `${row.rows} × ${row.columns}`;
   const numbers = (texts) => [...new Set(texts)].map(Number).sort((a, b) => a - b);
-  // The sliders choose neither feedback nor unseen places.
-  const isPlain = (row, first) => row.feedback === first.feedback && row.noise === first.noise && Number(row.unseen) === 0 && row.grid !== "reference";
+  // The sliders do not choose the feedback.
+  const isPlain = (row, first) => row.feedback === first.feedback && row.noise === first.noise;
 
   // Two digits are enough.
   function short(value) {
@@ -34,7 +34,7 @@ if (box) {
   function begin() {
     const [first, ...others] = table("cells");
     if (!first) return;
-    const cells = [first, ...others].filter((row) => isPlain(row, first));
+    const cells = [first, ...others].filter((row) => isPlain(row, first) && learner(row) in looks);
     const seconds = new Map(table("cpu").map((row) => [`${row.grid}/${row.point}/${learner(row)}`, row]));
     const runs = new Map();
     for (const run of table("runs")) {
@@ -43,14 +43,15 @@ if (box) {
     }
     const contrasts = table("contrasts");
     const names = [...new Set(cells.map(learner))];
+    const most = Math.max(...cells.map((row) => Number(row.budget)));
     const choices = {
       places: numbers(cells.map((row) => row.places)),
       room: [...new Set(cells.map(room))].sort((a, b) => parseFloat(a) - parseFloat(b)),
       permuted: numbers(cells.map((row) => row.permuted)),
-      budget: BUDGETS,
+      budget: [...BUDGETS.filter((each) => each < most), most],
     };
     const usual = room(cells[0]);
-    const chosen = { places: 16, room: usual, permuted: 0, budget: 50000 };
+    const chosen = { places: 16, room: usual, permuted: 0, budget: most };
     const sliders = Object.keys(choices).map((name) => [name, byId(`map-${name}`)]);
     const currency = () => box.querySelector("input[name=currency]:checked").value;
     const value = (row, kind) => {
@@ -79,24 +80,27 @@ if (box) {
         slider.setAttribute("aria-valuetext", text);
       }
       box.querySelector(".chart").replaceChildren(chart(cells.filter(here), names, value, currency(), chosen.places));
-      byId("map-sentence").replaceChildren(...sentence());
+      byId("map-verdicts").replaceChildren(...verdicts());
       byId("map-table").replaceChildren(...learned());
     }
 
     const isChosen = (row) => here(row) && Number(row.places) === chosen.places;
 
-    // How the contrast ended, if there is one here.
-    function sentence() {
+    // How the contrasts ended here, if there are any; those of several grids once.
+    function verdicts() {
       const where = `${chosen.places} ${chosen.places === 1 ? "place" : "places"} in a room of ${chosen.room} cells`;
       const code = chosen.permuted ? `, the coordinates of ${100 * chosen.permuted} % of the places permuted` : "";
-      const row = contrasts.find((each) => isPlain(each, first) && isChosen(each));
-      if (!row) return [`With ${where}${code}: no declared contrast.`];
-      const [x, y] = [row.x, row.y].map((name) => looks[name].phrase);
-      const words = { faster: `${x} needs fewer steps than ${y}`, slower: `${x} needs more steps than ${y}`,
-        "equally fast": `${x} and ${y} need equally many steps`, "neither learns": `neither ${x} nor ${y} learns`,
-        "budget too short": `the smaller budget is too short for ${x} and ${y}`,
-        undecided: `it is undecided which of ${x} and ${y} needs fewer steps` };
-      return [`With ${where}${code}, after `, sourced(row.file, row.line, row.n), ` pairs of runs: ${words[row.verdict]}.`];
+      const own = contrasts.filter((each) => isPlain(each, first) && isChosen(each));
+      const rows = new Map(own.reverse().map((each) => [`${each.x}/${each.y}`, each]));
+      if (!rows.size) return [`With ${where}${code}: no declared contrast.`];
+      const lines = [...rows.values()].reverse().map((row) => {
+        const [x, y] = [row.x, row.y].map((name) => looks[name].name);
+        const words = { faster: `${x}: fewer steps than ${y}`, slower: `${x}: more steps than ${y}`,
+          "equally fast": `${x}: as many steps as ${y}`, "neither learns": `${x}: does not learn, nor does ${y}`,
+          undecided: `${x}: undecided against ${y}` };
+        return element("li", {}, `${words[row.verdict]} (`, sourced(row.file, row.line, row.n), " pairs)");
+      });
+      return [`With ${where}${code}:`, element("ul", {}, ...lines)];
     }
 
     // The runs of every learner here; those of a contrast may be more than of others.
@@ -107,15 +111,13 @@ if (box) {
       }
       const parts = [...rows].map(([name, row]) => {
         const steps = runs.get(`${row.grid}/${row.point}/${name}`) ?? [];
-        const budget = Math.min(chosen.budget, Number(row.budget));
-        const solved = steps.filter((each) => each <= budget).length;
-        const limit = budget < chosen.budget ? ` (within ${grouped(budget)})` : "";
-        return { name, row, limit, solved, n: steps.length, took: value(row, currency()) };
+        const solved = steps.filter((each) => each <= chosen.budget).length;
+        return { name, row, solved, n: steps.length, took: value(row, currency()) };
       });
       parts.sort((a, b) => b.solved / b.n - a.solved / a.n || a.took - b.took);
       const line = (kind, texts) => element("tr", {}, ...texts.map((text, i) => element(kind, i ? { class: "number" } : {}, ...[text].flat())));
-      const body = parts.map(({ name, row, limit, solved, n, took }) =>
-        line("td", [looks[name].name, [sourced(row.file, row.line, `${solved} of ${n}`), limit], Number.isFinite(took) ? short(took) : "most never learn"]));
+      const body = parts.map(({ name, row, solved, n, took }) =>
+        line("td", [looks[name].name, sourced(row.file, row.line, `${solved} of ${n}`), Number.isFinite(took) ? short(took) : "most never learn"]));
       const head = line("th", ["learner", `runs that learned within ${grouped(chosen.budget)} steps`, `median ${UNITS[currency()]}`]);
       return [element("thead", {}, head), element("tbody", {}, ...body)];
     }
