@@ -157,7 +157,7 @@ class _Part:
         looks, variants = {}, self.folder.manifest["algorithms"]
         for learner, title in self.folder.titles.items():
             variant, observation = learner.split(", ")
-            if variants[variant].get("rank", 1) > 1 or variants[variant]["reference_for"]:
+            if "rank" in variants[variant] or variants[variant]["reference_for"]:
                 continue
             style = learner_style(variant, observation, [*variants], variants[variant]["family"])
             looks[learner] = {

@@ -13,7 +13,7 @@ from envs import InputError, Scenario, compile_scenario
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, an experiment without grids or looks, or with contrasts of unequal seeds."""
+    """Refuses, by an InputError, a map without grids or looks, or with contrasts of unequal seeds or budgets."""
     mistakes = [*_mistakes(experiment)] or [*_unreachable(experiment)]
     if mistakes:
         raise InputError(*(f"{experiment.argument}: {sentence}" for sentence in dict.fromkeys(mistakes)))
@@ -39,9 +39,9 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
     for contrast in report.contrasts:
         yield from _mistakes_of_sides(contrast, report.looks, known)
     budgets = dict[str, int]()
-    for population in experiment.populations:
+    for population in (each for each in experiment.populations if not each.learner.reference_for):
         budget, where = population.first.settings.budget, population.condition.name.partition("/")[2]
-        if budget != budgets.setdefault(where, budget) and not population.learner.reference_for:
+        if budget != budgets.setdefault(where, budget):
             accepted = f"accepted: {budgets[where]}, as others have there"
             yield f"algorithms.{population.learner.variant}: budget = {budget} at {where}: {accepted}."
             break

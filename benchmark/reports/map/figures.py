@@ -29,7 +29,7 @@ _MOST: Final = float(np.log(16.0))  # logarithm of the ratio from which on colou
 _HEIGHT, _LINE = 265.0, 11.0  # of an axis, and of a line of text, in points
 _WIDTH: Final = 18  # characters of a line of a label
 _PANELS: Final = 6  # of success over training
-_APART: Final = 0.07  # share of a logarithmic axis between the texts of two ticks
+_APART: Final = 0.07  # smallest distance of the texts of two ticks, as a share of a logarithmic axis
 _COLUMNS: Final = 30  # points in a line of verdicts
 _SIGNS: Final = {  # of a ratio, in the order of their legend
     "≥": "≥ at least",
@@ -214,9 +214,9 @@ def _draw_lines(
     if is_positive:
         axis.set_xscale("log")
     axis.set_xlim(values[0] / 1.15 if is_positive else 0, values[-1] * (9 if is_positive else 2))
-    width, shown = np.log10(np.divide(*axis.get_xlim()[::-1])) if is_positive else 0.0, [0]
+    shown, apart = [0], (np.divide(*axis.get_xlim()[::-1])) ** _APART if is_positive else 0.0
     for i in range(1, len(values)):  # only texts that do not cover each other
-        if not is_positive or np.log10(values[i] / values[shown[-1]]) > _APART * width:
+        if not is_positive or values[i] / values[shown[-1]] > apart:
             shown.append(i)
     axis.set_xticks(values, [text if i in shown else "" for i, text in enumerate(texts)])
     axis.minorticks_off()

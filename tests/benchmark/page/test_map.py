@@ -56,7 +56,7 @@ def test_sliders_end_in_verdicts_and_a_table_whose_numbers_are_in_the_files(
             title = Folder(folder).title(learner)
             expected.add((title, f"{n_learned} of {row['n']}", f"{row['steps']:,.0f}"))
         assert table_of(opened) == expected
-    verdict = "shared table of offsets: fewer steps than table (12 pairs)"
+    verdict = "shared table of offsets: fewer steps than table (12 pairs of runs)"
     assert verdicts.locator("li").all_inner_texts() == [verdict]
     # Where nothing was trained, other sliders move along.
     assert move(opened, "permuted", 1) == "100 %"

@@ -25,6 +25,9 @@ if (box) {
   // The sliders do not choose the feedback.
   const isPlain = (row, first) => row.feedback === first.feedback && row.noise === first.noise;
 
+  // A point may be in several grids: the first row of each key.
+  const distinct = (rows, key) => rows.filter((row, i) => rows.findIndex((other) => key(other) === key(row)) === i);
+
   // Two digits are enough.
   function short(value) {
     if (!Number.isFinite(value)) return "never";
@@ -34,14 +37,15 @@ if (box) {
   function begin() {
     const [first, ...others] = table("cells");
     if (!first) return;
-    const cells = [first, ...others].filter((row) => isPlain(row, first) && learner(row) in looks);
+    const at = (row) => `${room(row)}/${row.places}/${row.permuted}`;
+    const cells = distinct([first, ...others].filter((row) => isPlain(row, first) && learner(row) in looks), (row) => `${learner(row)}/${at(row)}`);
     const seconds = new Map(table("cpu").map((row) => [`${row.grid}/${row.point}/${learner(row)}`, row]));
     const runs = new Map();
     for (const run of table("runs")) {
       const key = `${run.grid}/${run.point}/${run.learner}`;
       runs.set(key, [...(runs.get(key) ?? []), run.steps === "" ? Infinity : Number(run.steps)]);
     }
-    const contrasts = table("contrasts");
+    const contrasts = distinct(table("contrasts").filter((row) => isPlain(row, first) && row.x in looks && row.y in looks), (row) => `${row.x}/${row.y}/${at(row)}`);
     const names = [...new Set(cells.map(learner))];
     const most = Math.max(...cells.map((row) => Number(row.budget)));
     const choices = {
@@ -86,30 +90,26 @@ if (box) {
 
     const isChosen = (row) => here(row) && Number(row.places) === chosen.places;
 
-    // How the contrasts ended here, if there are any; those of several grids once.
+    // How the contrasts ended here, if there are any.
     function verdicts() {
       const where = `${chosen.places} ${chosen.places === 1 ? "place" : "places"} in a room of ${chosen.room} cells`;
       const code = chosen.permuted ? `, the coordinates of ${100 * chosen.permuted} % of the places permuted` : "";
-      const own = contrasts.filter((each) => isPlain(each, first) && isChosen(each));
-      const rows = new Map(own.reverse().map((each) => [`${each.x}/${each.y}`, each]));
-      if (!rows.size) return [`With ${where}${code}: no declared contrast.`];
-      const lines = [...rows.values()].reverse().map((row) => {
+      const own = contrasts.filter(isChosen);
+      if (!own.length) return [`With ${where}${code}: no declared contrast.`];
+      const lines = own.map((row) => {
         const [x, y] = [row.x, row.y].map((name) => looks[name].name);
         const words = { faster: `${x}: fewer steps than ${y}`, slower: `${x}: more steps than ${y}`,
-          "equally fast": `${x}: as many steps as ${y}`, "neither learns": `${x}: does not learn, nor does ${y}`,
+          "equally fast": `${x}: about as many steps as ${y}`, "neither learns": `${x}: does not learn, nor does ${y}`,
           undecided: `${x}: undecided against ${y}` };
-        return element("li", {}, `${words[row.verdict]} (`, sourced(row.file, row.line, row.n), " pairs)");
+        return element("li", {}, `${words[row.verdict]} (`, sourced(row.file, row.line, row.n), " pairs of runs)");
       });
       return [`With ${where}${code}:`, element("ul", {}, ...lines)];
     }
 
     // The runs of every learner here; those of a contrast may be more than of others.
     function learned() {
-      const rows = new Map();
-      for (const row of cells.filter(isChosen)) {
-        if (!rows.has(learner(row))) rows.set(learner(row), row);
-      }
-      const parts = [...rows].map(([name, row]) => {
+      const parts = cells.filter(isChosen).map((row) => {
+        const name = learner(row);
         const steps = runs.get(`${row.grid}/${row.point}/${name}`) ?? [];
         const solved = steps.filter((each) => each <= chosen.budget).length;
         return { name, row, solved, n: steps.length, took: value(row, currency()) };
@@ -170,7 +170,7 @@ if (box) {
       last = Math.max(end.y, last + 15);
       image.append(drawn("text", { x: PLOT + 10, y: last + 4, style: "fill: var(--ink)" }, looks[end.name].name));
     }
-    return element("figure", {}, image, element("figcaption", {}, `${title} Hollow, at the top: most runs never learn within their budget.`));
+    return element("figure", {}, image, element("figcaption", {}, `${title} Hollow, at the top: most runs never learn within the budget.`));
   }
 
   begin();
