@@ -13,7 +13,7 @@ from envs import InputError, Scenario, compile_scenario
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, a map without grids or looks, or with unequal seeds or budgets in a contrast."""
+    """Refuses, by an InputError, a map without grids or looks, or contrasts of unequal seeds or budgets."""
     mistakes = [*_mistakes(experiment)] or [*_unreachable(experiment)]
     if mistakes:
         raise InputError(*(f"{experiment.argument}: {sentence}" for sentence in dict.fromkeys(mistakes)))
