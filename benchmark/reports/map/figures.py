@@ -250,21 +250,15 @@ def _shown(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _apart(axis: Axes, labels: Iterable[Annotation]) -> None:
-    """Moves the names at the ends of lines so that none covers another one or the title above."""
+    """Moves the names at the ends of lines down, so that none covers another one or the title above."""
     low, high = np.log10(axis.get_ylim())
     scale = _HEIGHT / (high - low)  # points of a power of ten
-    ordered = sorted(labels, key=lambda label: label.xy[1])
-    at = [np.log10(label.xy[1]) * scale for label in ordered]
-    halves = [_LINE * (1 + label.get_text().count("\n")) / 2 for label in ordered]
-    heights, end = [*at], -np.inf
-    for i, half in enumerate(halves):  # upwards
-        heights[i] = max(heights[i], end + half)
-        end = heights[i] + half
     end = high * scale
-    for i in reversed(range(len(ordered))):  # and down again
-        heights[i] = min(heights[i], end - halves[i])
-        end = heights[i] - halves[i]
-        ordered[i].set_position((8, heights[i] - at[i]))
+    for label in sorted(labels, key=lambda label: label.xy[1], reverse=True):
+        at, half = np.log10(label.xy[1]) * scale, _LINE * (1 + label.get_text().count("\n")) / 2
+        height = min(at, end - half)
+        label.set_position((8, height - at))
+        end = height - half
 
 
 def _sign(row: pd.Series, pairs: pd.DataFrame) -> tuple[str, float]:
