@@ -118,15 +118,15 @@ def show(value: object, decimals: int | None = None) -> str:
     return f"{float(shown):,.0f}" if 1000 <= abs(float(shown)) < math.inf else shown
 
 
-def decimals_of(column: pd.Series, *, is_bounded: bool = False) -> int | None:
+def decimals_of(column: pd.Series, *, is_share: bool = False) -> int | None:
     """Returns how many decimals a column needs to show three significant digits of its largest number.
 
-    Returns None without such a number, or if another one would be shown as 0 and the column has no bounds,
-    which say how uncertain its numbers are.
+    Returns None without such a number, or if another one would be shown as 0 and these are no shares with
+    intervals, which say how uncertain they are.
 
     >>> decimals_of(pd.Series([0.5, 1.0, math.inf])), decimals_of(pd.Series([12.5, 1.0]))
     (2, 1)
-    >>> decimals_of(pd.Series([1.0, 1e-5])), decimals_of(pd.Series([1.0, 1e-5]), is_bounded=True)
+    >>> decimals_of(pd.Series([1.0, 1e-5])), decimals_of(pd.Series([1.0, 1e-5]), is_share=True)
     (None, 2)
     """
     if not pd.api.types.is_float_dtype(column):
@@ -135,7 +135,7 @@ def decimals_of(column: pd.Series, *, is_bounded: bool = False) -> int | None:
     if not sizes:
         return None
     decimals = max(0, _SHOWN_DIGITS - 1 - math.floor(math.log10(max(sizes))))
-    return decimals if is_bounded or min(sizes) >= 0.5 * 10**-decimals else None
+    return decimals if is_share or min(sizes) >= 0.5 * 10**-decimals else None
 
 
 def duration(seconds: float) -> str:

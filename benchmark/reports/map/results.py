@@ -38,9 +38,9 @@ _MEANINGS: Final = {
     "at_some_levels": "others that have it at some further levels and are reversed at none",
     "columns": "columns of the room",
     "contrasts": "contrasts that ended with so many pairs of runs",
-    "cpu_time_s": "CPU seconds of training until a run has solved its scenario, median; inf if most never do",
+    "cpu_time_s": "CPU seconds of training until a run has learned, median; inf if most never do",
     "decided": "points at which x is faster or slower",
-    "disagreements": "wrong PINGs until a run has solved its scenario, of several runs the median; inf or "
+    "disagreements": "wrong PINGs until a run has learned, of several runs the median; inf or "
     "empty if it never does",
     "faster": "probability that a run of x needs fewer steps than one of y; in `contrasts.csv`, its interval "
     "holds for all contrasts and looks at once",
@@ -48,20 +48,19 @@ _MEANINGS: Final = {
     "grid": "grid of the experiment",
     "n": "runs; of contrasts, pairs of runs; in `verdicts.csv`, contrasts",
     "n_reference": "runs of the reference implementation, y",
-    "n_solved": "runs that solve their scenario",
+    "n_solved": "runs that learn",
     "noise": "half the width of the interval from which the noise of feedback is drawn; 0 without",
     "permuted": "share of the issuer's cells whose coordinates are permuted",
     "places": "cells in which the issuer may stand",
     "point": "point of the grid",
     "points": "points of all grids, those of several once",
-    "ratio": "median steps of y divided by those of x; where one never solves, the budget counts",
+    "ratio": "median steps of y divided by those of x; where one never learns, the budget counts",
     "ratio_disagreements": "the same of wrong PINGs",
     "reversed": "of the decided, how many have the opposite verdict at a further level",
     "rows": "rows of the room",
     "run": "number of the run, from 0, in the order of seeds",
-    "solved": "share of runs that solve their scenario",
-    "steps": "steps until a run has solved its scenario, of several runs the median; inf or empty if it "
-    "never does",
+    "solved": "share of runs that learn",
+    "steps": "steps until a run has learned, of several runs the median; inf or empty if it never does",
     "steps_reference": "the same of the reference implementation, y",
     "success": "success at the end of training, mean over runs",
     "unseen": "further cells of the issuer, never met in training",
@@ -83,7 +82,7 @@ _columns: Final = partial(labelled_columns, _LABELS)
     best="-steps",
 )
 def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Tabulates all populations. A run that never solves its scenario takes infinitely many steps."""
+    """Tabulates all populations. A run that never learns takes infinitely many steps."""
     rows = rules.rows_of(experiment, runs)
     for population, took in _took(experiment, curves).items():
         is_solved = np.isfinite(took["steps"].to_numpy())
@@ -296,7 +295,7 @@ def _distinct(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
 def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
     """Returns how many times as much y takes as x, by medians over pairs of runs, given what they took.
 
-    Where most runs never solve, what they spend within the budget counts, so the ratio is a bound. It
+    Where most runs never learn, what they spend within the budget counts, so the ratio is a bound. It
     is NaN if that is so of both, or if a median is 0. The 95 % interval is by resampling pairs.
     """
     n, rng = len(x), np.random.default_rng(BOOTSTRAP_SEED)
