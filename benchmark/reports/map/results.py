@@ -124,7 +124,6 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             **_point(contrast.x),
             **_sides(contrast),
             "n": contrast.decision.n,
-            "budget": contrast.x.first.settings.budget,
             "verdict": contrast.decision.verdict,
             "faster": contrast.decision.faster,
             "ratio": ratio(*contrast.took, "steps"),
