@@ -118,24 +118,23 @@ def show(value: object, decimals: int | None = None) -> str:
     return f"{float(shown):,.0f}" if 1000 <= abs(float(shown)) < math.inf else shown
 
 
-def decimals_of(column: pd.Series, *, is_share: bool = False) -> int | None:
+def decimals_of(frame: pd.DataFrame, name: str) -> int | None:
     """Returns how many decimals a column needs to show three significant digits of its largest number.
 
     Returns None without such a number, or if another one would be shown as 0 and these are no shares with
     intervals, which say how uncertain they are.
 
-    >>> decimals_of(pd.Series([0.5, 1.0, math.inf])), decimals_of(pd.Series([12.5, 1.0]))
-    (2, 1)
-    >>> decimals_of(pd.Series([1.0, 1e-5])), decimals_of(pd.Series([1.0, 1e-5]), is_share=True)
-    (None, 2)
+    >>> frame = pd.DataFrame({"a": [1.0, math.inf], "b": [12.5, 1.0], "c": [1.0, 1e-5], "c_low": [0.0, 0.0]})
+    >>> [decimals_of(frame, name) for name in "abc"], decimals_of(frame[["c"]], "c")
+    ([2, 1, 2], None)
     """
-    if not pd.api.types.is_float_dtype(column):
-        return None
-    sizes = [abs(value) for value in column if 1e-12 < abs(value) < math.inf]
+    is_float = pd.api.types.is_float_dtype(frame[name])
+    sizes = [abs(value) for value in frame[name] if is_float and 1e-12 < abs(value) < math.inf]
     if not sizes:
         return None
     decimals = max(0, _SHOWN_DIGITS - 1 - math.floor(math.log10(max(sizes))))
-    return decimals if is_share or min(sizes) >= 0.5 * 10**-decimals else None
+    is_shown = min(sizes) >= 0.5 * 10**-decimals or (f"{name}_low" in frame and max(sizes) <= 1)
+    return decimals if is_shown else None
 
 
 def duration(seconds: float) -> str:

@@ -120,11 +120,7 @@ class Item:
             frame = self.where(frame)
         hidden = {"algorithm", "observation"} if "learner" in frame else set[str]()
         columns = self.columns or {str(name): "" for name in frame if name not in hidden}
-        decimals = {
-            key: decimals_of(frame[key], is_share=f"{key}_low" in frame and frame[key].max() <= 1)
-            for key in columns
-            if key in frame
-        }
+        decimals = {key: decimals_of(frame, key) for key in columns if key in frame}
         rows = [row for _, row in self._sorted(frame).iterrows()]
         shown = {
             columns[key] or key.replace("_", " "): [entry(row, key, self.name, digits) for row in rows]

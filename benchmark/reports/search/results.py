@@ -153,7 +153,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
 @best_of.shown
 def _(table: pd.DataFrame) -> pd.DataFrame:
     """Shows a row per learner: some numbers of trials, and how many come close to all of them."""
-    n, digits, shown = int(table["trials"].max()), decimals_of(table["expected"], is_share=True), []
+    n, digits, shown = int(table["trials"].max()), decimals_of(table, "expected"), []
     learners = [rows for _, rows in table.groupby("learner", sort=False)]
     for rows in sorted(learners, key=lambda rows: -rows["expected"].iloc[-1]):
         row = {"learner": rows["learner"].iloc[0]}
