@@ -114,7 +114,7 @@ class _Stacked(dict[str, Array]):
 
 def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
     """Reads the records of runs that differ by their seed alone; an InputError says if any is missing."""
-    ended = store.ended()
+    ended = store.ended(run.digest for run in runs)
     if missing := [run.seed for run in runs if run.digest not in ended]:
         raise InputError(
             f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name} are "

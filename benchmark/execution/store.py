@@ -221,9 +221,16 @@ class Store:
         with self._input_errors():
             return dict(self._connection.execute("SELECT digest, status FROM runs"))
 
-    def ended(self) -> set[str]:
-        """Returns the digests of the runs with a valid record: those that are done, or diverged."""
-        return {digest for digest, status in self.statuses().items() if status != "failed"}
+    def ended(self, digests: Iterable[str] | None = None) -> set[str]:
+        """Returns which runs, of all or of these, have a valid record: those that are done, or diverged."""
+        query, values = "SELECT digest FROM runs WHERE status != 'failed'", list[str]()
+        if digests is not None:
+            query, values = (
+                query + " AND digest IN (SELECT value FROM json_each(?))",
+                [json.dumps([*digests])],
+            )
+        with self._input_errors():
+            return {digest for (digest,) in self._connection.execute(query, values)}
 
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""
@@ -268,7 +275,7 @@ class Store:
 
     def discard_damaged(self, digests: Iterable[str]) -> int:
         """Removes the damaged records of those of these runs that have ended; returns how many."""
-        damaged = self.damaged(self.ended().intersection(digests))
+        damaged = self.damaged(self.ended(digests))
         if damaged:
             with self._input_errors(), self._connection:
                 self._connection.execute("BEGIN IMMEDIATE")

@@ -90,10 +90,7 @@ def crossings(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Mapping[
         # Of each combination, after how many values x needs fewer at all that follow
         first = [len(values) - int(np.minimum.accumulate(row[::-1] > 0).sum()) for row in fewer]
         crossed = [numbers[values[i]] for i in first if 0 < i < len(values)]
-        yield {
-            "grid": grid,
-            "x": x,
-            "y": y,
+        yield {"grid": grid, "x": x, "y": y} | {
             "combinations": len(fewer),
             "x_always": first.count(0),
             "y_always": int((fewer < 0).all(axis=1).sum()),

@@ -40,8 +40,7 @@ _MEANINGS: Final = {
     "contrasts": "contrasts that ended with so many pairs of runs",
     "cpu_time_s": "CPU seconds of training until a run has learned, median; inf if most never do",
     "decided": "points at which x is faster or slower",
-    "disagreements": "wrong PINGs until a run has learned, of several runs the median; inf or "
-    "empty if it never does",
+    "disagreements": "wrong PINGs until a run has learned, or their median; inf or empty if it never does",
     "faster": "probability that a run of x needs fewer steps than one of y; in `contrasts.csv`, its interval "
     "holds for all contrasts and looks at once",
     "feedback": "kind of the issuer's feedback",
@@ -60,7 +59,7 @@ _MEANINGS: Final = {
     "rows": "rows of the room",
     "run": "number of the run, from 0, in the order of seeds",
     "solved": "share of runs that learn",
-    "steps": "steps until a run has learned, of several runs the median; inf or empty if it never does",
+    "steps": "steps until a run has learned, or their median; inf or empty if it never does",
     "steps_reference": "the same of the reference implementation, y",
     "success": "success at the end of training, mean over runs",
     "unseen": "further cells of the issuer, never met in training",
