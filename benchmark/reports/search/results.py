@@ -144,8 +144,8 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
             for scale in (axis.xaxis, steps.xaxis):
                 scale.set_minor_locator(NullLocator())
             axis.set_title(_TITLES[family], fontweight="bold")
-            below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "ncols": max(1, 4 // len(panels))}
-            axis.legend(**below, frameon=False, handlelength=3)
+            below = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 3.5}
+            axis.legend(**below, ncols=max(1, 4 // len(panels)), frameon=False, handlelength=3)
         axes[0, 0].set_ylabel(_AXES[measure_of(experiment)])
     return figure
 
