@@ -35,10 +35,10 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map and tuning_noise for the map (2¼ hours)
 	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_noise),$(RUN) $(name) &&) true
 
-compare-deep: $(DEEP) ## tables against DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
+compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
-beyond: $(DEEP) ## scenarios beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/
+beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)
 
 when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (two and a quarter hours)

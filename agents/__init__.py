@@ -42,7 +42,6 @@ ALGORITHMS: Final = {
     "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
-    "q_learning_plain": "agents.tabular.plain:Q_LEARNING",
     "sarsa": "agents.tabular.learner:SARSA",
     "watkins_q_lambda": "agents.tabular.learner:WATKINS_Q_LAMBDA",
 }

@@ -10,7 +10,7 @@ from scipy import stats
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
-from agents.tabular.plain import Q_LEARNING, PlainSettings
+from tests.agents.plain import Q_LEARNING, PlainSettings
 from envs import compile_scenario, load_scenario
 from envs.inputs import InputError, parse
 from tests.agents.test_tabular import MOVES
@@ -30,11 +30,11 @@ def test_it_learns_as_the_compiled_learner_does(
     values: dict[str, Any] = defaults | changes
     schedule = Schedule(STEPS[-1], STEPS, (0, STEPS[-1]))
     trained = {}
-    for name in ("q_learning", "q_learning_plain"):
+    for name in ("q_learning", "tests.agents.plain:Q_LEARNING"):
         algorithm = load_algorithm(name)
         seeds = [SeedSequence([len(name), i]) for i in range(N)]
         trained[name] = algorithm.train(model, algorithm.settings(**values), "index", seeds, schedule)
-    compiled, plain = trained["q_learning"], trained["q_learning_plain"]
+    compiled, plain = trained["q_learning"], trained["tests.agents.plain:Q_LEARNING"]
     for quantity in (
         lambda training: training.q.mean(axis=(1, 2)),
         lambda training: training.disagreements[:, -1],

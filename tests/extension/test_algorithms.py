@@ -39,7 +39,7 @@ class Scaled(QRDQN):
 
 
 BESIDE = """
-from agents.tabular.plain import Q_LEARNING as LEARNER
+from tests.agents.plain import Q_LEARNING as LEARNER
 from benchmark.reports.item import item
 
 @item("beside", "a number", {"number": "number"})

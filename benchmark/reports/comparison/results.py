@@ -32,7 +32,7 @@ from benchmark.reports.item import Frames, item, no_rows, writing
 from envs.scene import COLOUR_MAP
 from envs.words import listed
 
-_MOST_DRAWN: Final = 12  # contrasts
+_MOST_DRAWN: Final = 15  # contrasts
 _SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "=", MIXED: "±"}  # of verdicts
 # What they mean, see `standings`
 _THAN: Final = {

@@ -170,7 +170,7 @@ def test_module_beside_the_experiment_is_found_by_workers(
     """Though it is nowhere on their path."""
     text = MIXED.replace('"q_learning"', '"beside_cluster:LEARNER"').replace("seeds = 8", "seeds = 1")
     mixed.write_text(text, encoding="utf-8")
-    module = "from agents.tabular.plain import Q_LEARNING as LEARNER\n"
+    module = "from tests.agents.plain import Q_LEARNING as LEARNER\n"
     (tmp_path / "beside_cluster.py").write_text(module, encoding="utf-8")
     pair.addresses("a", "b")
     assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0

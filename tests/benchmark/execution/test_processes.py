@@ -30,7 +30,7 @@ horizon = 50
 evaluation_every = 60000
 map_every = 60000
 settings = { budget = 60000 }
-algorithms.plain = { algorithm = "q_learning_plain", observations = ["index"], seeds = 8 }
+algorithms.plain = { algorithm = "tests.agents.plain:Q_LEARNING", observations = ["index"], seeds = 8 }
 """
 
 

@@ -48,7 +48,7 @@ tuned_by = "PATH:q_learning"
 settings = {{ epsilon = 0.3 }}
 
 [algorithms.plain]
-algorithm = "q_learning_plain"
+algorithm = "tests.agents.plain:Q_LEARNING"
 reference_for = "mine"
 seeds = 1
 first_seed = 100

@@ -30,7 +30,7 @@ effects = [["S3", "S1", "feedback"]]
 [algorithms]
 table = { algorithm = "q_learning", observations = ["index"], seeds = 12, settings = { epsilon = 0.3 } }
 sarsa = { algorithm = "sarsa", observations = ["index"], seeds = 12 }
-check = { reference_for = "table", algorithm = "q_learning_plain", seeds = 2 }
+check = { reference_for = "table", algorithm = "tests.agents.plain:Q_LEARNING", seeds = 2 }
 
 [algorithms.ppo]
 algorithm = "compiled_ppo"
