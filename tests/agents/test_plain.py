@@ -10,9 +10,9 @@ from scipy import stats
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
-from tests.agents.plain import Q_LEARNING, PlainSettings
 from envs import compile_scenario, load_scenario
 from envs.inputs import InputError, parse
+from tests.agents.plain import Q_LEARNING, PlainSettings
 from tests.agents.test_tabular import MOVES
 
 N = 60
