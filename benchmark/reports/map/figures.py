@@ -74,8 +74,8 @@ def picture(tables: Frames, experiment: Experiment) -> Figure | None:
 @drawing(
     "grids",
     "the other grids with one axis",
-    "The other grids. For unseen places, the figure shows success in them, and for permuted coordinates at "
-    "the end of training, with 95 % intervals.",
+    "The other grids. For unseen places: success in them; for permuted coordinates: success at the end of "
+    "training. Bars: 95 % intervals.",
 )
 def others(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws what the map does not show of grids with one axis."""

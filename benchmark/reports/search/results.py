@@ -301,7 +301,7 @@ def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, experiment: E
 @item(
     "spaces",
     "the declared range of every setting, and why",
-    _columns("algorithm setting default range why"),
+    _columns("algorithm setting default range why") | {"default": "trial 0"},
     meanings=_MEANINGS | {"default": "value in trial 0, as declared"},
 )
 def spaces(experiment: Experiment) -> Iterator[Row]:
