@@ -4,7 +4,7 @@ Lengths are in cells; cell (r, c) covers rows r to r + 1 and columns c to c + 1.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -105,16 +105,19 @@ class Scene:
         }
 
 
-@lru_cache(maxsize=64)
 def scene_of(model: Model, context: int = 0) -> Scene:
     """Returns the map of a model's cells with the issuer in one position and phase, see `Model.context`."""
+    return model.derived(("scene", context), partial(_scene, context=context))
+
+
+def _scene(model: Model, context: int) -> Scene:
     scenario = model.scenario
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
     position, phase = divmod(context, len(scenario.stages))
     people = [
         Glyph("issuer", row * grid.columns + column, HEADINGS[person.heading] if scenario.has_front else None)
-        for person in scenario.people[position][phase]
+        for person in scenario.people_in(position, phase)
         for row, column in [person.position]
     ]
     is_here = model.context[model.starts] // len(scenario.stages) == position

@@ -177,7 +177,8 @@ def _about(group: Sequence[Model], context: int) -> str:
     if phase := scene_of(model, context).phase:
         lines.append(f"phase: {phase}")
     if context == 0:
-        kinds = {scenario.issuer.feedback.kind, *(person.feedback.kind for person in scenario.others)}
+        kinds = {scenario.issuer.feedback.kind}
+        kinds |= {person.feedback.kind for person in scenario.others if person.feedback}
         feedback = " and ".join(sorted(FEEDBACK[kind] for kind in kinds))
         lines.append(f"{scenario.grid.rows * scenario.grid.columns} cells, {feedback}")
         for model in group:

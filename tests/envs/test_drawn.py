@@ -72,13 +72,14 @@ def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
         ({"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
         ({"issuer.places": 0}, "issuer.places = 0"),
         ({"issuer.permuted": 1.5}, "issuer.permuted = 1.5"),
-        ({"issuer.places": 84, "grid.rows": 14, "grid.columns": 17}, "99960 states"),
+        ({"issuer.places": 2000, "grid.rows": 50, "grid.columns": 40, "ping_limit": 1}, "4002000 states"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(changes: dict[str, float], message: str) -> None:
-    if "99960" in message:
-        load_scenario("Anywhere", changes)  # just small enough
-        changes, message = changes | {"issuer.places": 85}, "101150 states"
+    if "states" in message:
+        changes = changes | {"grid.rows": 46, "grid.columns": 50, "issuer.places": 1739}
+        load_scenario("Anywhere", changes)  # 46 x 50 x 1739 = 3,999,700 states
+        changes, message = changes | {"issuer.places": 1740}, "4002000 states"
     with pytest.raises(InputError) as refused:
         load_scenario("Anywhere", changes)
     assert message in str(refused.value)

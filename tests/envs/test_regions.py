@@ -22,7 +22,7 @@ def drawn(values: NDArray[np.int8], columns: int) -> list[str]:
 
 
 def distances(scenario: Scenario) -> NDArray[np.int_]:
-    return target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
+    return target_distance(scenario.regions, scenario.places[0][0], scenario.grid.size)
 
 
 def test_zones_of_the_paper() -> None:
