@@ -23,6 +23,9 @@ ENCODINGS: Final = {"index": "index", "one_hot": "one_hot", "coordinates": "coor
     for suffix in ("", "_one_hot", "_coordinates")
 }
 OBSERVATIONS: Final = tuple(ENCODINGS)
+INDICES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "index")
+VECTORS: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding != "index")
+COORDINATES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "coordinates")
 LARGEST_TABLE: Final = 50_000_000  # numbers, of all one-hot observations
 
 
