@@ -161,7 +161,7 @@ def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
 def test_runs_of_a_seed_have_the_same_places_and_permuting_is_nothing_to_a_table(made: Path) -> None:
     experiment = load_experiment(made.parent / "small.toml")
     curves: dict[tuple[str, str], list[bytes]] = {}
-    places: dict[str, list[tuple[tuple[int, int], ...]]] = {}
+    places: dict[str, object] = {}
     with Store(made.parent / "runs.db", read_only=True) as store:
         for population in experiment.populations:
             condition, runs = population.condition.name, population.runs(range(2))
