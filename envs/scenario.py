@@ -18,7 +18,18 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationError, WrapValidator, model_validator
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
-from envs.inputs import Line, Name, Table, check_file_name, override, parse, read_toml, require, unknown_name
+from envs.inputs import (
+    InputError,
+    Line,
+    Name,
+    Table,
+    check_file_name,
+    override,
+    parse,
+    read_toml,
+    require,
+    unknown_name,
+)
 from envs.regions import (
     HEADINGS,
     TOLERANCE,
@@ -37,7 +48,7 @@ from envs.regions import (
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_CELLS: Final = 100_000
 MAX_STATES: Final = 4_000_000
-_MOST_GROUP_CELLS: Final = 20_000_000  # zones of cells around all ways in which a group may stand
+_MOST_ZONES: Final = 20_000_000  # of cells, over all ways in which people may stand, and phases
 # What can be seen of where people stand relative to the agent: all of them, in the order of their nearness,
 # the nearest, the two nearest, or the centre of all.
 RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
@@ -513,7 +524,10 @@ class Scenario(Table):
         """Returns the scenario with one of `RELATIVE` observed in place of the agent's and people's cells."""
         others = tuple(name for name in self.observe if name in ("phase", "wrong_pings"))
         seen = self._changed({"observe": (relative, *others)}, "_placed", "_zones", "_is_start", "_selected")
-        seen._check_observations()
+        try:
+            seen._check_observations()
+        except ValueError as error:
+            raise InputError(f"{self.name}: {error}.") from error
         return seen
 
     def _changed(self, update: Mapping[str, object], *same: str) -> Self:
@@ -606,31 +620,29 @@ class Scenario(Table):
         free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in taken]
         cells = np.array([cell @ np.array([self.grid.columns, 1]) for cell in free], dtype=np.int_)
         cells = cells[~self.grid.is_wall[cells]]
+        self._check_ways(len(cells))
         if self.group is None:
             return cells[:, None]
-        self._check_groups(len(cells))
         cells = np.sort(cells)
         apart = np.hypot(*np.moveaxis(self.grid.position[cells] - self.grid.position[cells][:, None], 2, 0))
         low, high = self.group.apart
-        apart = apart * self._width
+        if self.regions.unit == "metres":
+            apart = apart * (self.grid.metres_per_cell or 1.0)
         # As in regions, rounding must not decide.
         may_join = np.triu((apart >= low - TOLERANCE) & (apart <= high + TOLERANCE), 1)  # those that follow
         groups = np.arange(len(cells))[:, None]
         for _ in range(self.group.people - 1):
             is_next = may_join[groups].all(axis=1)
-            self._check_groups(int(is_next.sum()))
+            self._check_ways(int(is_next.sum()))
             before, joining = np.nonzero(is_next)
             groups = np.column_stack([groups[before], joining])
         return np.asarray(cells[groups])
 
-    def _check_groups(self, n: int) -> None:
-        where = f"group: {n:,} ways to stand, before all {self.n_people} people do"
-        most = _MOST_GROUP_CELLS // (self.grid.rows * self.grid.columns * len(self.stages))
-        require(n <= most, where, f"at most {most:,}: a smaller grid, or a narrower range of group.apart")
-
-    @property
-    def _width(self) -> float:  # of a cell in the unit of `regions`
-        return self.grid.metres_per_cell or 1.0 if self.regions.unit == "metres" else 1.0
+    def _check_ways(self, n: int) -> None:
+        who = "issuer.position" if self.group is None else "issuer.position and group"
+        most = _MOST_ZONES // (self.grid.rows * self.grid.columns * len(self.stages))
+        accepted = f"at most {most:,}: fewer cells{', or a narrower range of group.apart' * bool(self.group)}"
+        require(n <= most, f"{who}: {n:,} ways to stand", accepted)
 
     @cached_property
     def _zones(self) -> NDArray[np.int8]:
@@ -645,7 +657,8 @@ class Scenario(Table):
             for column in member.reshape(placed.shape).T:  # uncomfortable if it is so to anyone
                 zone[:, p] = np.maximum(zone[:, p], around[column if stage.position is None else 0 * column])
             if isinstance(regions.target, Ring):
-                ring = ring_zones(regions.target, grid.position[placed], grid.position, self._width)
+                unit = width if regions.unit == "metres" else 1.0
+                ring = ring_zones(regions.target, grid.position[placed], grid.position, unit)
                 zone[:, p] = np.maximum(zone[:, p], ring)
             for person in self.others_at[p]:
                 zone[:, p, person.position @ np.array([grid.columns, 1])] = ZONES.index("issuer")
