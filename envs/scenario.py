@@ -653,7 +653,8 @@ class Scenario(Table):
             regions, heading = stage.regions or self.regions, stage.heading or self.issuer.heading
             cells, member = np.unique(placed, return_inverse=True)
             spots = [stage.position] if stage.position else [self._as_cell(cell) for cell in cells.tolist()]
-            around = np.array([zones(regions, heading, spot, grid.size, width) for spot in spots])
+            windows = [zones(regions, heading, spot, grid.size, width) for spot in spots]
+            around = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
             for column in member.reshape(placed.shape).T:  # uncomfortable if it is so to anyone
                 zone[:, p] = np.maximum(zone[:, p], around[column if stage.position is None else 0 * column])
             if isinstance(regions.target, Ring):
