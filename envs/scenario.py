@@ -345,6 +345,7 @@ class Scenario(Table):
     columns, of the issuer and all of its group ("offset"), the nearest one or two of them, or their centre;
     the cells of all of them; the phase; the number of wrong PINGs."""
     group: Group | None = None
+    """People who are drawn together with the issuer; by default none."""
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     """Other people."""
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
