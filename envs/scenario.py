@@ -37,7 +37,7 @@ from envs.regions import (
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_CELLS: Final = 100_000
 MAX_STATES: Final = 4_000_000
-_MOST_GROUP_CELLS: Final = 20_000_000  # zones of cells around all ways in which a group may stand
+_MOST_ZONES: Final = 20_000_000  # of all cells, for all ways in which the issuer and its group may stand
 # What can be seen of where people stand relative to the agent: all of them, in the order of their nearness,
 # the nearest, the two nearest, or the centre of all.
 RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
@@ -179,6 +179,11 @@ class Walk(Table):
     """Where the walk turns: each is in the row or column of the one before."""
     steps: Steps = 1
     """Steps of the agent for each cell of the walk."""
+
+    def n_steps(self, position: Cell) -> int:
+        """Returns how many steps of the agent a round from a position takes."""
+        turns = pairwise([position, *self.corners, position])
+        return self.steps * sum(abs(to[0] - at[0]) + abs(to[1] - at[1]) for at, to in turns)
 
     def route(self, position: Cell) -> list[tuple[Cell, Heading]]:
         """Returns the cells of a round from a position, and where the person looks in each."""
@@ -349,7 +354,9 @@ class Scenario(Table):
         if not self._walks:
             return self.phases or (Phase(name="always"),)
         issuer = self._walks.get("issuer")
-        spots = [issuer[i % len(issuer)] if issuer else (None, None) for i in range(self._n_beats)]
+        spots = [
+            issuer[i % len(issuer)] if issuer else (None, None) for i in range(self._round // self._beat)
+        ]
         return tuple(
             Phase(name=f"{i}", position=cell, heading=heading, steps=self._beat)
             for i, (cell, heading) in enumerate(spots, start=1)
@@ -374,8 +381,8 @@ class Scenario(Table):
         return math.gcd(*(walk.steps for _, walk in self._walkers.values()))
 
     @property
-    def _n_beats(self) -> int:  # until everybody is back
-        return math.lcm(*(len(spots) for spots in self._walks.values()))
+    def _round(self) -> int:  # steps until everybody is back
+        return math.lcm(*(walk.n_steps(position) for position, walk in self._walkers.values()))
 
     @cached_property
     def others_at(self) -> tuple[tuple[Person, ...], ...]:
@@ -606,9 +613,9 @@ class Scenario(Table):
         free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in taken]
         cells = np.array([cell @ np.array([self.grid.columns, 1]) for cell in free], dtype=np.int_)
         cells = cells[~self.grid.is_wall[cells]]
+        self._check_ways(len(cells), 1)
         if self.group is None:
             return cells[:, None]
-        self._check_groups(len(cells))
         cells = np.sort(cells)
         apart = np.hypot(*np.moveaxis(self.grid.position[cells] - self.grid.position[cells][:, None], 2, 0))
         low, high = self.group.apart
@@ -616,17 +623,19 @@ class Scenario(Table):
         # As in regions, rounding must not decide.
         may_join = np.triu((apart >= low - TOLERANCE) & (apart <= high + TOLERANCE), 1)  # those that follow
         groups = np.arange(len(cells))[:, None]
-        for _ in range(self.group.people - 1):
+        for n_placed in range(2, self.group.people + 1):
             is_next = may_join[groups].all(axis=1)
-            self._check_groups(int(is_next.sum()))
+            self._check_ways(int(is_next.sum()), n_placed)
             before, joining = np.nonzero(is_next)
             groups = np.column_stack([groups[before], joining])
         return np.asarray(cells[groups])
 
-    def _check_groups(self, n: int) -> None:
-        where = f"group: {n:,} ways to stand, before all {self.n_people} people do"
-        most = _MOST_GROUP_CELLS // (self.grid.rows * self.grid.columns * len(self.stages))
-        require(n <= most, where, f"at most {most:,}: a smaller grid, or a narrower range of group.apart")
+    def _check_ways(self, n: int, n_placed: int) -> None:
+        most = _MOST_ZONES // (self.grid.rows * self.grid.columns * len(self.stages))
+        who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the issuer"
+        where = f"issuer.position: {who} can stand in {n:,} ways"
+        narrower = ", or a narrower range of group.apart" if self.group else ""
+        require(n <= most, where, f"at most {most:,}: a smaller grid{narrower}")
 
     @property
     def _width(self) -> float:  # of a cell in the unit of `regions`
@@ -642,10 +651,12 @@ class Scenario(Table):
             cells, member = np.unique(placed, return_inverse=True)
             spots = [stage.position] if stage.position else [self._as_cell(cell) for cell in cells.tolist()]
             around = np.array([zones(regions, heading, spot, grid.size, width) for spot in spots])
+            around = around.reshape(-1, zone.shape[2])  # also if there is no way to stand
             for column in member.reshape(placed.shape).T:  # uncomfortable if it is so to anyone
                 zone[:, p] = np.maximum(zone[:, p], around[column if stage.position is None else 0 * column])
             if isinstance(regions.target, Ring):
-                ring = ring_zones(regions.target, grid.position[placed], grid.position, self._width)
+                its_width = width if regions.unit == "metres" else 1.0
+                ring = ring_zones(regions.target, grid.position[placed], grid.position, its_width)
                 zone[:, p] = np.maximum(zone[:, p], ring)
             for person in self.others_at[p]:
                 zone[:, p, person.position @ np.array([grid.columns, 1])] = ZONES.index("issuer")
@@ -732,8 +743,8 @@ class Scenario(Table):
             where = 'feedback.kind = "delayed" with someone who moves'
             require(not self.is_delayed, where, "any other kind")
         if walkers:
-            n = self._n_beats * self._beat
-            where = f"{', '.join(walkers)}: all are back at the same time after {n:,} steps"
+            n, whose = self._round, ", ".join(f"{key}.walk" for key in walkers)
+            where = f"{whose}: it takes {n:,} steps until everybody is back"
             require(n <= _LONGEST_ROUND, where, f"at most {_LONGEST_ROUND:,}")
 
     def _check_cells(self) -> None:
