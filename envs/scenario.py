@@ -191,6 +191,11 @@ class Walk(Table):
     steps: Steps = 1
     """Steps of the agent for each cell of the walk."""
 
+    def n_steps(self, position: Cell) -> int:
+        """Returns how many steps of the agent a round from a position takes."""
+        turns = pairwise([position, *self.corners, position])
+        return self.steps * sum(abs(to[0] - at[0]) + abs(to[1] - at[1]) for at, to in turns)
+
     def route(self, position: Cell) -> list[tuple[Cell, Heading]]:
         """Returns the cells of a round from a position, and where the person looks in each."""
         route: list[tuple[Cell, Heading]] = []
@@ -361,7 +366,9 @@ class Scenario(Table):
         if not self._walks:
             return self.phases or (Phase(name="always"),)
         issuer = self._walks.get("issuer")
-        spots = [issuer[i % len(issuer)] if issuer else (None, None) for i in range(self._n_beats)]
+        spots = [
+            issuer[i % len(issuer)] if issuer else (None, None) for i in range(self._round // self._beat)
+        ]
         return tuple(
             Phase(name=f"{i}", position=cell, heading=heading, steps=self._beat)
             for i, (cell, heading) in enumerate(spots, start=1)
@@ -386,8 +393,8 @@ class Scenario(Table):
         return math.gcd(*(walk.steps for _, walk in self._walkers.values()))
 
     @property
-    def _n_beats(self) -> int:  # until everybody is back
-        return math.lcm(*(len(spots) for spots in self._walks.values()))
+    def _round(self) -> int:  # steps until everybody is back
+        return math.lcm(*(walk.n_steps(position) for position, walk in self._walkers.values()))
 
     @cached_property
     def others_at(self) -> tuple[tuple[Person, ...], ...]:
@@ -621,7 +628,7 @@ class Scenario(Table):
         free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in taken]
         cells = np.array([cell @ np.array([self.grid.columns, 1]) for cell in free], dtype=np.int_)
         cells = cells[~self.grid.is_wall[cells]]
-        self._check_ways(len(cells))
+        self._check_ways(len(cells), 1)
         if self.group is None:
             return cells[:, None]
         cells = np.sort(cells)
@@ -632,18 +639,19 @@ class Scenario(Table):
         # As in regions, rounding must not decide.
         may_join = np.triu((apart >= low - TOLERANCE) & (apart <= high + TOLERANCE), 1)  # those that follow
         groups = np.arange(len(cells))[:, None]
-        for _ in range(self.group.people - 1):
+        for n_placed in range(2, self.group.people + 1):
             is_next = may_join[groups].all(axis=1)
-            self._check_ways(int(is_next.sum()))
+            self._check_ways(int(is_next.sum()), n_placed)
             before, joining = np.nonzero(is_next)
             groups = np.column_stack([groups[before], joining])
         return np.asarray(cells[groups])
 
-    def _check_ways(self, n: int) -> None:
-        who = "issuer.position" if self.group is None else "issuer.position and group"
+    def _check_ways(self, n: int, n_placed: int) -> None:
         most = _MOST_ZONES // (self.grid.rows * self.grid.columns * len(self.stages))
-        accepted = f"at most {most:,}: fewer cells{', or a narrower range of group.apart' * bool(self.group)}"
-        require(n <= most, f"{who}: {n:,} ways to stand", accepted)
+        who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the issuer"
+        where = f"issuer.position: {who} can stand in {n:,} ways"
+        narrower = ", or a narrower range of group.apart" if self.group else ""
+        require(n <= most, where, f"at most {most:,}: a smaller grid{narrower}")
 
     @cached_property
     def _zones(self) -> NDArray[np.int8]:
@@ -747,8 +755,8 @@ class Scenario(Table):
             where = 'feedback.kind = "delayed" with someone who moves'
             require(not self.is_delayed, where, "any other kind")
         if walkers:
-            n = self._n_beats * self._beat
-            where = f"{', '.join(walkers)}: all are back at the same time after {n:,} steps"
+            n, whose = self._round, ", ".join(f"{key}.walk" for key in walkers)
+            where = f"{whose}: it takes {n:,} steps until everybody is back"
             require(n <= _LONGEST_ROUND, where, f"at most {_LONGEST_ROUND:,}")
 
     def _check_cells(self) -> None:

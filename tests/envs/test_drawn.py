@@ -1,6 +1,7 @@
 """Scenarios that draw places and codes."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from envs import InputError, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table
+from tests.envs.test_model import assert_same_arrays, model_of
 
 
 def test_places_are_nested_and_differ_by_draw() -> None:
@@ -62,6 +64,42 @@ def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
         np.testing.assert_array_equal(
             observation_table(ours, "one_hot"), observation_table(theirs, "one_hot")
         )
+
+
+def test_places_of_groups_are_drawn_as_those_of_one_person() -> None:
+    room = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"}
+    radii = {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
+    changes: dict[str, Any] = room | radii | {"group": {"people": 2, "apart": [2, 3]}}
+    every = load_scenario("Anywhere", changes).places
+    # Rows and columns aside: 0 and 2, 0 and 3, 2 and 0, 3 and 0; 1 and 2, 2 and 1, 2 and 2 in two directions.
+    assert len(every) == 5 * 4 + 5 * 3 + 3 * 6 + 2 * 6 + 2 * (4 * 4 + 3 * 5 + 3 * 4)
+    drawn: dict[int, list[set[Any]]] = {}
+    for draw in (0, 1):
+        few = [load_scenario("Anywhere", changes | {"issuer.places": n, "draw": draw}) for n in (2, 9, 40)]
+        assert all([*each.places] == sorted(each.places) for each in few)
+        drawn[draw] = [{*each.places} for each in few]
+        assert [len(places) for places in drawn[draw]] == [2, 9, 40]
+        assert all(small < large for small, large in pairwise([*drawn[draw], {*every}]))
+    assert drawn[0][1] != drawn[1][1]
+    scenario = load_scenario("Anywhere", changes | {"issuer.places": 9, "issuer.unseen": 31, "draw": 1})
+    model, (_, seen, all_drawn) = compile_scenario(scenario), drawn[1]
+    assert {*scenario.places} == all_drawn
+    for starts, places in ((model.starts, seen), (model.unseen_starts, all_drawn - seen)):
+        assert {scenario.places[place] for place in model.context[starts]} == places
+
+
+def test_a_group_that_is_drawn_or_seen_anew_is_the_reloaded_scenario() -> None:
+    changes: dict[str, Any] = {"issuer.places": 4, "issuer.unseen": 2, "issuer.permuted": 0.5}
+    first = load_scenario("ThreeTalking", changes)
+    assert compile_scenario(first).n_places == 6  # nothing that was derived for this may stay
+    for changed, new in (
+        (first.drawn(7), {"draw": 7}),
+        (first.drawn(8).seen_as("two_nearest"), {"draw": 8, "observe": ["two_nearest"]}),
+        (first.seen_as("centre").drawn(9), {"draw": 9, "observe": ["centre"]}),
+    ):
+        reloaded = load_scenario("ThreeTalking", changes | new)
+        assert changed == reloaded
+        assert_same_arrays(model_of(changed), model_of(reloaded))
 
 
 @pytest.mark.parametrize(
