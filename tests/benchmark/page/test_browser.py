@@ -354,7 +354,7 @@ def test_every_scenario_is_walked_and_solved_as_in_python(explore: Explore, name
     assert_walks(opened, population, population.agents[0]["greedy"][-1])
     n_walls = int(model.scenario.grid.is_wall.sum())
     assert opened.panel("left", ".map svg > g:first-child rect[fill='#55555f']").count() == n_walls
-    n_signs = len(model.scenario.people[0][0]) * (1 + model.scenario.has_front)
+    n_signs = len(model.scenario.people_in(0, 0)) * (1 + model.scenario.has_front)
     assert opened.panel("left", ".map .things polygon[points]").count() == n_signs
 
 
@@ -363,7 +363,7 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
 ) -> None:
     opened, population = explore("Anywhere")
     cells, menu = opened.panel("left", ".map svg > g:first-child > g"), "select[name=person]"
-    places = [row * 12 + column for row, column in population.model.scenario.places]
+    places = [row * 12 + column for ((row, column),) in population.model.scenario.places]
 
     def assert_at(person: int) -> None:
         for side in ("left", "right"):  # which show the same room

@@ -107,7 +107,7 @@ def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) ->
     zones = np.array([[*map(int, view["zone"])] for view in scene["views"]])
     assert (zones[context, model.cell] == model.zone).all()
     for cell, view in zip(model.scenario.places, scene["views"][:: len(scene["phases"])], strict=True):
-        assert divmod(view["glyphs"][0]["cell"], scene["columns"]) == cell
+        assert divmod(view["glyphs"][0]["cell"], scene["columns"]) == cell[0]
     assert scene["walls"] == np.flatnonzero(model.scenario.grid.is_wall).tolist()
 
 
