@@ -47,11 +47,9 @@ _GLYPHS: Final[dict[str, Style]] = {
 # Hatched, since the colours of values include greys.
 _WALL: Final[Style] = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
 _DOTTED: Final = (0, (1, 1.5))
-_CIRCLE: Final[Style] = {  # black on white
-    "fill": False,
-    "ls": _DOTTED,
-    "lw": 0.8,
-    "path_effects": [patheffects.withStroke(linewidth=1.6, foreground="white", dashes=_SOLID)],
+_CIRCLE: Final[Style] = {"fill": False, "ec": "black", "ls": _DOTTED, "lw": 0.8}
+_ON_WHITE: Final[Style] = {
+    "path_effects": [patheffects.withStroke(linewidth=1.6, foreground="white", dashes=_SOLID)]
 }
 _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
 
@@ -202,7 +200,7 @@ def _about(group: Sequence[Model], context: int, is_described: bool) -> str:
     lines = []
     if model.n_places > 1:
         lines.append(f"place {context // len(scenario.stages) + 1} of {model.n_places}")
-    if phase := scene_of(model, context).phase:
+    if (phase := scene_of(model, context).phase) and not (is_described and scenario.moves):
         lines.append(f"phase: {phase}")
     if context == 0 and is_described:
         for model in group:
@@ -247,7 +245,8 @@ def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
         add_area(axis, scene.outlines[region], {"fill": False, "ls": _DASHES if is_dashed else "-"} | border)
     if scene.circle is not None:
         row, column, radius = scene.circle
-        axis.add_patch(Circle((column - 0.5, row - 0.5), radius, **_CIRCLE))
+        style = _CIRCLE | (_ON_WHITE if border is _ON_VALUES else {})
+        axis.add_patch(Circle((column - 0.5, row - 0.5), radius, **style))
     for glyph in scene.glyphs:
         row, column = scene.position[glyph.cell]
         if glyph.heading is not None:
