@@ -139,7 +139,10 @@ class Model:
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
-        return np.flatnonzero(self._is_fresh & (self.context == context))[: len(self.position)]
+        place, phase = divmod(context, len(self.scenario.stages))
+        _, n_ticks, *parts = _shape(self.scenario)
+        first = place * n_ticks + int(np.argmax(self.scenario.ticks == phase))
+        return np.arange(parts[-1]) + first * math.prod(parts)
 
     @cached_property
     def position(self) -> NDArray[np.int_]:

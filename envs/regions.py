@@ -150,11 +150,20 @@ def ring_zones(
       cell: All cells, (C, 2).
       width: Of a cell, in the unit of the ring's.
     """
-    centre = people.mean(axis=1, keepdims=True)  # (groups, 1, 2)
-    radius = np.hypot(*np.moveaxis(people - centre, 2, 0)).mean(axis=1, keepdims=True) * width
-    beyond = np.hypot(*np.moveaxis(cell - centre, 2, 0)) * width - radius  # (groups, C)
+    centre, radius = circles(people)
+    distance = np.hypot(*np.moveaxis(cell - centre[:, None], 2, 0))  # (groups, C)
+    beyond = (distance - radius[:, None]) * width
     inside = [abs(beyond) <= ring.width / 2 + TOLERANCE, beyond < 0]
     return np.select(inside, [ZONES.index("target"), ZONES.index("uncomfortable")], 0).astype(np.int8)
+
+
+def circles(people: NDArray[np.int_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the circles in the middle of rings: centres, (groups, 2), and radii, (groups,), in cells.
+
+    The cells of people are as in `ring_zones`.
+    """
+    centre = people.mean(axis=1)
+    return centre, np.hypot(*np.moveaxis(people - centre[:, None], 2, 0)).mean(axis=1)
 
 
 def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float64]) -> NDArray[np.bool_]:
