@@ -48,6 +48,7 @@ from envs.regions import (
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_CELLS: Final = 100_000
 MAX_STATES: Final = 4_000_000
+_MOST_STATES_OF_PLACE: Final = 100_000  # which are compiled together
 _MOST_ZONES: Final = 20_000_000  # of cells, over all ways in which people may stand, and phases
 # What can be seen of where people stand relative to the agent: all of them, in the order of their nearness,
 # the nearest, the two nearest, or the centre of all.
@@ -805,8 +806,14 @@ class Scenario(Table):
         n_states = n_cells * self.ping_limit * n_positions * n_ticks * (1 + self.is_delayed)
         whose = "the group" if self.group else "the issuer"
         factors = f"cells x ping_limit x positions of {whose} x ticks of the phases"
-        product = f"{factors}{' x 2 for delayed feedback' * self.is_delayed} = {n_states} states"
-        require(n_states <= MAX_STATES, product, f"at most {MAX_STATES}")
+        twice = " x 2 for delayed feedback" * self.is_delayed
+        require(n_states <= MAX_STATES, f"{factors}{twice} = {n_states} states", f"at most {MAX_STATES}")
+        n = n_cells * self.ping_limit * n_ticks * (1 + self.is_delayed)
+        where = f"cells x ping_limit x ticks of the phases{twice} = {n} states for each position of {whose}"
+        require(n <= _MOST_STATES_OF_PLACE, where, f"at most {_MOST_STATES_OF_PLACE}")
+        n = n_states * (1 + max(len(stage.next or {}) for stage in self.stages))
+        where = f"phases: {n_states} states, with phases that may follow: {n}"
+        require(n <= MAX_STATES, where, f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
         group, position = self.group, json.dumps(self.issuer.position)

@@ -33,9 +33,9 @@ def specifications(
     return experiment.population(condition, scenario, f"{variant}, {observation}").runs(seeds)
 
 
-def few_places(name: str) -> dict[str, Any]:
+def few_places(name: str, n: int = 6) -> dict[str, Any]:
     """Returns overrides with which a shipped scenario is small: a group stands in few of many ways."""
-    return {"issuer.places": 6} if load_scenario(name).group else {}
+    return {"issuer.places": n} if load_scenario(name).group else {}
 
 
 def git(folder: Path, *arguments: str) -> str:

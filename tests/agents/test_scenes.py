@@ -28,7 +28,7 @@ def moves_to_target(model: Model, start: int) -> int:
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_the_optimum_is_much_better_than_the_random_policy(name: str) -> None:
-    model = compile_scenario(load_scenario(name, few_places(name)))
+    model = compile_scenario(load_scenario(name, few_places(name, 60)))
     optimum = solve(model, horizon=200).value[model.starts]
     random = evaluate(model, uniform_policy(model), 200)
     assert optimum.mean() > random.scenario_return + 3

@@ -28,13 +28,14 @@ def phase(name: str = "a", **more: Any) -> dict[str, Any]:
 
 
 ANYWHERE = {"issuer.position": "anywhere"}
-# 120 cells, two cells of the issuer (phases b and c share one), three phases, 6,000 wrong PINGs: more
-# observations than the 2,160,000 states.
+# 120 cells, 50 phases, in each of which the issuer is elsewhere, 16 wrong PINGs: more observations than the
+# 96,000 states.
 OBSERVING: dict[str, Any] = {
-    "ping_limit": 6000,
-    "phases": [phase("a", steps=1), *(phase(name, steps=1, position=[6, 7]) for name in "bc")],
+    "ping_limit": 16,
+    "phases": [phase(f"{i}", steps=1, position=[3 + i // 8, 4 + i % 8]) for i in range(50)],
     "observe": ["agent", "issuer", "phase", "wrong_pings"],
 }
+NAMES = [f"{i}" for i in range(21)]
 WALK = {"issuer.walk": {"corners": [[6, 3]]}}
 PAIR: dict[str, Any] = ANYWHERE | {"group.people": 2, "group.apart": [2, 4]}
 RING = {"kind": "ring", "width": 1}
@@ -58,7 +59,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"grid.rows": 1000, "grid.columns": 1000}, "rows x columns = 1000 x 1000"),
     ({"ping_limit": 10**6}, "120000000 states"),
     (ANYWHERE | {"ping_limit": 139, "issuer.feedback": {"kind": "delayed"}}, "4003200 states"),
-    (OBSERVING, "4320000 observations"),
+    (OBSERVING, "4800000 observations"),
     ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
     ({"name": "other"}, "unknown key name"),
     # Walls
@@ -117,6 +118,15 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     (PAIR | {"group.apart": [4, 2]}, "apart = [4.0, 2.0]: accepted: the smallest distance first"),
     (PAIR | {"group.people": 6, "group.apart": [0, 20]}, "of the 6 people of the group can stand in"),
     (ANYWHERE | {"grid.rows": 300, "grid.columns": 300, "issuer.places": 1, "ping_limit": 1}, "90,000 ways"),
+    ({"ping_limit": 834}, "100080 states for each position of the issuer: accepted: at most 100000"),
+    # 120 cells x 5 wrong PINGs x 21 phases x 20 positions = 252,000 states.
+    (
+        {
+            "issuer.position": [[r, c] for r in (3, 5, 7, 9) for c in (3, 5, 7, 9, 11)],
+            "phases": [phase(n, next={o: 0.05 for o in NAMES if o != n}) for n in NAMES],
+        },
+        "phases: 252000 states, with phases that may follow: 5292000",
+    ),
     (PAIR | {"ping_limit": 50}, "positions of the group x ticks of the phases = "),
     ({"regions": shapes(CIRCLE, RING)}, 'target.kind = "ring": accepted: a ring around a [group]'),
     (PAIR | {"regions": shapes(RING, RING)}, 'uncomfortable.kind = "ring": accepted: square, circle or egg'),
