@@ -20,8 +20,9 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.people import BoundedFeedback, NoisyFeedback
 from envs.regions import ZONES
-from envs.scenario import BoundedFeedback, NoisyFeedback, Scenario
+from envs.scenario import Scenario
 
 VERSION: Final = 1  # part of every run's identity: raise it when a change alters the dynamics
 

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from benchmark.drawing.style import figure_of
 from envs import ACTIONS, Model, compile_scenario, load_scenario, scenario_names
 from envs.model import MOVES, PING
+from envs.people import FEEDBACK
 from envs.regions import Loop, outlines
-from envs.scenario import FEEDBACK
 from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, DIVERGING, TRIANGLES, Scene, scene_of
 
 RGB: Final = {kind: "#{:02x}{:02x}{:02x}".format(*colour) for kind, colour in COLOURS.items()}

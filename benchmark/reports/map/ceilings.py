@@ -27,8 +27,8 @@ from envs.observations import INDICES, compile_seen
     },
     meanings={
         "observation": "what a row of the table stands for",
-        "optimal": "share of states before any PING in which the action of their row is optimal, if every row "
-        "has the action that is optimal in most of its states",
+        "optimal": "share of states before any PING in which the action of their row is optimal, if every "
+        "row has the action that is optimal in most of its states",
         "rows": "rows in which the agent can act",
         "states": "states of the scene",
         "success": "exact success with these actions; other actions may do better",

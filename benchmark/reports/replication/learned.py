@@ -21,7 +21,7 @@ from benchmark.experiments import Experiment
 from benchmark.reports.item import Frames, drawing, expanded, item, labelled_columns
 from benchmark.reports.replication.agents import agents_of, few_agents
 from envs import ACTIONS
-from envs.scenario import FEEDBACK
+from envs.people import FEEDBACK
 from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
