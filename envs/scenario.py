@@ -25,7 +25,7 @@ from envs.regions import TOLERANCE, ZONES, AnyShape, Cell, Egg, Heading, Regions
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_CELLS: Final = 100_000
 _MOST_STATES_OF_PLACE: Final = 100_000  # which are compiled together
-_MOST_ZONES: Final = 20_000_000  # of cells, over all ways in which people may stand, and phases
+_MOST_ZONES: Final = 100_000_000  # of cells, over all ways in which people may stand, and phases
 # What can be seen of where people stand relative to the agent: all of them, in the order of their nearness,
 # the nearest, the two nearest, or the centre of all.
 RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
@@ -483,8 +483,9 @@ class Scenario(Table):
                 zone[:, p] = np.maximum(zone[:, p], around[column if stage.position is None else 0 * column])
             if isinstance(regions.target, Ring):
                 unit = width if regions.unit == "metres" else 1.0
-                ring = ring_zones(regions.target, grid.position[placed], grid.position, unit)
-                zone[:, p] = np.maximum(zone[:, p], ring)
+                for some in np.array_split(np.arange(len(placed)), 1 + zone.size // 10**6):  # saves memory
+                    ring = ring_zones(regions.target, grid.position[placed[some]], grid.position, unit)
+                    zone[some, p] = np.maximum(zone[some, p], ring)
             for person in self.others_at[p]:
                 zone[:, p, person.position @ np.array([grid.columns, 1])] = ZONES.index("issuer")
                 if person.regions is not None:
