@@ -16,6 +16,7 @@ from pydantic import Field
 from agents.policy import ALL_ACTIONS
 from envs import ACTIONS, Model
 from envs.inputs import Table
+from envs.observations import INDICES
 
 
 class LearnerSettings(Table):
@@ -92,7 +93,7 @@ class Algorithm(ABC):
     """What kind of learner it is; a planner knows the model."""
     version: int = 1
     """Part of every run's identity; raised when a change alters what is learned."""
-    observations: tuple[str, ...] = ("index", "offset")
+    observations: tuple[str, ...] = INDICES
     """The forms that it accepts, see `envs.observations`."""
     packages: tuple[str, ...] = ()
     """Packages that it needs beyond the usual ones; a record names their versions."""

@@ -6,7 +6,6 @@ agents that are trained together equal the same agents trained one at a time, bi
 Axis letters: S states, O observations, A actions, K outcomes, B starts.
 """
 
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numba
@@ -31,6 +30,7 @@ _OUTCOME_FIELDS: Final = {
     "probability_up_to": np.float64,  # sum over the outcomes up to this one; infinite at the last
 }
 OUTCOME: Final = np.dtype([*_OUTCOME_FIELDS.items()], align=True)
+_STATES_AT_ONCE: Final = 200_000  # whose outcomes are written out together
 
 
 class Process(NamedTuple):
@@ -45,23 +45,24 @@ class Process(NamedTuple):
     is_noisy: bool
 
 
-@lru_cache(maxsize=64)
 def process_of(model: Model) -> Process:
     """Returns a model as compiled code reads it."""
-    here = np.arange(len(model.observation))[:, None, None]
-    outcomes = np.zeros(model.next_state.shape, dtype=OUTCOME)  # zeros between the fields, too: bytes count
-    outcomes["reward"] = (model.grid_reward + model.issuer_reward)[..., None]
-    outcomes["state_change"] = model.next_state - here
-    outcomes["observation_change"] = model.observation[model.next_state] - model.observation[here]
-    outcomes["terminates"] = model.terminated[..., None]
-    outcomes["is_wrong_ping"] = model.is_wrong_ping[..., None]
-    outcomes["noise"] = model.issuer_noise[..., None]
-    outcomes["probability_up_to"] = model.probability.cumsum(axis=-1)
-    outcomes["probability_up_to"][..., -1] = np.inf  # whatever rounding does to the sum
-    rows = outcomes.reshape(len(here), -1)
-    kinds, kind = np.unique(rows.view(f"V{rows[0].nbytes}"), return_inverse=True)
+    return model.derived("process", _process)
+
+
+def _process(model: Model) -> Process:
+    n_states, n_actions, n_outcomes = model.next_state.shape
+    row = n_actions * n_outcomes * OUTCOME.itemsize  # bytes of a state
+    kinds, kind = np.zeros(0, dtype=f"V{row}"), np.empty(n_states, dtype=np.int64)
+    for first in range(0, n_states, _STATES_AT_ONCE):
+        some = slice(first, first + _STATES_AT_ONCE)
+        rows = np.concatenate([kinds, _outcomes(model, some).reshape(-1).view(kinds.dtype)])
+        n_before = len(kinds)
+        kinds, found = np.unique(rows, return_inverse=True)
+        kind[:first] = found[kind[:first]]  # kinds have been numbered anew
+        kind[some] = found[n_before:]
     return Process(
-        first=(kind.ravel() * rows.shape[1]).astype(np.uint32),
+        first=(kind * n_actions * n_outcomes).astype(np.uint32),
         outcomes=kinds.view(OUTCOME),
         n_outcomes=model.n_outcomes,
         n_observations=model.n_observations,
@@ -69,6 +70,21 @@ def process_of(model: Model) -> Process:
         starts=model.starts.astype(np.uint32),
         is_noisy=model.is_noisy,
     )
+
+
+def _outcomes(model: Model, some: slice) -> NDArray[np.void]:
+    """Returns the outcomes of some states, (states, A, K)."""
+    here = np.arange(len(model.observation))[some, None, None]
+    outcomes = np.zeros(model.next_state[some].shape, dtype=OUTCOME)  # zeros between fields, too: bytes count
+    outcomes["reward"] = (model.grid_reward[some] + model.issuer_reward[some])[..., None]
+    outcomes["state_change"] = model.next_state[some] - here
+    outcomes["observation_change"] = model.observation[model.next_state[some]] - model.observation[here]
+    outcomes["terminates"] = model.terminated[some, :, None]
+    outcomes["is_wrong_ping"] = model.is_wrong_ping[some, :, None]
+    outcomes["noise"] = model.issuer_noise[some, :, None]
+    outcomes["probability_up_to"] = model.probability[some].cumsum(axis=-1)
+    outcomes["probability_up_to"][..., -1] = np.inf  # whatever rounding does to the sum
+    return outcomes
 
 
 @numba.njit

@@ -324,5 +324,5 @@ def draw_map(assessment: Assessment) -> Figure:
         colour_bar(figure, [axis], norm, "probability of PING")
         ping = Line2D([], [], ls="", marker="o", color="black", ms=4, label="PING is the likeliest action")
         move = Line2D([], [], ls="", marker=">", color="black", ms=4, label="likeliest moves")
-        region_legend(figure, ping, move, columns=2)
+        region_legend(figure, [scene], ping, move, columns=2)
     return figure

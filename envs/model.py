@@ -3,7 +3,8 @@
 A scenario is a finite Markov decision process. Its state is (place of the issuer, tick of the clock, whether
 feedback is to come, wrong PINGs so far, the agent's cell), numbered in this order, the cell last. In the
 paper's scenarios all but the last two have a single value, so the number is `pings * C + row * columns +
-column` with C cells: 120 cells and 600 states. The place is drawn at the start of an episode and stays.
+column` with C cells: 120 cells and 600 states. The place, which of a group is where all of its people stand,
+is drawn at the start of an episode and stays.
 
 `envs/scenarios/README.md` says what happens in a step, and in which order. Everything that acts, learns,
 plans or evaluates reads the arrays. A time limit is not in them: it truncates an episode, and learners
@@ -11,16 +12,17 @@ bootstrap through it.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.people import BoundedFeedback, NoisyFeedback
 from envs.regions import ZONES
-from envs.scenario import BoundedFeedback, NoisyFeedback, Scenario
+from envs.scenario import Scenario
 
 VERSION: Final = 1  # part of every run's identity: raise it when a change alters the dynamics
 
@@ -39,6 +41,9 @@ EVENTS: Final = (
 _WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
+Derived = TypeVar("Derived")
+Feedback = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]  # see `_feedback`
+_STATES_AT_ONCE: Final = 200_000  # that are compiled together, to save memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +52,21 @@ class Component:
 
     name: str
     of_state: NDArray[np.int32]  # (S,) its value, 0 to size - 1
-    coordinates: NDArray[np.float64]  # (size, D) each in [0, 1]
+    numbers: NDArray[np.int_]  # (size, D) what each value stands for, from 0
+    largest: NDArray[np.int_]  # (D,) of them
+    per_cell: int  # by how many a number rises from a cell to the next; 0 if it is no position
+    ones: NDArray[np.int_]  # (size, people) which columns of the component's one-hot block are 1
+    width: int  # of this block
 
     @property
     def size(self) -> int:
         """How many values it has."""
-        return len(self.coordinates)
+        return len(self.numbers)
+
+    @property
+    def coordinates(self) -> NDArray[np.float64]:
+        """(size, D) each number in [0, 1]."""
+        return self.numbers / self.largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +89,18 @@ class Model:
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
     zone: NDArray[np.int8]  # (S,) index into ZONES
+    _derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __reduce__(self) -> tuple[Callable[[Scenario], "Model"], tuple[Scenario]]:
         """Pickles only the scenario, from which the model is compiled again."""
         return compile_scenario, (self.scenario,)
+
+    def derived(self, key: Hashable, derive: Callable[["Model"], Derived]) -> Derived:
+        """Returns what a function derives from the model, computed once and kept as long as the model."""
+        if key not in self._derived:
+            self._derived[key] = derive(self)
+        kept: Derived = self._derived[key]
+        return kept
 
     @property
     def start(self) -> int:
@@ -88,7 +110,7 @@ class Model:
     @cached_property
     def n_observations(self) -> int:
         """O, the product of the components' sizes."""
-        return self.scenario.n_observations
+        return math.prod(component.size for component in self.components)
 
     @property
     def n_outcomes(self) -> int:
@@ -98,7 +120,7 @@ class Model:
     @property
     def n_places(self) -> int:
         """J; the states of a place are contiguous, and an episode never leaves them."""
-        return len(self.scenario.places)
+        return len(self.scenario.standing)
 
     @cached_property
     def fresh_state(self) -> NDArray[np.int64]:
@@ -118,7 +140,10 @@ class Model:
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
-        return np.flatnonzero(self._is_fresh & (self.context == context))[: len(self.position)]
+        place, phase = divmod(context, len(self.scenario.stages))
+        _, n_ticks, *parts = _shape(self.scenario)
+        first = place * n_ticks + int(np.argmax(self.scenario.ticks == phase))
+        return np.arange(parts[-1]) + first * math.prod(parts)
 
     @cached_property
     def position(self) -> NDArray[np.int_]:
@@ -156,14 +181,71 @@ def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbe
     return mean + noise * (2.0 * uniform - 1.0)
 
 
-@lru_cache(maxsize=64)
 def compile_scenario(scenario: Scenario) -> Model:
-    """Compiles a scenario; equal scenarios share one `Model`."""
+    """Compiles a scenario; equal scenarios share one `Model` while it is among the latest."""
+    compiled = _compile if math.prod(_shape(scenario)) <= _STATES_AT_ONCE else _compile_large
+    return compiled(scenario)
+
+
+def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
+    """Returns how many values each part of a state has."""
+    n_delays, n_cells = 1 + scenario.is_delayed, len(scenario.grid.position)
+    return len(scenario.standing), len(scenario.ticks), n_delays, scenario.ping_limit, n_cells
+
+
+@lru_cache(maxsize=64)
+def _compile(scenario: Scenario) -> Model:
+    shape = _shape(scenario)
+    n_places = shape[0]
+    n_block = math.prod(shape[1:])  # states of a place
+    feedback = _feedback(scenario)
+    arrays: dict[str, NDArray[Any]] = {}
+    step = max(_STATES_AT_ONCE // n_block, 1)
+    for first in range(0, n_places, step):
+        part = _compile_places(scenario, feedback, np.arange(first, min(first + step, n_places)))
+        for name, values in part.items():
+            if name not in arrays:
+                arrays[name] = np.zeros((n_places * n_block, *values.shape[1:]), values.dtype)
+            if values.any():  # memory for zeros is not even touched
+                arrays[name][first * n_block :][: len(values)] = values
+
+    def states(starts: NDArray[np.int_]) -> NDArray[np.int32]:
+        j, first_tick, first_cell = starts.T
+        zero = np.zeros(len(j), dtype=np.int64)
+        return np.ravel_multi_index((j, first_tick, zero, zero, first_cell), shape).astype(np.int32)
+
+    components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
+    observation, size = np.zeros(len(arrays["cell"]), dtype=np.int64), 1
+    for component in components:
+        observation += size * component.of_state
+        size *= component.size
+    model = Model(
+        scenario=scenario,
+        starts=states(scenario.starts),
+        unseen_starts=states(scenario.unseen_starts),
+        observation=observation.astype(np.int32),
+        components=components,
+        **arrays,
+    )
+    for value in vars(model).values():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+    return model
+
+
+_compile_large = lru_cache(maxsize=2)(_compile.__wrapped__)  # each takes up to half a gigabyte
+
+
+def _compile_places(
+    scenario: Scenario, feedback: Feedback, places: NDArray[np.int_]
+) -> dict[str, NDArray[np.generic]]:
+    """Returns the arrays of a model over the states of some places."""
     rows, columns = scenario.grid.size
-    n_cells, n_pings, n_delays = rows * columns, scenario.ping_limit, 1 + scenario.is_delayed
-    n_ticks, n_phases = len(scenario.ticks), len(scenario.stages)
-    shape = len(scenario.places), n_ticks, n_delays, n_pings, n_cells
-    place, tick, delayed, pings, cell = np.unravel_index(np.arange(math.prod(shape)), shape)  # (S,) each
+    shape, n_phases = _shape(scenario), len(scenario.stages)
+    n_pings, n_cells = shape[3:]
+    n_block = math.prod(shape[1:])
+    here = np.arange(places[0] * n_block, (places[-1] + 1) * n_block)
+    place, tick, delayed, pings, cell = np.unravel_index(here, shape)  # (S,) each
     context = place * n_phases + scenario.ticks[tick]
     zone_of = scenario.zone.reshape(-1, n_cells)  # (J * P, C)
     zone = zone_of[context, cell]
@@ -196,7 +278,7 @@ def compile_scenario(scenario: Scenario) -> Model:
     )
 
     # The issuer's part: feedback, and the next tick
-    mean, noise, comes_late = (values[context, cell] for values in _feedback(scenario))  # (S,) each
+    mean, noise, comes_late = (values[context, cell] for values in feedback)  # (S,) each
     issuer_reward = np.zeros(event.shape)
     issuer_noise = np.zeros(event.shape)
     issuer_reward[:, PING] = np.where(comes_late, 0.0, mean)
@@ -224,99 +306,138 @@ def compile_scenario(scenario: Scenario) -> Model:
     next_state = np.ravel_multi_index(tuple(following), shape)
 
     over = (zone == ZONES.index("issuer")) | scenario.grid.is_wall[cell]  # absorbing
-    next_state[over] = np.flatnonzero(over)[:, None, None]
+    next_state[over] = here[over][:, None, None]
     wrong_pings[over] = pings[over, None]
     event[over] = EVENTS.index("none")
     grid_reward[over] = issuer_reward[over] = issuer_noise[over] = 0.0
     terminated[over] = True
-
-    def states(starts: NDArray[np.int_]) -> NDArray[np.int32]:
-        j, first_tick, first_cell = starts.T
-        zero = np.zeros(len(j), dtype=np.int64)
-        return np.ravel_multi_index((j, first_tick, zero, zero, first_cell), shape).astype(np.int32)
-
-    components = _components(scenario, place, scenario.ticks[tick], pings, cell)
-    observation, size = np.zeros(len(cell), dtype=np.int64), 1
-    for component in components:
-        observation += size * component.of_state
-        size *= component.size
-    model = Model(
-        scenario=scenario,
-        starts=states(scenario.starts),
-        unseen_starts=states(scenario.unseen_starts),
-        next_state=next_state.astype(np.int32),
-        probability=np.ascontiguousarray(np.broadcast_to(chances[tick][:, None], next_state.shape)),
-        grid_reward=grid_reward,
-        issuer_reward=issuer_reward,
-        issuer_noise=issuer_noise,
-        terminated=terminated,
-        event=event.astype(np.int8),
-        wrong_pings=wrong_pings.astype(np.int32),
-        observation=observation.astype(np.int32),
-        components=components,
-        cell=cell.astype(np.int32),
-        context=context.astype(np.int32),
-        zone=zone,
-    )
-    for value in vars(model).values():
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False
-    return model
-
-
-def _components(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Component, ...]:
-    """Returns the observed components of all states, given (S,) their place, phase, wrong PINGs and cell."""
-    place, phase, pings, cell = of_states
-    grid = scenario.grid
-    farthest = np.array(grid.size) - 1
-    largest = np.maximum(farthest, 1)
-    stands = np.array([[people[0].position for people in stages] for stages in scenario.people])  # (J, P, 2)
-    cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
-    shown = np.array(scenario.shown_cells)  # (I, 2)
-    index = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
-    n_phases, n_pings = len(scenario.stages), scenario.ping_limit
-    offset = stands[place, phase] - grid.position[cell] + farthest  # (S, 2), from 0
-    components = {  # values of states, and coordinates of values
-        "agent": (cell, grid.position / largest),
-        "offset": (offset @ (2 * grid.columns - 1, 1), (grid.offset + farthest) / (2 * largest)),
-        "issuer": (index[place, phase], shown / largest),
-        "phase": (phase, np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
-        "wrong_pings": (pings, np.arange(n_pings)[:, None] / max(n_pings - 1, 1)),
+    return {
+        "next_state": next_state.astype(np.int32),
+        "probability": np.ascontiguousarray(np.broadcast_to(chances[tick][:, None], next_state.shape)),
+        "grid_reward": grid_reward,
+        "issuer_reward": issuer_reward,
+        "issuer_noise": issuer_noise,
+        "terminated": terminated,
+        "event": event.astype(np.int8),
+        "wrong_pings": wrong_pings.astype(np.int32),
+        "cell": cell.astype(np.int32),
+        "context": context.astype(np.int32),
+        "zone": zone,
+        "pings": pings.astype(np.int32),
     }
-    observed = ((name, *components[name]) for name in scenario.observe)
-    return tuple(Component(name, of_state.astype(np.int32), values) for name, of_state, values in observed)
 
 
-def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+def _components(scenario: Scenario, *of_states: NDArray[np.int32]) -> tuple[Component, ...]:
+    """Returns the observed components of all states, given (S,) their context, cell and wrong PINGs."""
+    context, cell, pings = of_states
+    grid, n, n_phases = scenario.grid, scenario.n_people, len(scenario.stages)
+    largest = np.maximum(np.array(grid.size) - 1, 1)
+    cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
+    standing = scenario.standing.reshape(-1, n)  # (J * P, people)
+    spots = np.searchsorted(cells, standing)  # among the cells
+    if n == 1:
+        groups, group = np.arange(len(cells))[:, None], spots[:, 0]
+    else:
+        groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
+    shown = np.array(scenario.shown_cells)[groups]  # (places, people, 2)
+
+    def component(name: str) -> Component:
+        match name:
+            case "agent":
+                ones = np.arange(len(grid.position))[:, None]
+                return Component(name, cell, grid.position, largest, 1, ones, len(ones))
+            case "issuer":
+                numbers, of_state = shown.reshape(len(groups), -1), group[context].astype(np.int32)
+                return Component(name, of_state, numbers, np.tile(largest, n), 1, groups, len(cells))
+            case "phase" | "wrong_pings":
+                of_state, size = (
+                    (context % n_phases, n_phases) if name == "phase" else (pings, scenario.ping_limit)
+                )
+                numbers = np.arange(size)[:, None]
+                return Component(name, of_state, numbers, np.array([max(size - 1, 1)]), 0, numbers, size)
+            case _:
+                return _relative(scenario, name, context, cell)
+
+    return tuple(component(name) for name in scenario.observe)
+
+
+def _relative(
+    scenario: Scenario, name: str, context: NDArray[np.int32], cell: NDArray[np.int32]
+) -> Component:
+    """Returns what is observed of where people stand relative to the agent, see `RELATIVE`.
+
+    The offsets of several people are in the order of their Euclidean distance from the agent, and of those
+    that are equally far, in the order of rows and columns.
+    """
+    grid, n = scenario.grid, scenario.n_people
+    farthest, columns = np.array(grid.size) - 1, 2 * grid.columns - 1
+    standing = scenario.standing.reshape(-1, n)
+    offset = grid.position[standing][:, None] - grid.position[:, None]  # (J * P, C, people, 2)
+    if name == "centre":
+        offset, farthest = offset.sum(axis=2, keepdims=True), n * farthest
+        columns = 2 * int(farthest[1]) + 1
+    elif n > 1:
+        order = (offset**2).sum(axis=3).argsort(axis=2, kind="stable")
+        nearest = {"nearest": 1, "two_nearest": 2}.get(name, n)
+        offset = np.take_along_axis(offset, order[:, :, :nearest, None], axis=2)
+    index = (offset + farthest) @ (columns, 1)  # (J * P, C, people)
+    size, n_seen = (2 * int(farthest[0]) + 1) * columns, index.shape[2]
+    values, of_cell = np.arange(size)[:, None], index[:, :, 0]
+    if n_seen > 1:  # of the many combinations of offsets, only those that occur
+        keys = np.ravel_multi_index(tuple(np.moveaxis(index, 2, 0)), (size,) * n_seen)
+        used, of_cell = np.unique(keys, return_inverse=True)
+        of_cell = of_cell.reshape(keys.shape)
+        values = np.column_stack(np.unravel_index(used, (size,) * n_seen))
+    numbers = np.stack(np.divmod(values, columns), axis=2).reshape(len(values), -1)
+    return Component(
+        name=name,
+        of_state=of_cell[context, cell].astype(np.int32),
+        numbers=numbers,
+        largest=np.tile(np.maximum(2 * farthest, 1), n_seen),
+        per_cell=n if name == "centre" else 1,
+        ones=values + size * np.arange(n_seen),
+        width=size * n_seen,
+    )
+
+
+def _feedback(scenario: Scenario) -> Feedback:
     """Returns mean, half-width and lateness of the reward for a PING, (J * P, C) each, by the nearest person.
 
     Feedback by distance is relative to the largest distance from a start in the same place.
     """
     position = scenario.grid.position
-    stands = np.array([[[who.position for who in people] for people in stages] for stages in scenario.people])
-    shape = *stands.shape[:2], len(position)  # J, P, C
+    place, tick, cell = scenario.every_start.T
+    n_places, n_phases, n = scenario.standing.shape
+    shape = n_places, n_phases, len(position)
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-    every_start = scenario.starts_by_place.values()
-    for j, (stages, starts_here) in enumerate(zip(scenario.people, every_start, strict=True)):
-        tick, cell = starts_here.T
-        from_start = np.abs(position[cell][:, None] - stands[j, scenario.ticks[tick]]).sum(axis=2).max(axis=0)
-        for p, people in enumerate(stages):
-            far = np.abs(position - stands[j, p][:, None]).sum(axis=2)  # (people, C), L1 distances
-            nearest = far.argmin(axis=0)
-            for k, feedback in enumerate(person.feedback for person in people):
-                value: NDArray[np.float64] | float = -far[k] / from_start[k]
-                width = 0.0
-                match feedback:
-                    case BoundedFeedback(kind="uniform", low=low, high=high):
-                        value, width = (low + high) / 2, (high - low) / 2
-                    case BoundedFeedback(low=low, high=high):
-                        value = np.where(scenario.zone[j, p] == ZONES.index("target"), high, low)
-                    case NoisyFeedback():
-                        width = feedback.noise
-                    case _ if feedback.kind == "none":
-                        value = 0.0
-                mean[j, p] = np.where(nearest == k, value, mean[j, p])
-                noise[j, p, nearest == k] = width
-                is_late[j, p, nearest == k] = feedback.kind == "delayed"
-    flat = shape[0] * shape[1], -1
+    answering = [[it for it in others if it.feedback] for others in scenario.others_at]
+    feedback = [scenario.issuer.feedback] * n + [it.feedback for it in answering[0] if it.feedback]
+    if all(it.kind == "none" for it in feedback):
+        return mean.reshape(-1, shape[2]), noise.reshape(-1, shape[2]), is_late.reshape(-1, shape[2])
+    stands = np.empty((n_places, n_phases, len(feedback), 2), dtype=np.int_)
+    stands[:, :, :n] = position[scenario.standing]
+    for p, others in enumerate(answering):
+        stands[:, p, n:] = np.array([it.position for it in others]).reshape(-1, 2)
+    from_start = np.zeros((n_places, len(feedback)), dtype=np.int_)
+    far = abs(position[cell][:, None] - stands[place, scenario.ticks[tick]]).sum(axis=2)
+    np.maximum.at(from_start, place, far)
+    for p in range(n_phases):
+        far = abs(position - stands[:, p, :, None]).sum(axis=3)  # (J, people, C), L1 distances
+        nearest = far.argmin(axis=1)
+        for k, its in enumerate(feedback):
+            value: NDArray[np.float64] | float = -far[:, k] / from_start[:, k, None]
+            width = 0.0
+            match its:
+                case BoundedFeedback(kind="uniform", low=low, high=high):
+                    value, width = (low + high) / 2, (high - low) / 2
+                case BoundedFeedback(low=low, high=high):
+                    value = np.where(scenario.zone[:, p] == ZONES.index("target"), high, low)
+                case NoisyFeedback():
+                    width = its.noise
+                case _ if its.kind == "none":
+                    value = 0.0
+            mean[:, p] = np.where(nearest == k, value, mean[:, p])
+            noise[:, p][nearest == k] = width
+            is_late[:, p][nearest == k] = its.kind == "delayed"
+    flat = n_places * n_phases, shape[2]
     return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)

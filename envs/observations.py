@@ -1,7 +1,9 @@
 """Forms of observation, as tables of all observations.
 
-The forms that begin with "offset" are egocentric: instead of the agent's cell and the issuer's, the agent is
-given the second relative to the first. Where the issuer is not seen, they are the same as the others.
+Most forms are egocentric: instead of the agent's cell and those of the issuer and its group, the agent is
+given where people stand relative to itself. "offset" is about all of them, "nearest" about the nearest,
+"two_nearest" about two, and "centre" about the centre of all; for a single person, these are the same. Where
+the issuer is not seen, they are the same as the first three.
 """
 
 from typing import Any, Final
@@ -12,18 +14,18 @@ from numpy.typing import NDArray
 
 from envs.inputs import InputError, unknown_name
 from envs.model import Model, compile_scenario
-from envs.scenario import Scenario, load_scenario
+from envs.scenario import RELATIVE, Scenario
 
 # Every form, and how it is encoded.
-ENCODINGS: Final = {
-    "index": "index",
-    "one_hot": "one_hot",
-    "coordinates": "coordinates",
-    "offset": "index",
-    "offset_one_hot": "one_hot",
-    "offset_coordinates": "coordinates",
+ENCODINGS: Final = {"index": "index", "one_hot": "one_hot", "coordinates": "coordinates"} | {
+    f"{relative}{suffix}": suffix[1:] or "index"
+    for relative in RELATIVE
+    for suffix in ("", "_one_hot", "_coordinates")
 }
 OBSERVATIONS: Final = tuple(ENCODINGS)
+INDICES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "index")
+VECTORS: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding != "index")
+COORDINATES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "coordinates")
 LARGEST_TABLE: Final = 50_000_000  # numbers, of all one-hot observations
 
 
@@ -45,10 +47,10 @@ def check_form(observation: str) -> None:
 def seen_as(scenario: Scenario, observation: str) -> Scenario:
     """Returns a scenario with the components that an agent is given in a form."""
     check_form(observation)
-    if not observation.startswith("offset") or "issuer" not in scenario.observe:
+    relative = observation.removesuffix("_coordinates").removesuffix("_one_hot")
+    if relative not in RELATIVE or "issuer" not in scenario.observe:
         return scenario
-    others = [name for name in scenario.observe if name not in ("agent", "offset", "issuer")]
-    return load_scenario(scenario, {"observe": ["offset", *others]})
+    return scenario.seen_as(relative)
 
 
 def compile_seen(scenario: Scenario, observation: str) -> Model:
@@ -57,10 +59,16 @@ def compile_seen(scenario: Scenario, observation: str) -> Model:
 
 
 def observation_blocks(model: Model) -> NDArray[np.int64]:
-    """Returns which columns of the one-hot form are 1, (O, components): one of each component's block."""
+    """Returns which columns of the one-hot form are 1, (O, ones): one or more of each component's block."""
+    starts = np.cumsum([0, *(component.width for component in model.components)])
+    values = zip(model.components, values_of(model), starts[:-1], strict=True)
+    return np.concatenate([component.ones[value] + start for component, value, start in values], axis=1)
+
+
+def values_of(model: Model) -> tuple[NDArray[np.int_], ...]:
+    """Returns the value of each component, (O,), in all observations."""
     sizes = [component.size for component in model.components]
-    values = np.unravel_index(np.arange(model.n_observations), sizes[::-1])
-    return np.asarray(np.stack(values[::-1], axis=1) + np.cumsum([0, *sizes[:-1]]))
+    return np.unravel_index(np.arange(model.n_observations), sizes[::-1])[::-1]
 
 
 def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32]:
@@ -68,7 +76,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
 
     Args:
       model: Compiled scenario with O observations; for the forms of the offset by `compile_seen`.
-      kind: The form. Index: (O,) int64. One-hot: a block per component, (O, sum of their sizes) float32.
+      kind: The form. Index: (O,) int64. One-hot: a block per component, (O, sum of their widths) float32.
         Coordinates: those of all components in turn, (O, D) float32, each scaled to [0, 1].
 
     Raises:
@@ -77,16 +85,14 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
     check_form(kind)
     if ENCODINGS[kind] == "index":
         return np.arange(model.n_observations)
-    sizes = [component.size for component in model.components]
-    columns = observation_blocks(model)
     if ENCODINGS[kind] == "one_hot":
-        check_one_hot(len(columns), sum(sizes))
-        table = np.zeros((len(columns), sum(sizes)), dtype=np.float32)
+        columns, width = observation_blocks(model), sum(component.width for component in model.components)
+        check_one_hot(len(columns), width)
+        table = np.zeros((len(columns), width), dtype=np.float32)
         np.put_along_axis(table, columns, 1, axis=1)
         return table
-    values = columns - np.cumsum([0, *sizes[:-1]])
-    blocks = [component.coordinates[values[:, i]] for i, component in enumerate(model.components)]
-    return np.concatenate(blocks, axis=1).astype(np.float32)
+    values = zip(model.components, values_of(model), strict=True)
+    return np.concatenate([part.coordinates[value] for part, value in values], axis=1).astype(np.float32)
 
 
 def observation_space(table: NDArray[Any]) -> spaces.Discrete | spaces.Box:

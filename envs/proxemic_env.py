@@ -47,9 +47,13 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
       each divided by its maximum
     - `"offset"`, `"offset_one_hot"`, `"offset_coordinates"`: the same, with the issuer's cell relative to the
       agent's in place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
+    - `"nearest"`, `"two_nearest"`, `"centre"`, also with `"_one_hot"` and `"_coordinates"`: the same with the
+      nearest person, the two nearest, or the centre of all people, if the issuer has a group
 
-    The issuer's cell has a value for each cell in which the issuer may be. The observed number of wrong PINGs
-    is at most `ping_limit - 1`.
+    The issuer's cell has a value for each cell in which the issuer may be. A group has a value for each way
+    in which it may stand; as offsets, for each combination that occurs, the nearest person first. Its one-hot
+    form has a 1 for each person, and its coordinates are those of all people. The observed number of wrong
+    PINGs is at most `ping_limit - 1`.
 
     ## Starting State
     One of the scenario's starts, all equally likely, with no wrong PING so far: a cell of the agent outside

@@ -30,7 +30,7 @@ Corner = tuple[int, int]  # (row, column); cell (r, c) lies between the corners 
 Loop = tuple[Corner, ...]
 
 # Lengths that are rounded in metres must not decide whether a cell on the border belongs to a region.
-_TOLERANCE: Final = 1e-9
+TOLERANCE: Final = 1e-9
 
 
 class Round(Table):
@@ -55,7 +55,20 @@ class Egg(Table):
     """How far it reaches ahead."""
 
 
-AnyShape = Round | Egg
+class Ring(Table):
+    """The ring on which people of a group stand, around the centre of the space between them (o-space).
+
+    It is as far from the centre as they are on average (Kendon 1990, "Conducting Interaction", chapter 7).
+    What lies within it is uncomfortable, too.
+    """
+
+    kind: Literal["ring"]
+    """This shape, for the target region of a `group`."""
+    width: Annotated[float, Field(gt=0, le=1000)]
+    """From the ring's inner to its outer edge."""
+
+
+AnyShape = Round | Egg | Ring
 Shape = Annotated[AnyShape, Field(discriminator="kind")]
 
 
@@ -79,7 +92,7 @@ class Regions(Table):
     uncomfortable: Shape | None = None
     """Shape of the uncomfortable region."""
     target: Shape | None = None
-    """Shape of the target region with what lies inside it."""
+    """Shape of the target region with what lies inside it; for people who talk, a ring around all of them."""
 
     @model_validator(mode="after")
     def _nested(self) -> Self:
@@ -91,6 +104,8 @@ class Regions(Table):
         if inner is not None and outer is not None:
             require(outer > inner, f"target_radius = {outer}", f"more than uncomfortable_radius = {inner}")
             require(self.unit == "cells", 'unit = "metres"', '"cells", since radii are in cells')
+        is_around = isinstance(self.uncomfortable, Ring)
+        require(not is_around, 'uncomfortable.kind = "ring"', "square, circle or egg")
         return self
 
     @property
@@ -124,13 +139,42 @@ def _window(regions: Regions, heading: Heading, size: tuple[int, int], cell_widt
     return np.select(inside, nearest, ZONES.index("outside")).astype(np.int8)
 
 
+def ring_zones(
+    ring: Ring, people: NDArray[np.int_], cell: NDArray[np.int_], width: float
+) -> NDArray[np.int8]:
+    """Returns the zone of every cell around the centre of each group, (groups, C) index into ZONES.
+
+    Args:
+      ring: Where people stand and the agent should.
+      people: Their cells, (groups, people, 2) row and column.
+      cell: All cells, (C, 2).
+      width: Of a cell, in the unit of the ring's.
+    """
+    centre, radius = circles(people)
+    distance = np.hypot(*np.moveaxis(cell - centre[:, None], 2, 0))  # (groups, C)
+    beyond = (distance - radius[:, None]) * width
+    inside = [abs(beyond) <= ring.width / 2 + TOLERANCE, beyond < 0]
+    return np.select(inside, [ZONES.index("target"), ZONES.index("uncomfortable")], 0).astype(np.int8)
+
+
+def circles(people: NDArray[np.int_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the circles in the middle of rings: centres, (groups, 2), and radii, (groups,), in cells.
+
+    The cells of people are as in `ring_zones`.
+    """
+    centre = people.mean(axis=1)
+    return centre, np.hypot(*np.moveaxis(people - centre[:, None], 2, 0)).mean(axis=1)
+
+
 def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float64]) -> NDArray[np.bool_]:
+    if isinstance(shape, Ring):  # around a group, not around a person
+        return np.zeros(ahead.shape, dtype=np.bool_)
     if isinstance(shape, Egg):
         length = np.where(ahead >= 0, shape.front, shape.front / 2)
-        return np.asarray(np.hypot(ahead / length, aside / (shape.front * 2 / 3)) <= 1 + _TOLERANCE)
+        return np.asarray(np.hypot(ahead / length, aside / (shape.front * 2 / 3)) <= 1 + TOLERANCE)
     is_square = shape.kind == "square"
     distance = np.maximum(abs(ahead), abs(aside)) if is_square else np.hypot(ahead, aside)
-    return np.asarray(distance <= shape.radius + _TOLERANCE)
+    return np.asarray(distance <= shape.radius + TOLERANCE)
 
 
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:

@@ -15,9 +15,11 @@ CELL_PIXELS: Final = 40
 def to_text(scene: Scene, agent: int, event: str) -> str:
     """Returns the scene as text, with the phase if there are several, and the last event.
 
-    A is the agent in its cell, I a person, + target, x uncomfortable, # a wall, . elsewhere.
+    A is the agent in its cell, I a person, B a bystander, + target, x uncomfortable, # a wall, . elsewhere.
     """
     symbols = [SYMBOLS[kind] for kind in _kinds(scene)]
+    for cell in scene.cells_of("bystander"):
+        symbols[cell] = SYMBOLS["bystander"]
     symbols[agent] = "A"
     rows = [" ".join(symbols[i : i + scene.columns]) for i in range(0, scene.n_cells, scene.columns)]
     phase = [f"phase: {scene.phase}"] if scene.phase else []
@@ -27,14 +29,23 @@ def to_text(scene: Scene, agent: int, event: str) -> str:
 def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
     """Returns the scene as an image, (rows * 40, columns * 40, 3) uint8.
 
-    A person is a ring, with a nose if it matters where that person looks. The agent, in its cell, is a disc
-    that fits inside the ring.
+    A person is a ring, with a nose if it matters where that person looks; a bystander is a thin ring, and
+    people who talk have a dotted circle. The agent, in its cell, is a disc that fits inside the ring.
     """
     cells = np.array([COLOURS[kind] for kind in _kinds(scene)], dtype=np.uint8)
     image = cells.reshape(scene.rows, scene.columns, 3)
     image = image.repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
     image[::CELL_PIXELS] = COLOURS["line"]
     image[:, ::CELL_PIXELS] = COLOURS["line"]
+    if scene.circle is not None:
+        row, column, radius = scene.circle
+        angle = np.arange(0, 2 * np.pi, 0.16 / radius)
+        across = np.stack([row + radius * np.sin(angle), column + radius * np.cos(angle)], axis=1)
+        dots = (across * CELL_PIXELS).astype(int)[:, None] + np.indices((2, 2)).reshape(
+            2, 4
+        ).T  # (dots, 4, 2)
+        dots = dots[((dots >= 0) & (dots < image.shape[:2])).all(axis=2)]  # some may be off the grid
+        image[tuple(dots.T)] = COLOURS["person"]
     offset = (np.arange(CELL_PIXELS) - CELL_PIXELS / 2) / CELL_PIXELS  # from a cell's centre, in cells
 
     def paint(cell: int, inside: NDArray[np.bool_], colour: Colour) -> None:
@@ -43,9 +54,9 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
 
     distance = np.hypot(offset[:, None], offset)
     for glyph in scene.glyphs:
-        if glyph.kind != "issuer":
+        if glyph.kind == "start":
             continue
-        outer, inner = 0.42, 0.30
+        outer, inner = 0.42, 0.30 if glyph.kind == "issuer" else 0.37
         if glyph.heading is not None:
             outer, inner = 0.36, 0.27  # leaves room for the nose
             (down, right), (tip, base, half) = glyph.heading, NOSE

@@ -7,43 +7,36 @@ there say what each is about, and in S1 to S3 which term of the paper a value ha
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal, Self, cast
+from typing import Annotated, ClassVar, Final, Literal, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, ValidationError, WrapValidator, model_validator
-from pydantic import ValidatorFunctionWrapHandler as Handler
+from pydantic import AfterValidator, Field, model_validator
 
-from envs.inputs import Line, Name, Table, check_file_name, override, parse, read_toml, require, unknown_name
-from envs.regions import HEADINGS, ZONES, Cell, Egg, Heading, Regions, zones
+from envs import inputs
+from envs.inputs import InputError, Line, Name, Table, require
+from envs.people import MAX_STATES, Group, Issuer, Person, Place, Reward, Steps, Walk
+from envs.regions import TOLERANCE, ZONES, AnyShape, Cell, Egg, Heading, Regions, Ring, ring_zones, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
-MAX_STATES = 100_000
+MAX_CELLS: Final = 100_000
+_MOST_STATES_OF_PLACE: Final = 100_000  # which are compiled together
+_MOST_ZONES: Final = 100_000_000  # of cells, over all ways in which people may stand, and phases
+# What can be seen of where people stand relative to the agent: all of them, in the order of their nearness,
+# the nearest, the two nearest, or the centre of all.
+RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 # What can be observed, in the order of an observation.
-COMPONENTS: Final = ("agent", "offset", "issuer", "phase", "wrong_pings")
+COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
 
-Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
-Steps = Annotated[int, Field(ge=1, le=1000)]
+_LONGEST_ROUND: Final = 10_000  # steps until all who walk are back
+
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
-
-
-def _checked_place(value: object, handler: Handler) -> object:
-    if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
-        value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
-    try:
-        return handler(value)
-    except ValidationError as error:
-        accepted = 'a cell [ROW, COLUMN], a list of at least one cell, or "anywhere"'
-        raise ValueError(f"accepted: {accepted}") from error
-
-
-# A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
-_Cells = Annotated[tuple[Cell, ...], Field(min_length=1)]
-Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_place)]
+Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
+PlaceT = TypeVar("PlaceT", bound=tuple[object, ...])  # a cell, or the cells of a group
 
 
 class Grid(Table):
@@ -89,107 +82,11 @@ class Grid(Table):
     def _is_sound(self) -> Self:
         (rows, columns), lines = self.size, self.walls.split()
         size = f"rows x columns = {rows} x {columns}"
-        require(rows * columns <= MAX_STATES, size, f"at most {MAX_STATES} cells")
+        require(rows * columns <= MAX_CELLS, size, f"at most {MAX_CELLS} cells")
         is_complete = [len(line) for line in lines] == [columns] * rows and set(self.walls) <= set("#. \n")
         accepted = f'{rows} lines of {columns} characters, "#" a wall, "." floor'
         require(is_complete or not lines, "walls", accepted)
         return self
-
-
-class PlainFeedback(Table):
-    """No reward, or minus the issuer's L1 distance from the agent, relative to the farthest start.
-
-    Delayed feedback, also by distance, comes with the action after the PING, and never if the PING ends the
-    episode. The issuer must not move then, since the model does not remember where it stood at the PING.
-    """
-
-    kind: Literal["none", "distance", "delayed"]
-    """Which of the three."""
-
-
-class NoisyFeedback(Table):
-    """Feedback by distance plus a number drawn at each PING, uniformly between minus and plus `noise`."""
-
-    kind: Literal["noisy"]
-    """This kind."""
-    noise: Annotated[float, Field(gt=0, le=1e6)]
-    """Half the width of the interval that the number is drawn from."""
-
-
-class BoundedFeedback(Table):
-    """Drawn at each PING, uniformly between two bounds; or `high` if it is correct, `low` if it is wrong."""
-
-    kind: Literal["uniform", "binary"]
-    """Drawn between the bounds, or one of them."""
-    low: Reward
-    """Smallest reward, or that for a wrong PING."""
-    high: Reward
-    """Largest reward, or that for a correct PING."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        is_ordered = self.kind == "binary" or self.low < self.high
-        require(is_ordered, f"low = {self.low}", f"less than high = {self.high}")
-        return self
-
-
-AnyFeedback = PlainFeedback | NoisyFeedback | BoundedFeedback
-Feedback = Annotated[AnyFeedback, Field(discriminator="kind")]
-FEEDBACK: Final = {  # in words, by kind
-    "none": "no feedback",
-    "uniform": "random feedback",
-    "distance": "feedback by distance",
-    "noisy": "noisy feedback by distance",
-    "delayed": "delayed feedback by distance",
-    "binary": "binary feedback",
-}
-
-
-class Walk(Table):
-    """A walk in straight lines from the issuer's position to each corner in turn, and back; then again.
-
-    The issuer looks where it goes.
-    """
-
-    corners: Annotated[tuple[Cell, ...], Field(min_length=1, max_length=100)]
-    """Where the walk turns: each is in the row or column of the one before."""
-    steps: Steps = 1
-    """Steps of the agent for each cell of the walk."""
-
-
-class Issuer(Table):
-    """The person whose personal space matters, and the reward that this person adds to every PING."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"heading", "walk", "places", "unseen", "permuted"}
-
-    position: Place
-    """Where the issuer stands when an episode starts."""
-    places: Annotated[int, Field(ge=1, le=MAX_STATES)] | None = None
-    """How many of the cells of `position` it may stand in, drawn once, see `draw`; all by default."""
-    unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
-    """Further cells, drawn after these: part of the observations, but no episode starts with it there."""
-    permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Share of its cells whose coordinates are permuted: as coordinates, an agent observes another cell."""
-    feedback: Feedback
-    """The reward that the issuer adds to every PING."""
-    heading: Heading = "up"
-    """Where the issuer looks."""
-    walk: Walk | None = None
-    """How the issuer walks; by default it does not."""
-
-
-class Person(Table):
-    """A person with regions, who stays in one cell."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"heading"}
-
-    position: Cell
-    """Where the person stands."""
-    feedback: Feedback
-    """The reward that the person adds to a PING if no other person is nearer."""
-    regions: Regions
-    heading: Heading = "up"
-    """Where the person looks."""
 
 
 # Names and probabilities. Sorted, so that equal phases have equal hashes and draw alike.
@@ -251,7 +148,7 @@ class Scenario(Table):
     unless the scenario says otherwise.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"observe", "others", "phases", "first_phase", "draw"}
+    omitted_at_default: ClassVar[Set[str]] = {"observe", "group", "others", "phases", "first_phase", "draw"}
 
     name: Name
     """The stem of the file."""
@@ -263,9 +160,12 @@ class Scenario(Table):
     ping_limit: Annotated[int, Field(ge=1)]
     """Which wrong PING ends the episode."""
     rewards: Rewards
-    observe: tuple[Literal["agent", "offset", "issuer", "phase", "wrong_pings"], ...] = ("agent",)
-    """What the agent sees, in this order: its own cell, or the issuer's relative to it in rows and columns
-    ("offset"); the issuer's cell; the phase; the number of wrong PINGs."""
+    observe: tuple[Observed, ...] = ("agent",)
+    """What the agent sees, in this order: its own cell, or where people stand relative to it in rows and
+    columns, of the issuer and all of its group ("offset"), the nearest one or two of them, or their centre;
+    the cells of all of them; the phase; the number of wrong PINGs."""
+    group: Group | None = None
+    """People who are drawn together with the issuer; by default none."""
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     """Other people."""
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
@@ -277,25 +177,53 @@ class Scenario(Table):
 
     @cached_property
     def stages(self) -> tuple[Phase, ...]:
-        """(P,) the phases; those of a walk are its cells, and without any there is a single one."""
-        walk = self.issuer.walk
-        if walk is None:
+        """(P,) the phases; those of walks are where people are, and without any there is a single one."""
+        if not self._walks:
             return self.phases or (Phase(name="always"),)
-        cells: list[tuple[Cell, Heading]] = []
-        for (row, column), (to_row, to_column) in pairwise(self._turns):
-            step = int(np.sign(to_row - row)), int(np.sign(to_column - column))
-            heading = next(name for name, direction in HEADINGS.items() if direction == step)
-            n_steps = abs(to_row - row) + abs(to_column - column)
-            cells += [((row + k * step[0], column + k * step[1]), heading) for k in range(n_steps)]
+        issuer = self._walks.get("issuer")
+        spots = [
+            issuer[i % len(issuer)] if issuer else (None, None) for i in range(self._round // self._beat)
+        ]
         return tuple(
-            Phase(name=f"{i}", position=cell, heading=heading, steps=walk.steps)
-            for i, (cell, heading) in enumerate(cells, start=1)
+            Phase(name=f"{i}", position=cell, heading=heading, steps=self._beat)
+            for i, (cell, heading) in enumerate(spots, start=1)
         )
 
+    @cached_property
+    def _walks(self) -> dict[str, list[tuple[Cell, Heading]]]:
+        """Cell and heading in every beat of a round of each person who walks, by the person's key."""
+        return {
+            key: [spot for spot in walk.route(position) for _ in range(walk.steps // self._beat)]
+            for key, (position, walk) in self._walkers.items()
+        }
+
     @property
-    def _turns(self) -> list[Cell]:  # the cells between which the issuer walks straight, and back
-        walk, position = self.issuer.walk, cast("Cell", self.issuer.position)
-        return [position, *walk.corners, position] if walk else []
+    def _walkers(self) -> dict[str, tuple[Cell, Walk]]:
+        people: dict[str, Issuer | Person] = {"issuer": self.issuer}
+        people |= {f"others.{i}": person for i, person in enumerate(self.others)}
+        return {key: (cast("Cell", who.position), who.walk) for key, who in people.items() if who.walk}
+
+    @property
+    def _beat(self) -> int:  # steps during which nobody leaves a cell
+        return math.gcd(*(walk.steps for _, walk in self._walkers.values()))
+
+    @property
+    def _round(self) -> int:  # steps until everybody is back
+        return math.lcm(*(walk.n_steps(position) for position, walk in self._walkers.values()))
+
+    @cached_property
+    def others_at(self) -> tuple[tuple[Person, ...], ...]:
+        """(P, others) the other people in each phase."""
+        return tuple(
+            tuple(self._other(i, p) for i in range(len(self.others))) for p in range(len(self.stages))
+        )
+
+    def _other(self, i: int, p: int) -> Person:
+        spots = self._walks.get(f"others.{i}")
+        if spots is None:
+            return self.others[i]
+        position, heading = spots[p % len(spots)]
+        return self.others[i].model_copy(update={"position": position, "heading": heading})
 
     @cached_property
     def ticks(self) -> NDArray[np.int_]:
@@ -319,19 +247,38 @@ class Scenario(Table):
         return ticks, probability
 
     @cached_property
-    def places(self) -> tuple[Cell, ...]:
-        """(J,) where the issuer may stand when an episode starts, also those of `issuer.unseen`."""
-        return tuple(self.starts_by_place)
+    def places(self) -> tuple[tuple[Cell, ...], ...]:
+        """(J,) where the issuer and its group may stand when an episode starts, unseen places included."""
+        return tuple(tuple(map(tuple, cells)) for cells in self.grid.position[self._chosen].tolist())
 
     @cached_property
-    def people(self) -> tuple[tuple[tuple[Person, ...], ...], ...]:
-        """(J, P, people) the issuer, and the others, in each place and phase."""
-        return tuple(tuple(self._people(place, stage) for stage in self.stages) for place in self.places)
+    def standing(self) -> NDArray[np.int_]:
+        """(J, P, people) the cells of the issuer and its group, in each place and phase."""
+        standing = np.repeat(self._chosen[:, None], len(self.stages), axis=1)
+        for p, stage in enumerate(self.stages):
+            if stage.position is not None:
+                standing[:, p] = stage.position @ np.array([self.grid.columns, 1])
+        return standing
+
+    def people_in(self, place: int, phase: int) -> tuple[Person, ...]:
+        """Returns the issuer with its group, and the others, in a place and phase."""
+        stage, cells = self.stages[phase], self.grid.position[self.standing[place, phase]].tolist()
+        person = Person.model_construct(
+            position=(0, 0),
+            heading=stage.heading or self.issuer.heading,
+            regions=stage.regions or self.regions,
+            feedback=self.issuer.feedback,
+        )
+        drawn = (person.model_copy(update={"position": (row, column)}) for row, column in cells)
+        return *drawn, *self.others_at[phase]
 
     @cached_property
     def issuer_cells(self) -> tuple[Cell, ...]:
-        """(I,) where the issuer may stand at some time, by row and then by column."""
-        return tuple(sorted({people[0].position for stages in self.people for people in stages}))
+        """(I,) where the issuer or someone of its group may stand at some time, by row and then by column."""
+        return tuple(self._as_cell(index) for index in np.unique(self.standing).tolist())
+
+    def _as_cell(self, index: int) -> Cell:
+        return divmod(index, self.grid.columns)
 
     @cached_property
     def shown_cells(self) -> tuple[Cell, ...]:
@@ -344,31 +291,48 @@ class Scenario(Table):
     @cached_property
     def zone(self) -> NDArray[np.int8]:
         """(J, P, C) index into `envs.regions.ZONES`: the zone of every cell in each place and phase."""
-        return np.stack([self._zones_by_place[place] for place in self.places])
+        return np.asarray(self._zones[self._selected])
+
+    @cached_property
+    def every_start(self) -> NDArray[np.int_]:
+        """(starts, 3) place, tick and cell of every start of an episode, also in unseen places."""
+        place, tick, cell = np.nonzero(self._is_start[self._selected])
+        return np.column_stack([place, self._first_ticks[tick], cell])
 
     @cached_property
     def starts(self) -> NDArray[np.int_]:
-        """(B, 3) place, tick and cell of every start of an episode, all equally likely."""
-        return self._starts_in({*self._in_drawn_order(self.places)[: self.issuer.places]})
+        """(B, 3) the same of episodes that are trained, all equally likely."""
+        return self.every_start[self._is_seen[self.every_start[:, 0]]]
 
     @property
     def unseen_starts(self) -> NDArray[np.int_]:
         """(starts, 3) the same of episodes with the issuer in an unseen place, which are never trained."""
-        n = self.issuer.places or len(self.places)
-        return self._starts_in({*self._in_drawn_order(self.places)[n:]})
+        return self.every_start[~self._is_seen[self.every_start[:, 0]]]
 
-    def _starts_in(self, places: Set[Cell]) -> NDArray[np.int_]:
-        rows = [np.zeros((0, 3), dtype=int)]
-        for j, (place, starts) in enumerate(self.starts_by_place.items()):
-            if place in places:
-                rows.append(np.column_stack([np.full(len(starts), j), starts]))
-        return np.concatenate(rows)
+    @cached_property
+    def _is_seen(self) -> NDArray[np.bool_]:  # (J,)
+        n = len(self.places) if self.issuer.places is None else self.issuer.places
+        seen = {*self._in_drawn_order(self.places)[:n]}
+        return np.array([place in seen for place in self.places])
 
-    def _in_drawn_order(self, cells: Iterable[Cell]) -> list[Cell]:
-        def rank(cell: Cell) -> bytes:  # the same in all rooms that have the cell
-            return hashlib.sha256(json.dumps([self.draw, *cell]).encode()).digest()
+    @cached_property
+    def _selected(self) -> NDArray[np.int_]:  # (J,) rising, of the G
+        free, n = np.flatnonzero(self._is_start.any(axis=(1, 2))), self.issuer.places
+        if n is None:
+            return free
+        index = {tuple(map(self._as_cell, self._placed[g].tolist())): g for g in free.tolist()}
+        return np.sort([index[place] for place in self._in_drawn_order(index)[: n + self.issuer.unseen]])
 
-        return sorted(cells, key=rank)
+    @property
+    def _chosen(self) -> NDArray[np.int_]:  # (J, people) cells
+        return self._placed[self._selected]
+
+    def _in_drawn_order(self, places: Iterable[PlaceT]) -> list[PlaceT]:
+        def rank(place: PlaceT) -> bytes:  # the same in all rooms that have the place
+            parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
+            return hashlib.sha256(json.dumps([self.draw, *parts]).encode()).digest()
+
+        return sorted(places, key=rank)
 
     @property
     def draws(self) -> bool:
@@ -377,21 +341,38 @@ class Scenario(Table):
 
     def drawn(self, draw: int) -> Self:
         """Returns the scenario with another draw, which needs no checks."""
-        other = self.model_copy(update={"draw": draw})
-        other.__dict__.update(_zones_by_place=self._zones_by_place, _free_places=self._free_places)
+        return self._changed({"draw": draw}, "_placed", "_zones", "_is_start")
+
+    def seen_as(self, relative: str) -> Self:
+        """Returns the scenario with one of `RELATIVE` observed in place of the agent's and people's cells."""
+        others = tuple(name for name in self.observe if name in ("phase", "wrong_pings"))
+        seen = self._changed({"observe": (relative, *others)}, "_placed", "_zones", "_is_start", "_selected")
+        try:
+            seen._check_observations()
+        except ValueError as error:
+            raise InputError(f"{self.name}: {error}.") from error
+        return seen
+
+    def _changed(self, update: Mapping[str, object], *same: str) -> Self:
+        other = self.model_copy(update=update)
+        other.__dict__.update({name: getattr(self, name) for name in same})
         return other
 
     @property
     def hidden(self) -> tuple[str, ...]:
         """What does not follow from what is observed: other components, "clock" and "feedback to come"."""
-        contexts = {(people[0].position, i) for stages in self.people for i, people in enumerate(stages)}
+        n_places, n_phases, n_people = self.standing.shape
+        _, place = np.unique(self.standing.reshape(-1, n_people), axis=0, return_inverse=True)
+        contexts = np.column_stack([place.ravel(), np.tile(np.arange(n_phases), n_places)])
         seen = [i for i, name in enumerate(("issuer", "phase")) if name in self.observe]
+        is_relative = "agent" not in self.observe
 
         def n_values(*parts: int) -> int:
-            return len({tuple(context[i] for i in parts) for context in contexts})
+            return len(np.unique(contexts[:, parts], axis=0)) if parts else 1
 
         is_hidden = {
-            "agent's cell" if "offset" in self.observe else "issuer": n_values(*seen, 0) > n_values(*seen),
+            "agent's cell" if is_relative else "issuer": n_values(*seen, 0) > n_values(*seen),
+            "other people": is_relative and n_people > self._n_seen,
             "phase": n_values(*seen, 1) > n_values(*seen),
             "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
             "clock": len(self.ticks) > len(self.stages) > 1,
@@ -400,112 +381,162 @@ class Scenario(Table):
         return tuple(name for name in is_hidden if is_hidden[name])
 
     @property
+    def n_people(self) -> int:
+        """How many people are drawn, the issuer included."""
+        return self.group.people if self.group else 1
+
+    @property
+    def _n_seen(self) -> int:  # people whose offsets are observed
+        return min({"nearest": 1, "centre": 1, "two_nearest": 2}.get(self.observe[0], 6), self.n_people)
+
+    @property
     def observed_sizes(self) -> list[int]:
-        """How many values each observed component has."""
+        """How many values each observed component has, at most."""
+        n_places, n_phases, _ = self.standing.shape
+        n_cells, n_offsets, n = self.grid.rows * self.grid.columns, len(self.grid.offset), self.n_people
         sizes = {
-            "agent": self.grid.rows * self.grid.columns,
-            "offset": len(self.grid.offset),
-            "issuer": len(self.issuer_cells),
-            "phase": len(self.stages),
+            "agent": n_cells,
+            **dict.fromkeys(RELATIVE, min(n_offsets**self._n_seen, n_places * n_phases * n_cells)),
+            "issuer": len(self.issuer_cells) if n == 1 else n_places,
+            "phase": n_phases,
             "wrong_pings": self.ping_limit,
         }
+        if n > 1:
+            sizes["nearest"] = n_offsets
+            sizes["centre"] = math.prod(2 * n * (length - 1) + 1 for length in self.grid.size)
         return [sizes[name] for name in self.observe]
 
     @property
     def n_observations(self) -> int:
-        """O, the product of these sizes."""
+        """The product of these sizes: O, or more if some combinations of offsets never occur."""
         return math.prod(self.observed_sizes)
 
     @property
     def has_front(self) -> bool:
         """Whether it matters where someone looks."""
-        people = chain.from_iterable(self.people[0])
-        return any(isinstance(shape, Egg) for person in people for shape in person.regions.shapes)
+        return any(isinstance(shape, Egg) for shape in self._shapes)
+
+    @property
+    def _shapes(self) -> Iterator[AnyShape]:
+        further = chain((person.regions for person in self.others), (phase.regions for phase in self.phases))
+        return chain.from_iterable(regions.shapes for regions in (self.regions, *further) if regions)
 
     @property
     def moves(self) -> bool:
-        """Whether the issuer moves during an episode."""
-        return any(stage.position is not None for stage in self.stages)
+        """Whether someone moves during an episode."""
+        return bool(self._walks) or any(stage.position is not None for stage in self.stages)
 
     @property
     def is_delayed(self) -> bool:
         """Whether some feedback comes with the action after a PING."""
         feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
-        return any(one.kind == "delayed" for one in feedback)
+        return any(one is not None and one.kind == "delayed" for one in feedback)
+
+    @property
+    def _first_ticks(self) -> NDArray[np.int_]:
+        return np.arange(len(self.ticks) if self.first_phase == "any" else 1)
 
     @cached_property
-    def starts_by_place(self) -> dict[Cell, NDArray[np.int_]]:
-        """The places of the issuer, each with (starts, 2) ticks and cells of the agent."""
-        free, n = self._free_places, self.issuer.places
-        drawn = {*free} if n is None else {*self._in_drawn_order(free)[: n + self.issuer.unseen]}
-        return {place: starts for place, starts in free.items() if place in drawn}
+    def _placed(self) -> NDArray[np.int_]:
+        """(G, people) all ways in which the issuer and its group may stand, as cells; rising in a group."""
+        taken = {person.position for people in self.others_at for person in people}
+        free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in taken]
+        cells = np.array([cell @ np.array([self.grid.columns, 1]) for cell in free], dtype=np.int_)
+        cells = cells[~self.grid.is_wall[cells]]
+        self._check_ways(len(cells), 1)
+        if self.group is None:
+            return cells[:, None]
+        cells = np.sort(cells)
+        apart = np.hypot(*np.moveaxis(self.grid.position[cells] - self.grid.position[cells][:, None], 2, 0))
+        low, high = self.group.apart
+        if self.regions.unit == "metres":
+            apart = apart * (self.grid.metres_per_cell or 1.0)
+        # As in regions, rounding must not decide.
+        may_join = np.triu((apart >= low - TOLERANCE) & (apart <= high + TOLERANCE), 1)  # those that follow
+        groups = np.arange(len(cells))[:, None]
+        for n_placed in range(2, self.group.people + 1):
+            is_next = may_join[groups].all(axis=1)
+            self._check_ways(int(is_next.sum()), n_placed)
+            before, joining = np.nonzero(is_next)
+            groups = np.column_stack([groups[before], joining])
+        return np.asarray(cells[groups])
+
+    def _check_ways(self, n: int, n_placed: int) -> None:
+        most = _MOST_ZONES // (self.grid.rows * self.grid.columns * len(self.stages))
+        who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the issuer"
+        where = f"issuer.position: {who} can stand in {n:,} ways"
+        narrower = ", or a narrower range of group.apart" if self.group else ""
+        require(n <= most, where, f"at most {most:,}: a smaller grid{narrower}")
 
     @cached_property
-    def _free_places(self) -> dict[Cell, NDArray[np.int_]]:
-        """The same of all cells of `issuer.position` that have a start and a target that can be entered."""
+    def _zones(self) -> NDArray[np.int8]:
+        """(G, P, C) the zone of every cell in each phase, of all ways to stand."""
+        grid, placed, width = self.grid, self._placed, self.grid.metres_per_cell or 1.0
+        zone = np.zeros((len(placed), len(self.stages), grid.rows * grid.columns), dtype=np.int8)
+        for p, stage in enumerate(self.stages):
+            regions, heading = stage.regions or self.regions, stage.heading or self.issuer.heading
+            cells, member = np.unique(placed, return_inverse=True)
+            spots = [stage.position] if stage.position else [self._as_cell(cell) for cell in cells.tolist()]
+            windows = [zones(regions, heading, spot, grid.size, width) for spot in spots]
+            around = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
+            for column in member.reshape(placed.shape).T:  # uncomfortable if it is so to anyone
+                zone[:, p] = np.maximum(zone[:, p], around[column if stage.position is None else 0 * column])
+            if isinstance(regions.target, Ring):
+                unit = width if regions.unit == "metres" else 1.0
+                for some in np.array_split(np.arange(len(placed)), 1 + zone.size // 10**6):  # saves memory
+                    ring = ring_zones(regions.target, grid.position[placed[some]], grid.position, unit)
+                    zone[some, p] = np.maximum(zone[some, p], ring)
+            for person in self.others_at[p]:
+                zone[:, p, person.position @ np.array([grid.columns, 1])] = ZONES.index("issuer")
+                if person.regions is not None:
+                    its = zones(person.regions, person.heading, person.position, grid.size, width)
+                    zone[:, p] = np.maximum(zone[:, p], its)
+        zone[:, :, grid.is_wall] = ZONES.index("outside")
+        return zone
+
+    @cached_property
+    def _is_start(self) -> NDArray[np.bool_]:
+        """(G, first ticks, C) where episodes may start, for ways to stand whose target can be entered."""
         grid = self.grid
-        ticks = np.arange(len(self.ticks)) if self.first_phase == "any" else np.zeros(1, dtype=int)
         allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
         allowed[[row * grid.columns + column for row, column in _cells(grid.start, grid)]] = True
-        starts = {}
-        for place, zone in self._zones_by_place.items():
-            is_free = allowed & ~grid.is_wall & (zone[self.ticks[ticks]] == ZONES.index("outside"))
-            tick, cell = np.nonzero(is_free)
-            if len(tick) and self._has_target(place):
-                starts[place] = np.column_stack([ticks[tick], cell])
-        return starts
+        zone = self._zones[:, self.ticks[self._first_ticks]]
+        is_free = (zone == ZONES.index("outside")) & (allowed & ~grid.is_wall)
+        return np.asarray(is_free & self._has_target[:, None, None])
 
-    @cached_property
-    def _zones_by_place(self) -> dict[Cell, NDArray[np.int8]]:
-        """The zone of every cell in each phase, (P, C), by where the issuer can stand."""
-        taken = [person.position for person in self.others]
-        return {
-            place: np.array([self._zones(self._people(place, stage)) for stage in self.stages])
-            for place in _cells(self.issuer.position, self.grid)
-            if not self._is_wall(place) and place not in taken
-        }
-
-    def _has_target(self, place: Cell) -> bool:  # that the agent can enter in some phase
-        is_target = self._zones_by_place[place] == ZONES.index("target")
-        return bool((is_target & ~self.grid.is_wall).any())
+    @property
+    def _has_target(self) -> NDArray[np.bool_]:  # (G,) that the agent can enter in some phase
+        is_target = (self._zones == ZONES.index("target")) & ~self.grid.is_wall
+        return np.asarray(is_target.any(axis=(1, 2)))
 
     def _is_wall(self, cell: Cell) -> bool:
         return bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
-
-    def _people(self, place: Cell, stage: Phase) -> tuple[Person, ...]:
-        issuer = Person.model_construct(
-            position=stage.position or place,
-            heading=stage.heading or self.issuer.heading,
-            regions=stage.regions or self.regions,
-            feedback=self.issuer.feedback,
-        )
-        return issuer, *self.others
-
-    def _zones(self, people: tuple[Person, ...]) -> NDArray[np.int8]:
-        size, width = self.grid.size, self.grid.metres_per_cell or 1.0
-        around = [zones(person.regions, person.heading, person.position, size, width) for person in people]
-        nearest = np.max(around, axis=0)  # uncomfortable if it is so to anyone
-        return np.where(self.grid.is_wall, ZONES.index("outside"), nearest).astype(np.int8)
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
         ordered = tuple(name for name in COMPONENTS if name in self.observe)
         observe = f"observe = {list(self.observe)}"
-        accepted = f"either agent or offset, and others at most once each, in the order {list(COMPONENTS)}"
-        has_one = ("agent" in ordered) != ("offset" in ordered)
+        first = ("agent", *RELATIVE)
+        accepted = f"one of {', '.join(first)}, and others at most once each, in the order {list(COMPONENTS)}"
+        has_one = len({*ordered} & {*first}) == 1
         require(has_one and self.observe == ordered, observe, accepted)
         regions = [*(person.regions for person in self.others), *(phase.regions for phase in self.phases)]
         is_in_cells = all(region is None or region.unit == "cells" for region in [self.regions, *regions])
         accepted = '"cells", unless grid.metres_per_cell is given'
         require(is_in_cells or self.grid.metres_per_cell is not None, 'regions.unit = "metres"', accepted)
+        is_ring = any(isinstance(shape, Ring) for shape in self._shapes)
+        require(not is_ring or self.group is not None, 'target.kind = "ring"', "a ring around a [group]")
         self._check_phases()
-        self._check_walk()
+        self._check_walks()
         self._check_cells()
         self._check_sizes()
         self._check_starts()
-        n, accepted = self.n_observations, f"at most {MAX_STATES}"
-        require(n <= MAX_STATES, f"{observe}: {n} observations", accepted)
+        self._check_observations()
         return self
+
+    def _check_observations(self) -> None:
+        n, accepted = self.n_observations, f"at most {MAX_STATES}"
+        require(n <= MAX_STATES, f"observe = {list(self.observe)}: {n} observations", accepted)
 
     def _check_phases(self) -> None:
         for i, phase in enumerate(self.phases):
@@ -521,35 +552,51 @@ class Scenario(Table):
             total = math.fsum(chances.values())
             require(total <= 1 + _CERTAINTY_TOLERANCE, f"{where}.next: the sum {total:g}", "at most 1")
 
-    def _check_walk(self) -> None:
-        walk = self.issuer.walk
-        require(walk is None or not self.phases, "issuer.walk and phases", "one of them")
-        if walk is None and all(phase.position is None for phase in self.phases):
-            return
-        moved_by = "phases with positions" if walk is None else "issuer.walk"
-        is_cell = isinstance(self.issuer.position[0], int)
-        require(is_cell, f"{moved_by} with issuer.position = {json.dumps(self.issuer.position)}", "a cell")
-        for first, last in pairwise(self._turns):
-            is_straight = (first[0] == last[0]) != (first[1] == last[1])
-            where = f"issuer.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
-            require(is_straight, where, "another cell of the same row or column, also on the way back")
-        where = 'feedback.kind = "delayed" with an issuer that moves'
-        require(not self.is_delayed, where, "any other kind")
+    def _check_walks(self) -> None:
+        walkers = self._walkers
+        require(not walkers or not self.phases, f"{next(iter(walkers), '')}.walk and phases", "one of them")
+        is_moved = self.issuer.walk or any(phase.position is not None for phase in self.phases)
+        if is_moved:
+            moved_by = "issuer.walk" if self.issuer.walk else "phases with positions"
+            is_cell = isinstance(self.issuer.position[0], int)
+            require(
+                is_cell, f"{moved_by} with issuer.position = {json.dumps(self.issuer.position)}", "a cell"
+            )
+        for key, (position, walk) in walkers.items():
+            for first, last in pairwise([position, *walk.corners, position]):
+                is_straight = (first[0] == last[0]) != (first[1] == last[1])
+                where = f"{key}.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
+                require(is_straight, where, "another cell of the same row or column, also on the way back")
+        if is_moved or walkers:
+            where = 'feedback.kind = "delayed" with someone who moves'
+            require(not self.is_delayed, where, "any other kind")
+        if walkers:
+            n, whose = self._round, ", ".join(f"{key}.walk" for key in walkers)
+            where = f"{whose}: it takes {n:,} steps until everybody is back"
+            require(n <= _LONGEST_ROUND, where, f"at most {_LONGEST_ROUND:,}")
 
     def _check_cells(self) -> None:
-        walk = self.issuer.walk
         positions = {
             "issuer.position": _listed(self.issuer.position),
             "grid.start": _listed(self.grid.start),
             **{f"others.{i}.position": [person.position] for i, person in enumerate(self.others)},
             **{f"phases.{i}.position": _listed(phase.position) for i, phase in enumerate(self.phases)},
-            "issuer.walk.corners": walk.corners if walk else (),
+            **{f"{key}.walk.corners": walk.corners for key, (_, walk) in self._walkers.items()},
         }
         for key, cells in positions.items():
             for cell in cells:
                 self._check_cell(key, cell)
-        for stage in self.stages if walk else ():
-            self._check_cell("issuer.walk.corners", cast("Cell", stage.position))
+        for key, spots in self._walks.items():
+            for cell, _ in spots:
+                self._check_cell(f"{key}.walk.corners", cell)
+        for stage, others in zip(self.stages, self.others_at, strict=True):
+            own = _listed(stage.position or self.issuer.position)
+            cells = [*(own if len(own) == 1 else ()), *(person.position for person in others)]
+            for cell in cells:
+                where = (
+                    f"{', '.join(self._walkers) or 'others'}: two people are in {json.dumps(cell)} at once"
+                )
+                require(cells.count(cell) == 1, where, "another position or walk")
 
     def _check_cell(self, key: str, cell: Cell) -> None:
         (row, column), (rows, columns) = cell, self.grid.size
@@ -557,42 +604,63 @@ class Scenario(Table):
         accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
         require(0 <= row < rows and 0 <= column < columns, f"{where} is off the grid", accepted)
         require(not self._is_wall(cell), f"{where} is a wall", "another cell")
-        n_others = [person.position for person in self.others].count(cell)
-        is_free = n_others == key.startswith("others")
-        require(is_free, f"{where} is taken by another person", "another cell")
+        who = key.removesuffix(".walk.corners").removesuffix(".position")
+        standing = [person.position for i, person in enumerate(self.others) if f"others.{i}" != who]
+        if key == "issuer.position":  # nobody may ever walk over it
+            standing = [person.position for others in self.others_at for person in others]
+        require(cell not in standing, f"{where} is taken by another person", "another cell")
 
     def _check_sizes(self) -> None:
         issuer, n_cells = self.issuer, self.grid.rows * self.grid.columns
         n_positions = n_cells if issuer.position == "anywhere" else len(_listed(issuer.position))
+        if self.group is not None:
+            n_positions = int(self._is_start.any(axis=(1, 2)).sum())
         if issuer.places is not None:
             n_positions = min(n_positions, issuer.places + issuer.unseen)
         n_ticks = sum(stage.steps or 1 for stage in self.stages)
         n_states = n_cells * self.ping_limit * n_positions * n_ticks * (1 + self.is_delayed)
-        factors = "cells x ping_limit x positions of the issuer x ticks of the phases"
-        product = f"{factors}{' x 2 for delayed feedback' * self.is_delayed} = {n_states} states"
-        require(n_states <= MAX_STATES, product, f"at most {MAX_STATES}")
+        whose = "the group" if self.group else "the issuer"
+        factors = f"cells x ping_limit x positions of {whose} x ticks of the phases"
+        twice = " x 2 for delayed feedback" * self.is_delayed
+        require(n_states <= MAX_STATES, f"{factors}{twice} = {n_states} states", f"at most {MAX_STATES}")
+        n = n_cells * self.ping_limit * n_ticks * (1 + self.is_delayed)
+        where = f"cells x ping_limit x ticks of the phases{twice} = {n} states for each position of {whose}"
+        require(n <= _MOST_STATES_OF_PLACE, where, f"at most {_MOST_STATES_OF_PLACE}")
+        n = n_states * (1 + max(len(stage.next or {}) for stage in self.stages))
+        where = f"phases: {n_states} states, with phases that may follow: {n}"
+        require(n <= MAX_STATES, where, f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
-        listed, free = _listed(self.issuer.position), self._free_places
-        for place in listed:
+        group, position = self.group, json.dumps(self.issuer.position)
+        if group is not None:
+            where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
+            require(len(self._placed) > 0, where, "another range of group.apart, or more cells")
+            where = "regions: wherever the group stands, the agent can enter no target region"
+            require(
+                bool(self._has_target.any()), where, "a wider target shape, or a smaller uncomfortable one"
+            )
+        listed = [] if group else _listed(self.issuer.position)
+        for place, has_target in zip(listed, self._has_target.tolist(), strict=False):
             where = f"regions: with the issuer at {json.dumps(place)}, the agent can enter no target region"
             accepted = "a target shape that reaches beyond the uncomfortable one"
-            require(self._has_target(place), where, accepted)
-        used = {divmod(cell, self.grid.columns) for starts in free.values() for cell in starts[:, 1].tolist()}
-        whose = f"the issuer at {json.dumps(self.issuer.position)}{' or another person' * bool(self.others)}"
+            require(has_target, where, accepted)
+        is_used = np.asarray(self._is_start.any(axis=(0, 1)))
+        whose = f"the issuer at {position}{' or another person' * bool(self.others)}"
         for cell in _listed(self.grid.start):
             where = f"grid.start = {json.dumps(cell)} lies inside a region of {whose}"
-            require(cell in used, where, "a cell outside every region")
-        unused = [place for place in listed if place not in free]
+            is_outside = bool(is_used[cell[0] * self.grid.columns + cell[1]])
+            require(is_outside, where, "a cell outside every region")
+        is_free = np.asarray(self._is_start.any(axis=(1, 2)))
+        unused = [place for place, free in zip(listed, is_free.tolist(), strict=False) if not free]
         where = f"issuer.position = {json.dumps(unused[0] if unused else self.issuer.position)}"
         accepted = "other cells, smaller regions, or another grid.start"
-        is_startable = bool(free) and not unused
+        is_startable = bool(is_free.any()) and not unused
         require(is_startable, f"{where} leaves no start outside every region", accepted)
-        n, unseen = self.issuer.places, self.issuer.unseen
+        n, unseen, most = self.issuer.places, self.issuer.unseen, int(is_free.sum())
         require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
         where = f"issuer.places = {n} with issuer.unseen = {unseen}"
-        accepted = f"at most {len(free)} together: the issuer can stand in so many cells"
-        require((n or 0) + unseen <= len(free), where, accepted)
+        can = "the group can stand in so many ways" if group else "the issuer can stand in so many cells"
+        require((n or 0) + unseen <= most, where, f"at most {most} together: {can}")
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, object]
@@ -637,17 +705,19 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
         scenario = scenario.model_dump(mode="json")
     if isinstance(scenario, Mapping):
         source = str(scenario.get("name", "scenario"))
-        return parse(Scenario, override(scenario, overrides or {}, source), source)
+        return inputs.parse(Scenario, inputs.override(scenario, overrides or {}, source), source)
     path = Path(scenario)
     if path.suffix != ".toml":
         path = SCENARIO_DIRECTORY / f"{scenario}.toml"
         if str(scenario) not in scenario_names():
-            unknown_name("scenarios", "scenario", str(scenario), scenario_names(), "the path of a .toml file")
-    check_file_name(path, "the scenario is")
-    changed = override(read_toml(path), overrides or {}, str(path))
+            inputs.unknown_name(
+                "scenarios", "scenario", str(scenario), scenario_names(), "the path of a .toml file"
+            )
+    inputs.check_file_name(path, "the scenario is")
+    changed = inputs.override(inputs.read_toml(path), overrides or {}, str(path))
     return _checked(json.dumps(changed, default=str), path)
 
 
 @lru_cache(maxsize=256)  # experiments load the same scenarios again and again
 def _checked(values: str, path: Path) -> Scenario:
-    return parse(Scenario, json.loads(values), str(path), name=path.stem)
+    return inputs.parse(Scenario, json.loads(values), str(path), name=path.stem)

@@ -4,18 +4,25 @@ Lengths are in cells; cell (r, c) covers rows r to r + 1 and columns c to c + 1.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envs.model import MOVES, Model
-from envs.regions import HEADINGS, ZONES, Loop, outlines
+from envs.regions import HEADINGS, ZONES, Loop, Ring, circles, outlines
 
 Colour = tuple[int, int, int]
 
-SYMBOLS: Final = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I", "wall": "#"}
+SYMBOLS: Final = {
+    "outside": ".",
+    "target": "+",
+    "uncomfortable": "x",
+    "issuer": "I",
+    "wall": "#",
+    "bystander": "B",
+}
 # Okabe and Ito's colour-blind-safe palette, the regions lightened; distinct in grey, too.
 COLOURS: Final[dict[str, Colour]] = {
     "outside": (250, 250, 250),
@@ -52,7 +59,7 @@ NOSE: Final = 0.5, 0.2, 0.25  # of a person: distances of tip and base from the 
 class Glyph:
     """A sign in a cell."""
 
-    kind: str  # "issuer" (a star), "start" (a square)
+    kind: str  # "issuer" (a star; everybody with regions), "bystander" (an open circle), "start" (a square)
     cell: int
     heading: tuple[int, int] | None = None  # (row, column) where a person looks, if that matters
 
@@ -72,13 +79,14 @@ class Scene:
 
     rows: int
     columns: int
-    zone: tuple[str, ...]  # (O,) one of ZONES
+    zone: tuple[str, ...]  # (O,) one of ZONES; of a bystander's cell the first
     position: NDArray[np.int_]  # (O, 2) row and column of each cell
     is_over: NDArray[np.bool_]  # (O,) in which cells the episode is over, so that nothing can be done
     is_wall: NDArray[np.bool_]  # (O,)
     outlines: dict[str, tuple[Loop, ...]]  # of the regions in `BORDERS`
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
+    circle: tuple[float, float, float] | None  # row, column and radius of that on which people who talk stand
 
     @property
     def n_cells(self) -> int:
@@ -95,8 +103,9 @@ class Scene:
         return [glyph.cell for glyph in self.glyphs if glyph.kind == kind]
 
     def as_json(self) -> dict[str, object]:
-        """Returns zones, outlines and glyphs for the page's script; a zone is its number in `ZONES`."""
-        return {
+        """Returns what the page's script draws; a zone is its number in `ZONES`."""
+        circle = {"circle": self.circle} if self.circle else {}
+        return circle | {
             "zone": "".join(str(ZONES.index(zone)) for zone in self.zone),
             "outlines": [*self.outlines.values()],
             "glyphs": [
@@ -105,18 +114,30 @@ class Scene:
         }
 
 
-@lru_cache(maxsize=64)
 def scene_of(model: Model, context: int = 0) -> Scene:
     """Returns the map of a model's cells with the issuer in one position and phase, see `Model.context`."""
+    return model.derived(("scene", context), partial(_scene, context=context))
+
+
+def _scene(model: Model, context: int) -> Scene:
     scenario = model.scenario
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
     position, phase = divmod(context, len(scenario.stages))
     people = [
-        Glyph("issuer", row * grid.columns + column, HEADINGS[person.heading] if scenario.has_front else None)
-        for person in scenario.people[position][phase]
+        Glyph(
+            "issuer" if person.regions else "bystander",
+            row * grid.columns + column,
+            HEADINGS[person.heading] if person.regions and scenario.has_front else None,
+        )
+        for person in scenario.people_in(position, phase)
         for row, column in [person.position]
     ]
+    np.put(zone, [glyph.cell for glyph in people if glyph.kind == "bystander"], ZONES.index("outside"))
+    circle = None
+    if isinstance((scenario.stages[phase].regions or scenario.regions).target, Ring):
+        centres, radii = circles(grid.position[scenario.standing[position, phase]][None])
+        circle = (*(centres[0] + 0.5).tolist(), float(radii[0]))
     is_here = model.context[model.starts] // len(scenario.stages) == position
     starts = np.unique(model.cell[model.starts[is_here]]).tolist()  # one of many is not marked
     is_floor = ~grid.is_wall.reshape(grid.size)
@@ -131,6 +152,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         outlines={region: outlines(is_floor & (zone >= ZONES.index(region))) for region in BORDERS},
         glyphs=(*people, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
         phase=scenario.stages[phase].name if len(scenario.stages) > 1 else "",
+        circle=circle,
     )
 
 

@@ -32,7 +32,7 @@ from benchmark.__main__ import main as benchmark
 from benchmark.commands import watch
 from benchmark.execution import driver
 from benchmark.execution.provenance import peak_memory_mb
-from envs import scenario_names
+from envs import OBSERVATIONS, scenario_names
 from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
 
@@ -157,7 +157,9 @@ def draw(seed: int, number: int) -> Input:
         return _command_line(rng)
     if kind < 0.55:
         data: Any = read_toml(SCENARIO_DIRECTORY / f"{_one(rng, scenario_names())}.toml")
-        observation = _one(rng, ("index", "one_hot", "coordinates"))
+        if "group" in data:
+            data["issuer"]["places"] = 6  # of thousands
+        observation = _one(rng, OBSERVATIONS)
         arguments = ["assess", "--agent", "tests.fuzz:up", "--observation", observation]
         arguments += ["--scenario", "{}/mine.toml", "--results", "{}/results"]
     else:
@@ -318,7 +320,9 @@ def _nudged(rng: np.random.Generator, value: Any) -> Any:
 def _add(rng: np.random.Generator, table: Any, value: Any) -> None:
     if isinstance(table, dict):
         names = [text for text in NASTY if isinstance(text, str)]
-        table[_one(rng, [*names, "kind", "seeds", "settings", "observe", "phases", "others", "walk"])] = value
+        table[
+            _one(rng, [*names, "kind", "seeds", "settings", "observe", "phases", "others", "walk", "group"])
+        ] = value
     else:
         table.append(value)
 

@@ -14,6 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from benchmark.experiments import Experiment, RunSpecification
+from envs import load_scenario
 
 ROOT: Final = Path(__file__).parents[1]
 _PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
@@ -30,6 +31,11 @@ def specifications(
 ) -> list[RunSpecification]:
     """Lists the runs of a population, as the experiment names it."""
     return experiment.population(condition, scenario, f"{variant}, {observation}").runs(seeds)
+
+
+def few_places(name: str, n: int = 6) -> dict[str, Any]:
+    """Returns overrides with which a shipped scenario is small: a group stands in few of many ways."""
+    return {"issuer.places": n} if load_scenario(name).group else {}
 
 
 def git(folder: Path, *arguments: str) -> str:

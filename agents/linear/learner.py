@@ -19,6 +19,7 @@ from agents.policy import ALL_ACTIONS
 from agents.process import process_of
 from agents.tabular.learner import ValueSettings
 from envs.model import ACTIONS, Model
+from envs.observations import COORDINATES
 
 
 class LinearSettings(ValueSettings):
@@ -36,7 +37,7 @@ class LinearAlgorithm(Algorithm):
     """Q(lambda) or Sarsa(lambda) over tile coding."""
 
     family = "linear"
-    observations = ("coordinates", "offset_coordinates")
+    observations = COORDINATES
     settings = LinearSettings
     packages = ("numba",)
     placement = "thread"

@@ -8,15 +8,15 @@ and Glanz 1996). Only tiles that some observation lies in have a number, so none
 Axis letters: O observations.
 """
 
-from functools import lru_cache
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envs import InputError, Model
+from envs.observations import values_of
 
-_POSITIONS: Final = {"agent": 1, "issuer": 1, "offset": 2}  # how many times the room's length they span
 LARGEST_TABLE: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
 
 
@@ -29,7 +29,6 @@ def check_tiles(n_observations: int, n_tilings: int) -> None:
         )
 
 
-@lru_cache(maxsize=16)
 def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     """Returns the features of every observation, (O, n_tilings), numbered from 0.
 
@@ -41,23 +40,24 @@ def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
       n_tilings: How many tilings.
       width: Cells along each side of a tile.
     """
+    return model.derived(("tiles", n_tilings, width), partial(_tiles, n_tilings=n_tilings, width=width))
+
+
+def _tiles(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     check_tiles(model.n_observations, n_tilings)
-    sizes = [component.size for component in model.components]
-    values = np.unravel_index(np.arange(model.n_observations), sizes[::-1])[::-1]
-    farthest = np.maximum(np.array(model.scenario.grid.size) - 1, 1)
-    positions, others = [], []
-    for component, value in zip(model.components, values, strict=True):
-        if component.name in _POSITIONS:
-            cells = component.coordinates * farthest * _POSITIONS[component.name]
-            positions.append(np.rint(cells).astype(np.int64)[value])
+    positions, others, per_cell = [], [], []
+    for component, value in zip(model.components, values_of(model), strict=True):
+        if component.per_cell:
+            positions.append(component.numbers[value])
+            per_cell += [component.per_cell] * positions[-1].shape[1]
         else:
             others.append(value)
     cells = np.concatenate(positions, axis=1)
-    odd = 2 * np.arange(cells.shape[1]) + 1
+    odd, unit = 2 * np.arange(cells.shape[1]) + 1, np.array(per_cell)
     tiles, n_tiles = np.empty((model.n_observations, n_tilings), dtype=np.int32), 0
     for t in range(n_tilings):
-        # In whole numbers, which have no rounding: a cell is n_tilings long.
-        tile = (cells * n_tilings + t * odd % n_tilings * width) // (width * n_tilings)
+        # In whole numbers, which have no rounding: a unit of the numbers is n_tilings long.
+        tile = (cells * n_tilings + t * odd % n_tilings * width * unit) // (width * unit * n_tilings)
         parts = [*tile.T, *others]
         key = np.ravel_multi_index(parts, [int(part.max()) + 1 for part in parts])
         used, number = np.unique(key, return_inverse=True)

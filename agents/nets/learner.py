@@ -19,6 +19,7 @@ from agents.nets.stepping import envs_of
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
+from envs.observations import VECTORS
 
 
 class Agent(ABC):
@@ -79,7 +80,7 @@ class NetAlgorithm(SequentialAlgorithm):
 
     family = "deep"
     version = 2
-    observations = ("one_hot", "coordinates", "offset_one_hot", "offset_coordinates")
+    observations = VECTORS
     packages = ("numba",)
     placement = "thread"
     training = DeepTraining

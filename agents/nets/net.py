@@ -34,7 +34,7 @@ class Net(NamedTuple):
     biases_at: NDArray[np.int64]  # (L,)
     end: int  # of its parameters
     is_relu: bool  # what follows each layer but the last, else tanh
-    ones: NDArray[np.int32]  # (O, components) which inputs are 1, if all others are 0; else (O, 0)
+    ones: NDArray[np.int32]  # (O, ones) which inputs are 1, if all others are 0; else (O, 0)
     table: Numbers  # (O, inputs) if they are not; else (O, 0)
     n_rows: int  # B
     stride: int  # W
@@ -87,7 +87,7 @@ def net_of(
     is_sparse, n_observations = ENCODINGS[observation] == "one_hot", model.n_observations
     ones = observation_blocks(model) if is_sparse else np.empty((n_observations, 0))
     table = np.empty((n_observations, 0)) if is_sparse else observation_table(model, observation)
-    n_inputs = sum(component.size for component in model.components) if is_sparse else table.shape[1]
+    n_inputs = sum(component.width for component in model.components) if is_sparse else table.shape[1]
     outputs = np.array([*hidden, n_outputs])
     width = -(-outputs // LANES) * LANES
     sizes = np.array([n_inputs, *width[:-1]]) * width

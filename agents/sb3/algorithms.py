@@ -9,6 +9,7 @@ from numpy.random import SeedSequence
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
+from envs.observations import VECTORS
 from envs.packages import needed_by
 
 
@@ -22,7 +23,7 @@ class Sb3Algorithm(SequentialAlgorithm):
 
     version = 3
     family = "deep"
-    observations = ("one_hot", "coordinates", "offset_one_hot", "offset_coordinates")
+    observations = VECTORS
     training = DeepTraining
 
     def load(self) -> Any:

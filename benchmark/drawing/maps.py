@@ -1,4 +1,4 @@
-"""Draws scenes with matplotlib: maps of values and actions, and a gallery of scenarios.
+"""Draws scenes with matplotlib: maps of values and actions, and galleries of scenarios.
 
 On the axes, x is the column and y the row of a cell's centre; in `envs.scene`, of its upper left corner.
 """
@@ -17,15 +17,15 @@ from matplotlib.collections import EllipseCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch, Polygon
+from matplotlib.patches import Circle, Patch, PathPatch, Polygon
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from benchmark.drawing.style import figure_of
-from envs import ACTIONS, Model
+from envs import ACTIONS, Model, compile_scenario, load_scenario, scenario_names
 from envs.model import MOVES, PING
+from envs.people import FEEDBACK
 from envs.regions import Loop, outlines
-from envs.scenario import FEEDBACK
 from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, DIVERGING, TRIANGLES, Scene, scene_of
 
 RGB: Final = {kind: "#{:02x}{:02x}{:02x}".format(*colour) for kind, colour in COLOURS.items()}
@@ -41,10 +41,16 @@ _ON_VALUES: Final[Style] = {  # white on black
 _ON_ZONES: Final[Style] = {"ec": "black", "lw": 0.8}
 _GLYPHS: Final[dict[str, Style]] = {
     "issuer": {"ls": "", "marker": "*", "ms": 9, "mfc": "white", "mec": "black", "mew": 0.8},
+    "bystander": {"ls": "", "marker": "o", "ms": 7, "mfc": "white", "mec": "black", "mew": 1.2},
     "start": {"ls": "", "marker": "s", "ms": 5, "mfc": "white", "mec": "black", "mew": 0.8},
 }
 # Hatched, since the colours of values include greys.
 _WALL: Final[Style] = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
+_DOTTED: Final = (0, (1, 1.5))
+_CIRCLE: Final[Style] = {"fill": False, "ec": "black", "ls": _DOTTED, "lw": 0.8}
+_ON_WHITE: Final[Style] = {
+    "path_effects": [patheffects.withStroke(linewidth=1.6, foreground="white", dashes=_SOLID)]
+}
 _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
 
 # Of the gallery
@@ -120,22 +126,38 @@ def colour_bar(
         bar.ax.axhline(0.0, color="black", lw=1)
 
 
-def region_legend(figure: Figure, *more: Line2D | Patch, columns: int | None = None) -> None:
-    """Draws a legend of borders, glyphs and more marks, by default in one row."""
+def region_legend(
+    figure: Figure, scenes: Sequence[Scene], *more: Line2D | Patch, columns: int | None = None
+) -> None:
+    """Draws a legend of borders, of glyphs in scenes and of more marks, by default in one row."""
     borders = [
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
     ]
-    person, start = (Line2D([], [], label=kind, **style) for kind, style in _GLYPHS.items())
+    person, bystander, start = (Line2D([], [], label=kind, **style) for kind, style in _GLYPHS.items())
     handles = [person, *borders, start, *more]
+    if any(scene.circle for scene in scenes):
+        label = "circle on which people talk"
+        handles.append(Line2D([], [], ls=_DOTTED, color="black", lw=1, label=label))
+    if any(scene.cells_of("bystander") for scene in scenes):
+        handles.append(bystander)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns or len(handles), frameon=False)
 
 
-def gallery(models: Sequence[Model]) -> Figure:
+def shipped() -> Figure:
+    """Draws the shipped scenarios, each with people in one of their places, and describes them."""
+    scenarios = [load_scenario(name) for name in scenario_names()]
+    # One place alone is compiled in no time.
+    places = [scenario.places[len(scenario.places) // 2] for scenario in scenarios]
+    changes = [{"issuer.position": place if len(place) > 1 else place[0]} for place in places]
+    return gallery([*map(compile_scenario, map(load_scenario, scenarios, changes))], is_described=True)
+
+
+def gallery(models: Sequence[Model], *, is_described: bool = False) -> Figure:
     """Draws maps of scenarios, with their names above, and cells, observations and what is hidden below.
 
     Scenarios that differ only in what is observed share their maps. If the issuer has several positions or
-    phases, up to four maps are shown.
+    phases, up to four maps are shown. What is below can be descriptions instead; then a walk has one map.
     """
     groups: dict[object, list[Model]] = {}
     for model in models:
@@ -144,7 +166,8 @@ def gallery(models: Sequence[Model]) -> Figure:
     maps = []
     for group in groups.values():
         n_contexts = group[0].n_places * len(group[0].scenario.stages)
-        step = math.ceil(n_contexts / _MOST_MAPS)
+        most = 1 if is_described and group[0].scenario.moves else _MOST_MAPS
+        step = math.ceil(n_contexts / most)
         maps += [(group, context) for context in range(0, n_contexts, step)]
     n_rows = math.ceil(len(maps) / _COLUMNS)
     with figure_of(n_rows, _COLUMNS, (_WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
@@ -152,14 +175,17 @@ def gallery(models: Sequence[Model]) -> Figure:
             axis.set_axis_off()
         for axis, (group, context) in zip(axes.flat, maps, strict=False):
             _draw_zones(axis, group[0], context)
-            names = "" if context else ", ".join(model.scenario.name for model in group)
-            axis.set_title(names, loc="left", weight="bold", size=8, pad=3)
+            names = [] if context else [model.scenario.name for model in group]
+            axis.set_title(
+                (",\n" if is_described else ", ").join(names), loc="left", weight="bold", size=8, pad=3
+            )
             axis.annotate(
-                _about(group, context), (0, 0), (0, -4), xycoords="axes fraction",
+                _about(group, context, is_described), (0, 0), (0, -4), xycoords="axes fraction",
                 textcoords="offset points", va="top", size=6.5, linespacing=1.25,
             )  # fmt: skip
         region_legend(
             figure,
+            [scene_of(group[0], context) for group, context in maps],
             Line2D([], [], **_ONE_OF_MANY, label="one of many starts"),
             Patch(**_WALL, label="wall"),
             Line2D([], [], ls="", marker="^", color="black", ms=4, label="where a person looks"),
@@ -168,16 +194,21 @@ def gallery(models: Sequence[Model]) -> Figure:
     return figure
 
 
-def _about(group: Sequence[Model], context: int) -> str:
+def _about(group: Sequence[Model], context: int, is_described: bool) -> str:
     """Returns the text below a map: its position and phase, and below the first, what the scenarios are."""
     model, scenario = group[0], group[0].scenario
     lines = []
     if model.n_places > 1:
         lines.append(f"place {context // len(scenario.stages) + 1} of {model.n_places}")
-    if phase := scene_of(model, context).phase:
+    if (phase := scene_of(model, context).phase) and not (is_described and scenario.moves):
         lines.append(f"phase: {phase}")
-    if context == 0:
-        kinds = {scenario.issuer.feedback.kind, *(person.feedback.kind for person in scenario.others)}
+    if context == 0 and is_described:
+        for model in group:
+            name = f"{model.scenario.name}: " if len(group) > 1 else ""
+            lines.append(f"{name}{model.scenario.description}")
+    elif context == 0:
+        kinds = {scenario.issuer.feedback.kind}
+        kinds |= {person.feedback.kind for person in scenario.others if person.feedback}
         feedback = " and ".join(sorted(FEEDBACK[kind] for kind in kinds))
         lines.append(f"{scenario.grid.rows * scenario.grid.columns} cells, {feedback}")
         for model in group:
@@ -212,6 +243,10 @@ def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
     add_area(axis, outlines(scene.is_wall.reshape(scene.rows, scene.columns)), _WALL)
     for region, (_, is_dashed) in BORDERS.items():
         add_area(axis, scene.outlines[region], {"fill": False, "ls": _DASHES if is_dashed else "-"} | border)
+    if scene.circle is not None:
+        row, column, radius = scene.circle
+        style = _CIRCLE | (_ON_WHITE if border is _ON_VALUES else {})
+        axis.add_patch(Circle((column - 0.5, row - 0.5), radius, **style))
     for glyph in scene.glyphs:
         row, column = scene.position[glyph.cell]
         if glyph.heading is not None:

@@ -1,5 +1,6 @@
 """What all figures share: their style, the colours and markers of learners, and how they are saved."""
 
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -49,6 +50,8 @@ _BY_OBSERVATION: Final[Mapping[str, tuple[tuple[int, tuple[float, ...]], float]]
     "coordinates": ((0, (4, 1.5)), 0.3),
     "offset_coordinates": ((0, (4, 1.2, 1, 1.2)), 0.15),
     **dict.fromkeys(("offset", "offset_one_hot"), ((0, (1, 1.2)), 0.4)),
+    **dict.fromkeys(("nearest", "nearest_one_hot", "nearest_coordinates"), ((0, (5, 1, 1, 1, 1, 1)), 0.5)),
+    **dict.fromkeys(("centre", "centre_one_hot", "centre_coordinates"), ((0, (2, 2)), 0.55)),
 }
 _RC: Final = {
     **sns.axes_style("ticks"),
@@ -59,10 +62,6 @@ _RC: Final = {
     "axes.spines.right": False,
     "axes.titlesize": "medium",
     "font.sans-serif": ["DejaVu Sans"],
-}
-_METADATA: Final = {  # that differ between days or versions
-    ".png": ("Software",),
-    ".svg": ("Date", "Creator"),
 }
 
 
@@ -79,12 +78,21 @@ def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
 
     Without date and program, equal figures give equal bytes.
     """
-    kind = path.suffix.lower()
-    with plt.rc_context({**_RC, "savefig.dpi": 144 if kind == ".png" else "figure"}):
-        metadata = dict.fromkeys(_METADATA[kind])
+    if path.suffix.lower() == ".svg":
+        path.write_text(svg(figure, is_tight=is_tight), encoding="utf-8")
+        return
+    with plt.rc_context({**_RC, "savefig.dpi": 144}):
+        metadata = dict.fromkeys(["Software"])
         figure.savefig(path, metadata=metadata, bbox_inches="tight" if is_tight else None)
-    if kind == ".svg":
-        path.write_text(compact(path.read_text(encoding="utf-8"), _IN_DARK), encoding="utf-8")
+
+
+def svg(figure: Figure, *, is_tight: bool = False) -> str:
+    """Returns the figure as the text of an SVG, see `save_figure`."""
+    text = io.StringIO()
+    with plt.rc_context({**_RC, "savefig.dpi": "figure"}):
+        metadata = dict.fromkeys(["Date", "Creator"])
+        figure.savefig(text, format="svg", metadata=metadata, bbox_inches="tight" if is_tight else None)
+    return compact(text.getvalue(), _IN_DARK)
 
 
 @contextmanager

@@ -72,9 +72,21 @@ _OBSERVED: Final = {
     "offset": " on the offset's index",
     "offset_one_hot": " on one-hot offsets",
     "offset_coordinates": " on offset coordinates",
+    "nearest_coordinates": " on the nearest offset's coordinates",
+    "two_nearest_coordinates": " on the two nearest offsets' coordinates",
+    "centre_coordinates": " on the centre's coordinates",
 }
 # A table has a row for each observation, in whatever form it is given; so has a planner.
-_ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets", "offset_one_hot": " of offsets"}
+_ROWS: Final = {"index": "", "one_hot": ""} | {
+    f"{relative}{suffix}": f" of {what}"
+    for relative, what in {
+        "offset": "offsets",
+        "nearest": "the nearest offset",
+        "two_nearest": "the two nearest offsets",
+        "centre": "the centre's offset",
+    }.items()
+    for suffix in ("", "_one_hot")
+}
 
 
 def title_of(variant: str, observation: str, family: str) -> str:

@@ -233,6 +233,10 @@ class Margins(Table):
 class Panel(Table):
     """A panel of a map's first figure."""
 
+    omitted_at_default: ClassVar[Set[str]] = {"grid"}
+
+    grid: str = ""
+    """The grid with one axis that it shows; by default the first."""
     title: Annotated[Line, Field(min_length=1)]
     """Its heading."""
     learners: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -267,7 +271,7 @@ class Reporting(Table):
     looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
     """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
     panels: tuple[Panel, ...] = ()
-    """Panels in which a map draws its first grid with one axis; by default, one with all learners."""
+    """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
     effects: tuple[tuple[str, str, Annotated[Line, Field(min_length=1)]], ...] = ()
     """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
 

@@ -12,6 +12,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -20,9 +21,11 @@ import jinja2
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
+from matplotlib import pyplot as plt
 from PIL import Image
 
-from benchmark.drawing.style import in_dark, learner_style
+from benchmark.drawing.maps import shipped
+from benchmark.drawing.style import in_dark, learner_style, svg
 from benchmark.drawing.tables import inert, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.page import episode
@@ -34,6 +37,7 @@ from envs import InputError, load_scenario
 
 CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
 SPEED: Final = "speed"  # the folder with measurements of this project, at the end of the page of all chapters
+SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
@@ -82,10 +86,10 @@ def write(results: Path, experiment: str | None = None) -> Path:
 
 
 def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, str]]:
-    """Yields the paths and texts of a page and of the list of published results; may raise an `InputError`.
+    """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
 
     The page shows all chapters whose results are there, and is `index.html` of `results`. But that of an
-    experiment without a chapter shows it alone, and lies in its folder.
+    experiment without a chapter shows it alone, and lies in its folder. Raises an `InputError`.
     """
     has_own_page = experiment not in (None, *CHAPTERS)
     folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
@@ -100,6 +104,14 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
         template = templates_in(_TEMPLATES).get_template("index.md.jinja")
         findings = {folder.name: _finding(folder) for folder in listed}
         yield results / "README.md", template.render(findings=findings, has_page=bool(chapters(results)))
+        yield results / SCENES, _scenes()
+
+
+@cache
+def _scenes() -> str:
+    figure = shipped()
+    plt.close(figure)
+    return svg(figure)
 
 
 class _Part:

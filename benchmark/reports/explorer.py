@@ -2,7 +2,8 @@
 
 Values over training are those of the first seed's agent, which was chosen before any result was seen; large
 tables are left out. Of the other agents there is the final greedy policy, of as many as fit. In the compiled
-scenarios, the page looks up what follows a step, and computes the optimum.
+scenarios, the page looks up what follows a step, and computes the optimum. Of a scenario with very many
+places, only some are shown, evenly spread among them, with what is observed there.
 """
 
 import gzip
@@ -27,6 +28,7 @@ from envs.scene import scene_of
 
 FILE: Final = "agents.json.gz"
 MOST_VALUED: Final = 500  # observations of a learner whose values are shown
+MOST_STATES: Final = 70_000  # of a scenario, in as many places as fit, but in one at least
 MOST_MASKS: Final = 480  # of the final policies of a learner, but of one agent at least
 _PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene` that the page's script uses
 _NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
@@ -98,14 +100,15 @@ def _learner(records: Records) -> dict[str, object]:
 
     Maps hold action values, `q`, or the action probabilities of a stochastic policy.
     """
-    n_observations = records.model.n_observations
+    seen = _seen(records.model)
+    n_observations = len(seen)
     last = len(records.map_indices) - 1
     has_values = n_observations <= MOST_VALUED
     chosen = [*(range(0, last, 2) if has_values and last > 1 else []), last]
     points = records.map_indices[chosen]  # among the evaluation steps
     first = records.agents[0]
     n_shown = min(len(records.seeds), max(MOST_MASKS // n_observations, 1))
-    others = [agent["greedy"][-1] for agent in records.agents[1:n_shown]]
+    others = [agent["greedy"][-1, seen] for agent in records.agents[1:n_shown]]
     return {
         "scenario": records.scenario,
         "algorithm": records.run.variant,
@@ -117,8 +120,8 @@ def _learner(records: Records) -> dict[str, object]:
         "steps": [records.evaluation_steps[point] for point in points],
         "score": _listed(records.unbounded_scores()[0, points]),
         "success": _listed(first["success"][points]),
-        "values": _integers(first["values"][chosen]) if has_values else None,
-        "greedy": _characters(first["greedy"][points]),
+        "values": _integers(first["values"][chosen][:, seen]) if has_values else None,
+        "greedy": _characters(first["greedy"][points][:, seen]),
         "seeds": list(records.seeds[:n_shown]),
         "others": {  # after the first
             "score": _listed(records.unbounded_scores()[1:n_shown, -1]),
@@ -128,36 +131,55 @@ def _learner(records: Records) -> dict[str, object]:
     }
 
 
+def _shown(model: Model) -> NDArray[np.int_]:
+    """Returns the states that are shown, in rising order."""
+    n_block = len(model.observation) // model.n_places
+    n_places = min(max(MOST_STATES // n_block, 1), model.n_places)
+    places = np.arange(n_places) * model.n_places // n_places
+    return np.asarray((places[:, None] * n_block + np.arange(n_block)).ravel())
+
+
+def _seen(model: Model) -> NDArray[np.int_]:
+    """Returns the observations that are shown, in rising order: if all states are shown, all."""
+    shown = _shown(model)
+    is_all = len(shown) == len(model.observation)
+    return np.arange(model.n_observations) if is_all else np.unique(model.observation[shown])
+
+
 def _scene(model: Model) -> dict[str, object]:
     """Returns what a scenario looks like and what follows each action, whatever is observed of it.
 
-    `views` has a map for each position of the issuer and phase. What follows is the same in many states, so
+    `views` has a map for each place that is shown and phase. What follows is the same in many states, so
     each refers to one of some `kinds`: flattened (kinds, A, K) lists of outcomes, (kinds, A) of others.
     """
-    scenario = model.scenario
-    views = [scene_of(model, context) for context in range(model.n_places * len(scenario.stages))]
-    n_states = len(model.observation)
+    scenario, shown = model.scenario, _shown(model)
+    views = [scene_of(model, context) for context in np.unique(model.context[shown]).tolist()]
     effects = {
-        "change": model.next_state - np.arange(n_states, dtype=np.int32)[:, None, None],
-        "probability": model.probability,
-        "grid_reward": model.grid_reward,
-        "issuer_reward": model.issuer_reward,
-        "terminated": model.terminated.astype(int),
-        "event": model.event,
+        "change": model.next_state[shown] - shown[:, None, None],
+        "probability": model.probability[shown],
+        "grid_reward": model.grid_reward[shown],
+        "issuer_reward": model.issuer_reward[shown],
+        "terminated": model.terminated[shown].astype(int),
+        "event": model.event[shown],
     }
-    columns = np.concatenate([values.reshape(n_states, -1) for values in effects.values()], axis=1)
+    columns = np.concatenate([values.reshape(len(shown), -1) for values in effects.values()], axis=1)
     _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
-    effects["over"] = model.is_over.astype(int)
-    return {
+    effects["over"] = model.is_over[shown].astype(int)
+    starts = np.concatenate([model.starts, model.unseen_starts])
+    n_places = len(views) // len(scenario.stages)
+    # Both only where there is something to tell, so that other files stay the same.
+    more = {"group": scenario.n_people} if scenario.group else {}
+    more |= {"of_places": model.n_places} if n_places < model.n_places else {}
+    return more | {
         "rows": views[0].rows,
         "columns": views[0].columns,
         "walls": np.flatnonzero(views[0].is_wall).tolist(),
         "outlines": [*drawn.BORDERS.values()],
         "views": [view.as_json() for view in views],
-        "shape": [model.n_places, len(scenario.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
+        "shape": [n_places, len(scenario.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
         "ticks": scenario.ticks.tolist(),
         "phases": [stage.name for stage in scenario.stages],
-        "starts": [*model.starts.tolist(), *model.unseen_starts.tolist()],
+        "starts": np.searchsorted(shown, starts[np.isin(starts, shown)]).tolist(),
         "kind": kind.ravel().tolist(),
         "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()},
         "issuer_noise": float(model.issuer_noise.max()),
@@ -167,7 +189,9 @@ def _scene(model: Model) -> dict[str, object]:
 def _sight(model: Model) -> dict[str, object]:
     return {
         "observed": [component.name for component in model.components],
-        "changes": np.diff(model.observation, prepend=0).tolist(),
+        "changes": np.diff(
+            np.searchsorted(_seen(model), model.observation[_shown(model)]), prepend=0
+        ).tolist(),
     }
 
 

@@ -63,6 +63,36 @@ def test_offsets_count_cells_on_both_sides() -> None:
     assert (tiles[:, 0] == (rows // 3 * 8 + columns // 3).ravel()).all()
 
 
+PAIR: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere", "ping_limit": 1}
+PAIR |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
+PAIR |= {"group": {"people": 2, "apart": [2, 4]}}
+
+
+def test_centres_of_two_people_count_halves_of_cells() -> None:
+    """There are 17 x 21 of them, so a tile of 4 cells is 8 wide, and the second tiling is displaced by 4."""
+    tiles = tiles_of(model_of("Anywhere", "centre_coordinates", **PAIR), 2, 4).reshape(17, 21, 2)
+    rows, columns = np.indices((17, 21))
+    assert (tiles[..., 0] == rows // 8 * 3 + columns // 8).all()
+    assert (tiles[..., 1] == 9 + (rows + 4) // 8 * 4 + (columns + 4) // 8).all()
+
+
+def test_offsets_of_two_people_are_tiled_together() -> None:
+    """Two tilings, 3 cells wide; the second is displaced by 1, 3, 5 and 7 halves of it, modulo a width."""
+    model = model_of("Anywhere", "offset_coordinates", **PAIR)
+    tiles = tiles_of(model, 2, 3)
+    (offsets,) = model.components
+    for t, numbers in enumerate((2 * offsets.numbers, 2 * offsets.numbers + 3)):  # in halves of cells
+        used, tile = np.unique(numbers // 6, axis=0, return_inverse=True)
+        assert (np.unique(tiles[:, t], return_inverse=True)[1] == tile.ravel()).all()
+        assert used.shape[1] == 4
+    at = {tuple(numbers): o for o, numbers in enumerate(offsets.numbers.tolist())}
+    # Seen from [2, 2], people in [0, 2] and [2, 5] are (-2, 0) and (0, 3) away, counted from (-4, -5). From
+    # [2, 1], both are a column more to the right: 6 and 9, in the first tiling beyond the next edges.
+    here, beside = at[2, 5, 4, 8], at[2, 6, 4, 9]
+    assert tiles[here, 0] != tiles[beside, 0]
+    assert tiles[here, 1] == tiles[beside, 1]  # with edges before 1.5, 4.5, 7.5 and 10.5
+
+
 @pytest.mark.parametrize("scenario", ["S2", "Anywhere", "Noisy", "MoodyHidden"])
 @pytest.mark.parametrize("observation", FORMS)
 @pytest.mark.parametrize(

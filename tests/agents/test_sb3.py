@@ -152,6 +152,17 @@ def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], 
 # Training
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_sb3s_own_algorithms_learn_from_where_several_people_are(name: str) -> None:
+    values: dict[str, Any] = {"dqn": {"learning_starts": 50}, "ppo": {"n_steps": 100, "batch_size": 50}}[name]
+    for observation in ("nearest", "two_nearest_one_hot", "centre_coordinates", "offset_coordinates"):
+        arguments: Any = {"observation": observation, "overrides": {"issuer.places": 5}}
+        env = gymnasium.make("envs:Proxemic/ThreeTalking-v0", **arguments)
+        agent = METHODS[name].load()("MlpPolicy", env, seed=1, **values).learn(200)
+        assert agent.num_timesteps == 200
+        assert env.action_space.contains(int(agent.predict(env.reset(seed=1)[0])[0]))
+
+
 def trained(
     name: str,
     seed: int = 0,

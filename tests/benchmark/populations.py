@@ -11,12 +11,13 @@ from benchmark.analysis.records import Records
 from benchmark.experiments import load_experiment
 from envs import load_scenario
 from envs.observations import compile_seen
+from envs.scenario import ScenarioLike
 
 RUN = load_experiment("reproduce_smoke").populations[0].first
 
 
 def population(
-    scenario: str = "S1",
+    scenario: ScenarioLike = "S1",
     n: int = 4,
     *,
     budget: int = 600,

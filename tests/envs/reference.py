@@ -1,11 +1,14 @@
 """The dynamics a second time: plain Python over a scenario's tables as read from TOML, without the model."""
 
+from collections.abc import Iterable
 from functools import cache
-from math import hypot
+from itertools import combinations
+from math import gcd, hypot, lcm
 from typing import Any
 
 Tables = dict[str, Any]
 Cell = tuple[int, int]
+Place = tuple[Cell, ...]  # of the issuer and its group
 State = tuple[
     int, int, bool, int, Cell
 ]  # place, tick, whether feedback is late, wrong PINGs, the agent's cell
@@ -17,8 +20,10 @@ NEARER = ["outside", "target", "uncomfortable", "issuer"]
 class Reference:
     """A scenario's starts and steps."""
 
-    def __init__(self, tables: Tables) -> None:
+    def __init__(self, tables: Tables, drawn_places: Iterable[Place] = ()) -> None:
+        """Reads a scenario's tables; if not all places are drawn, those that are must be given."""
         self.tables, self.grid = tables, tables["grid"]
+        self.width = self.grid.get("metres_per_cell", 1)
         self.zone = cache(self.zone_among_people)
         self.people = cache(self.people_in)
         self.at_start = cache(self.distance_at_start)
@@ -27,17 +32,13 @@ class Reference:
         self.walls = {(r, c) for r, line in enumerate(drawn) for c, sign in enumerate(line) if sign == "#"}
         self.phases = self._phases()
         self.clock = [i for i, phase in enumerate(self.phases) for _ in range(phase.get("steps", 1))]
-        feedback = [tables["issuer"], *tables.get("others", [])]
-        self.is_delayed = any(person["feedback"]["kind"] == "delayed" for person in feedback)
-        position, others = (
-            tables["issuer"]["position"],
-            {tuple(p["position"]) for p in tables.get("others", [])},
-        )
+        feedback = [person.get("feedback") for person in (tables["issuer"], *tables.get("others", []))]
+        self.is_delayed = any(each["kind"] == "delayed" for each in feedback if each)
         first_ticks = range(len(self.clock)) if tables.get("first_phase") == "any" else [0]
-        self.places: list[Cell] = []
+        self.places: list[Place] = []
         self.starts: list[State] = []
-        for place in self._cells(position):
-            if place in self.walls | others:
+        for place in self._placed():
+            if "places" in tables["issuer"] and place not in drawn_places:
                 continue
             floor = [cell for cell in self.cells if cell not in self.walls]
             stages = range(len(self.phases))
@@ -57,32 +58,50 @@ class Reference:
             return self.cells
         return [tuple(place)] if isinstance(place[0], int) else list(dict.fromkeys(map(tuple, place)))
 
+    def _placed(self) -> list[Place]:
+        """Lists all ways in which the issuer and its group can stand where nobody else ever does."""
+        others = range(1, 1 + len(self.tables.get("others", [])))
+        taken = {tuple(self.other(i, p)["position"]) for i in others for p in range(len(self.phases))}
+        position, group = self.tables["issuer"]["position"], self.tables.get("group")
+        cells = [cell for cell in self._cells(position) if cell not in self.walls | taken]
+        if group is None:
+            return [(cell,) for cell in cells]
+        low, high = group["apart"]
+        unit = self.width if self.tables["regions"].get("unit") == "metres" else 1
+        return [
+            place
+            for place in combinations(sorted(cells), group["people"])
+            if all(low - 1e-9 <= far(a, b) * unit <= high + 1e-9 for a, b in combinations(place, 2))
+        ]
+
     def _phases(self) -> list[Tables]:
-        walk = self.tables["issuer"].get("walk")
-        if walk is None:
+        """Lists the phases; where people walk, their cells and headings until everybody is back."""
+        people = enumerate([self.tables["issuer"], *self.tables.get("others", [])])
+        walkers = {i: person for i, person in people if "walk" in person}
+        if not walkers:
             return self.tables.get("phases") or [{"name": "always"}]
-        at, phases = tuple(self.tables["issuer"]["position"]), []
-        for corner in [*map(tuple, walk["corners"]), at]:
-            while at != corner:
-                heading = next(
-                    name
-                    for name, (r, c) in WAYS.items()
-                    if (corner[0] - at[0]) * r + (corner[1] - at[1]) * c > 0
-                )
-                phases.append({"position": at, "heading": heading, "steps": walk.get("steps", 1)})
-                at = at[0] + WAYS[heading][0], at[1] + WAYS[heading][1]
-        return phases
+        routes = {i: route(person) for i, person in walkers.items()}
+        beat = gcd(*(person["walk"].get("steps", 1) for person in walkers.values()))
+        times = range(0, lcm(*map(len, routes.values())), beat)
+        return [{"steps": beat, "at": {i: r[t % len(r)] for i, r in routes.items()}} for t in times]
 
-    def people_in(self, place: Cell, phase: int) -> list[Tables]:
-        issuer = (
-            {"heading": "up"} | self.tables["issuer"] | {"position": place, "regions": self.tables["regions"]}
-        )
-        return [issuer | self.phases[phase], *({"heading": "up"} | p for p in self.tables.get("others", []))]
+    def other(self, i: int, phase: int) -> Tables:
+        table: Tables = {"heading": "up"} | self.tables["others"][i - 1]
+        return table | dict(self.phases[phase].get("at", {}).get(i, {}))
 
-    def zone_among_people(self, place: Cell, phase: int, cell: Cell) -> str:
+    def people_in(self, place: Place, phase: int) -> list[Tables]:
+        """Lists the issuer, its group and the others, in the order in which equally near ones answer."""
+        now = self.phases[phase] | self.phases[phase].get("at", {}).get(0, {})
+        issuer = {"heading": "up"} | self.tables["issuer"] | {"regions": self.tables["regions"]}
+        drawn = [issuer | {"position": cell} | now for cell in place]
+        return [*drawn, *(self.other(i, phase) for i in range(1, 1 + len(self.tables.get("others", []))))]
+
+    def zone_among_people(self, place: Place, phase: int, cell: Cell) -> str:
         if cell in self.walls:
             return "outside"
-        return max((self.zone_of(person, cell) for person in self.people(place, phase)), key=NEARER.index)
+        people = self.people(place, phase)
+        zones = [self.zone_of(person, cell) for person in people]
+        return max(*zones, self.zone_of_ring(people[: len(place)], cell), key=NEARER.index)
 
     def zone_of(self, person: Tables, cell: Cell) -> str:
         down, right = cell[0] - person["position"][0], cell[1] - person["position"][1]
@@ -94,13 +113,26 @@ class Reference:
             "left": (-right, -down),
             "right": (right, down),
         }[person["heading"]]
-        regions = person["regions"]
-        for name in ("uncomfortable", "target"):
+        regions = person.get("regions", {})  # a bystander has none
+        for name in ("uncomfortable", "target") if regions else ():
             shape = regions.get(name) or {"kind": "square", "radius": regions[f"{name}_radius"]}
-            width = self.grid["metres_per_cell"] if regions.get("unit") == "metres" else 1
+            width = self.width if regions.get("unit") == "metres" else 1
             if is_inside(shape, ahead * width, aside * width):
                 return name
         return "outside"
+
+    def zone_of_ring(self, group: list[Tables], cell: Cell) -> str:
+        ring = group[0]["regions"].get("target", {})
+        if ring.get("kind") != "ring":
+            return "outside"
+        width = self.width if group[0]["regions"].get("unit") == "metres" else 1
+        cells = [person["position"] for person in group]
+        centre = sum(r for r, _ in cells) / len(cells), sum(c for _, c in cells) / len(cells)
+        radius = sum(far(one, centre) for one in cells) / len(cells)
+        beyond = (far(cell, centre) - radius) * width
+        if abs(beyond) <= ring["width"] / 2 + 1e-9:
+            return "target"
+        return "uncomfortable" if beyond < 0 else "outside"
 
     def step(self, state: State, action: int) -> tuple[dict[State, float], tuple[Any, ...]]:
         """Returns the next states' probabilities; and grid's reward, mean, noise, end, event, wrong PINGs."""
@@ -147,9 +179,9 @@ class Reference:
 
     def answer(self, place: int, tick: int, cell: Cell) -> tuple[float, float, bool]:
         """Returns mean, noise and lateness of the nearest person's feedback."""
-        people = self.people(self.places[place], self.clock[tick])
-        far = [distance(person["position"], cell) for person in people]
-        k = far.index(min(far))
+        people = self.answering(place, tick)
+        distances = [distance(person["position"], cell) for person in people]
+        k = distances.index(min(distances))
         feedback = people[k]["feedback"]
         match feedback["kind"]:
             case "none":
@@ -164,14 +196,31 @@ class Reference:
                 is_right = self.zone(self.places[place], self.clock[tick], cell) == "target"
                 return feedback["high" if is_right else "low"], 0.0, False
             case kind:
-                return -far[k] / self.at_start(place, k), feedback.get("noise", 0.0), kind == "delayed"
+                return -distances[k] / self.at_start(place, k), feedback.get("noise", 0.0), kind == "delayed"
+
+    def answering(self, place: int, tick: int) -> list[Tables]:
+        people = self.people(self.places[place], self.clock[tick])
+        return [person for person in people if "feedback" in person]  # no bystanders
 
     def distance_at_start(self, place: int, k: int) -> int:
         return max(
-            distance(self.people(self.places[place], self.clock[tick])[k]["position"], cell)
+            distance(self.answering(place, tick)[k]["position"], cell)
             for j, tick, *_, cell in self.starts
             if j == place
         )
+
+
+def route(person: Tables) -> list[Tables]:
+    """Lists cell and heading of somebody who walks, for every step of the agent in a round."""
+    start, walk, steps = tuple(person["position"]), person["walk"], []
+    at = start
+    for corner in [*map(tuple, walk["corners"]), start]:
+        while at != corner:
+            ahead = [(corner[0] - at[0]) * r + (corner[1] - at[1]) * c > 0 for r, c in WAYS.values()]
+            heading = [*WAYS][ahead.index(True)]
+            steps += [{"position": at, "heading": heading}] * walk.get("steps", 1)
+            at = at[0] + WAYS[heading][0], at[1] + WAYS[heading][1]
+    return steps
 
 
 def is_inside(shape: Tables, ahead: float, aside: float) -> bool:
@@ -180,6 +229,8 @@ def is_inside(shape: Tables, ahead: float, aside: float) -> bool:
             return bool(max(abs(ahead), abs(aside)) <= shape["radius"] + 1e-9)
         case "circle":
             return bool(hypot(ahead, aside) <= shape["radius"] + 1e-9)
+        case "ring":  # around a group, not around a person
+            return False
         case _:
             length = shape["front"] if ahead >= 0 else shape["front"] / 2
             width = shape["front"] * 2 / 3
@@ -188,3 +239,7 @@ def is_inside(shape: Tables, ahead: float, aside: float) -> bool:
 
 def distance(a: Any, b: Any) -> int:
     return int(abs(a[0] - b[0]) + abs(a[1] - b[1]))
+
+
+def far(a: Any, b: Any) -> float:
+    return hypot(a[0] - b[0], a[1] - b[1])

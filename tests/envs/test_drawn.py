@@ -1,6 +1,7 @@
 """Scenarios that draw places and codes."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from envs import InputError, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table
+from tests.envs.test_model import assert_same_arrays, model_of
 
 
 def test_places_are_nested_and_differ_by_draw() -> None:
@@ -64,6 +66,42 @@ def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
         )
 
 
+def test_places_of_groups_are_drawn_as_those_of_one_person() -> None:
+    room = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"}
+    radii = {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
+    changes: dict[str, Any] = room | radii | {"group": {"people": 2, "apart": [2, 3]}}
+    every = load_scenario("Anywhere", changes).places
+    # Rows and columns aside: 0 and 2, 0 and 3, 2 and 0, 3 and 0; 1 and 2, 2 and 1, 2 and 2 in two directions.
+    assert len(every) == 5 * 4 + 5 * 3 + 3 * 6 + 2 * 6 + 2 * (4 * 4 + 3 * 5 + 3 * 4)
+    drawn: dict[int, list[set[Any]]] = {}
+    for draw in (0, 1):
+        few = [load_scenario("Anywhere", changes | {"issuer.places": n, "draw": draw}) for n in (2, 9, 40)]
+        assert all([*each.places] == sorted(each.places) for each in few)
+        drawn[draw] = [{*each.places} for each in few]
+        assert [len(places) for places in drawn[draw]] == [2, 9, 40]
+        assert all(small < large for small, large in pairwise([*drawn[draw], {*every}]))
+    assert drawn[0][1] != drawn[1][1]
+    scenario = load_scenario("Anywhere", changes | {"issuer.places": 9, "issuer.unseen": 31, "draw": 1})
+    model, (_, seen, all_drawn) = compile_scenario(scenario), drawn[1]
+    assert {*scenario.places} == all_drawn
+    for starts, places in ((model.starts, seen), (model.unseen_starts, all_drawn - seen)):
+        assert {scenario.places[place] for place in model.context[starts]} == places
+
+
+def test_a_group_that_is_drawn_or_seen_anew_is_the_reloaded_scenario() -> None:
+    changes: dict[str, Any] = {"issuer.places": 4, "issuer.unseen": 2, "issuer.permuted": 0.5}
+    first = load_scenario("ThreeTalking", changes)
+    assert compile_scenario(first).n_places == 6  # nothing that was derived for this may stay
+    for changed, new in (
+        (first.drawn(7), {"draw": 7}),
+        (first.drawn(8).seen_as("two_nearest"), {"draw": 8, "observe": ["two_nearest"]}),
+        (first.seen_as("centre").drawn(9), {"draw": 9, "observe": ["centre"]}),
+    ):
+        reloaded = load_scenario("ThreeTalking", changes | new)
+        assert changed == reloaded
+        assert_same_arrays(model_of(changed), model_of(reloaded))
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -72,13 +110,14 @@ def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
         ({"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
         ({"issuer.places": 0}, "issuer.places = 0"),
         ({"issuer.permuted": 1.5}, "issuer.permuted = 1.5"),
-        ({"issuer.places": 84, "grid.rows": 14, "grid.columns": 17}, "99960 states"),
+        ({"issuer.places": 2000, "grid.rows": 50, "grid.columns": 40, "ping_limit": 1}, "4002000 states"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(changes: dict[str, float], message: str) -> None:
-    if "99960" in message:
-        load_scenario("Anywhere", changes)  # just small enough
-        changes, message = changes | {"issuer.places": 85}, "101150 states"
+    if "states" in message:
+        changes = changes | {"grid.rows": 46, "grid.columns": 50, "issuer.places": 1739}
+        load_scenario("Anywhere", changes)  # 46 x 50 x 1739 = 3,999,700 states
+        changes, message = changes | {"issuer.places": 1740}, "4002000 states"
     with pytest.raises(InputError) as refused:
         load_scenario("Anywhere", changes)
     assert message in str(refused.value)

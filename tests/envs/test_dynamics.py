@@ -2,6 +2,7 @@
 
 import math
 import re
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,10 @@ from envs import (
     ProxemicEnv,
     Scenario,
     compile_scenario,
+    load_scenario,
     scenario_names,
 )
-from envs.inputs import parse, read_toml
+from envs.inputs import override, parse, read_toml
 from envs.model import draw_issuer_reward
 from envs.observations import observation_blocks, observation_table
 from envs.scenario import SCENARIO_DIRECTORY
@@ -60,17 +62,22 @@ def regions(draw: st.DrawFn) -> Tables:
 
 
 @st.composite
+def walk(draw: st.DrawFn, size: tuple[int, int], position: list[int]) -> Tables:
+    (row, column) = position
+    to_row = (row + draw(st.integers(1, size[0] - 1))) % size[0]
+    to_column = (column + draw(st.integers(1, size[1] - 1))) % size[1]
+    corners = [[row, to_column], [to_row, to_column], [to_row, column]]
+    n_corners = draw(st.sampled_from([1, 3]))
+    return {"walk": {"corners": corners[:n_corners], "steps": draw(st.integers(1, 2))}}
+
+
+@st.composite
 def changes(draw: st.DrawFn, kind: str, size: tuple[int, int], position: Any) -> tuple[Tables, Tables]:
     """Draws what is added to the issuer's table, and to the scenario's: a walk, or phases."""
-    if kind == "none":
+    if kind in ("none", "others walk"):
         return {}, {}
     if kind == "walk":
-        (row, column) = position
-        to_row = (row + draw(st.integers(1, size[0] - 1))) % size[0]
-        to_column = (column + draw(st.integers(1, size[1] - 1))) % size[1]
-        corners = [[row, to_column], [to_row, to_column], [to_row, column]]
-        n_corners = draw(st.sampled_from([1, 3]))
-        return {"walk": {"corners": corners[:n_corners], "steps": draw(st.integers(1, 2))}}, {}
+        return draw(walk(size, position)), {}
     optional: dict[str, st.SearchStrategy[Any]] = {"heading": heading, "regions": regions()}
     optional |= {"position": cells(*size)} if isinstance(position[0], int) else {}
     phases = draw(st.lists(st.fixed_dictionaries({}, optional=optional), min_size=1, max_size=3))
@@ -92,29 +99,42 @@ def scenarios(draw: st.DrawFn) -> Tables:
     place = st.one_of(cell, st.lists(cell, min_size=1, max_size=3), st.just("anywhere"))
     walls = draw(st.lists(st.sampled_from("......#"), min_size=rows * columns, max_size=rows * columns))
     lines = ["".join(walls[i : i + columns]) for i in range(0, rows * columns, columns)]
-    kind = draw(st.sampled_from(["none", "walk", "schedule", "chain"]))
-    position = draw(cell if kind == "walk" else place)
+    kind = draw(st.sampled_from(["none", "walk", "others walk", "schedule", "chain"]))
+    is_group = kind != "walk" and draw(st.booleans())
+    position = draw(cell if kind == "walk" else st.just("anywhere") if is_group else place)
     of_issuer, of_scenario = draw(changes(kind, (rows, columns), position))
     other = st.fixed_dictionaries(
         {"position": cell, "feedback": feedback, "regions": regions()}, optional={"heading": heading}
     )
+    bystander: st.SearchStrategy[Tables] = st.fixed_dictionaries({"position": cell})
+    do_walk = kind == "others walk"
+    others: list[Tables] = draw(st.lists(bystander | other, min_size=int(do_walk), max_size=2))
+    for person in others if do_walk or kind == "walk" else []:
+        person |= draw(walk((rows, columns), person["position"]))
+    of_group, around = {}, draw(regions())
+    if is_group:
+        apart = draw(st.sampled_from([[1, 1.7], [0, 2], [1.5, 2.3]]))
+        of_group = {"group": {"people": draw(st.sampled_from([2, 2, 3])), "apart": apart}}
+        later = [phase["regions"] for phase in of_scenario.get("phases", []) if "regions" in phase]
+        for its in [each for each in (around, *later) if "target" in each and draw(st.booleans())]:
+            its["target"] = {"kind": "ring", "width": draw(st.sampled_from([0.8, 1, 1.6]))}
     return {
         "name": "drawn",
         "description": "",
         "grid": {
             "rows": rows,
             "columns": columns,
-            "start": draw(st.one_of(st.just("anywhere"), place)),
-            "walls": "\n".join(lines) if draw(st.integers(0, 2)) == 0 else "",
+            "start": draw(st.just("anywhere") if is_group else st.one_of(st.just("anywhere"), place)),
+            "walls": "\n".join(lines) if not do_walk and draw(st.integers(0, 2)) == 0 else "",
             "metres_per_cell": 0.8,
         },
         "issuer": {"position": position, "feedback": draw(feedback), "heading": draw(heading)} | of_issuer,
-        "regions": draw(regions()),
+        "regions": around,
         "ping_limit": draw(st.integers(1, 3)),
         "rewards": REWARDS,
         "observe": ["agent", *sorted(draw(st.sets(st.sampled_from(["issuer", "phase", "wrong_pings"]))))],
-        "others": draw(st.one_of(st.just([]), st.lists(other, max_size=2))),
-    } | of_scenario
+        "others": others,
+    } | (of_scenario | of_group)
 
 
 def some_states(model: Model) -> list[int]:
@@ -125,7 +145,7 @@ def some_states(model: Model) -> list[int]:
 
 def assert_follows_the_tables(model: Model, tables: Tables) -> None:
     """Compares some states, with all actions, with the second implementation."""
-    reference = Reference(tables)
+    reference = Reference(tables, model.scenario.places)
     assert list(model.scenario.places) == reference.places
     n_delays, n_pings = 1 + reference.is_delayed, tables["ping_limit"]
     shape = len(reference.places), len(reference.clock), n_delays, n_pings, len(reference.cells)
@@ -162,37 +182,43 @@ def assert_follows_the_tables(model: Model, tables: Tables) -> None:
 
 def assert_observes_its_parts(model: Model, tables: Tables) -> None:
     """Compares every observation with the numbers of its parts."""
-    reference = Reference(tables)
+    reference = Reference(tables, model.scenario.places)
     contexts = [(place, phase) for place in reference.places for phase in range(len(reference.phases))]
-    stands = [tuple(reference.people(*context)[0]["position"]) for context in contexts]
-    cells = sorted(set(stands))
+    groups = [reference.people(*context)[: len(context[0])] for context in contexts]
+    stands = [tuple(tuple(person["position"]) for person in group) for group in groups]
+    values, cells = sorted(set(stands)), sorted({cell for place in stands for cell in place})
     shape = len(reference.places), len(reference.clock), 1 + reference.is_delayed, tables["ping_limit"]
-    largest = max(tables["grid"]["rows"] - 1, 1), max(tables["grid"]["columns"] - 1, 1)
+
+    def scaled(cell: Any) -> list[float]:
+        return [cell[0] / max(tables["grid"]["rows"] - 1, 1), cell[1] / max(tables["grid"]["columns"] - 1, 1)]
+
     blocks, coordinates = observation_blocks(model), observation_table(model, "coordinates")
     one_hot = observation_table(model, "one_hot")
     for at in some_states(model):
         j, tick, _, pings, c = map(int, np.unravel_index(at, (*shape, len(reference.cells))))
         context = j * len(reference.phases) + reference.clock[tick]
-        agent, issuer = reference.cells[c], stands[context]
+        agent, group = reference.cells[c], stands[context]
         n_phases, n_pings = len(reference.phases), tables["ping_limit"]
-        known: dict[str, tuple[int, int, list[float]]] = {  # value, number of values, coordinates
-            "agent": (c, len(reference.cells), [agent[0] / largest[0], agent[1] / largest[1]]),
-            "issuer": (cells.index(issuer), len(cells), [issuer[0] / largest[0], issuer[1] / largest[1]]),
-            "phase": (reference.clock[tick], n_phases, [reference.clock[tick] / max(n_phases - 1, 1)]),
-            "wrong_pings": (pings, n_pings, [pings / max(n_pings - 1, 1)]),
+        phase, spots = reference.clock[tick], [cells.index(cell) for cell in group]
+        # Value, number of values, columns of the one-hot block, its width, and coordinates.
+        known: dict[str, tuple[int, int, list[int], int, list[float]]] = {
+            "agent": (c, len(reference.cells), [c], len(reference.cells), scaled(agent)),
+            "issuer": (values.index(group), len(values), spots, len(cells), [*chain(*map(scaled, group))]),
+            "phase": (phase, n_phases, [phase], n_phases, [phase / max(n_phases - 1, 1)]),
+            "wrong_pings": (pings, n_pings, [pings], n_pings, [pings / max(n_pings - 1, 1)]),
         }
-        number, size, first, columns, values = 0, 1, 0, [], []
+        number, size, first, columns, coordinate = 0, 1, 0, [], []
         for part in tables["observe"]:
-            value, n_values, numbers = known[part]
+            value, n_values, ones, width, numbers = known[part]
             number, size = number + size * value, size * n_values
-            columns.append(first + value)
-            first += n_values
-            values += numbers
+            columns += [first + one for one in ones]
+            first += width
+            coordinate += numbers
         assert (model.n_observations, model.observation[at]) == (size, number)
         assert blocks[number].tolist() == columns
         assert np.flatnonzero(one_hot[number]).tolist() == columns
         assert one_hot.shape[1] == first
-        assert np.abs(coordinates[number] - values).max() < 1e-6
+        assert np.abs(coordinates[number] - coordinate).max() < 1e-6
 
 
 def assert_env_agrees(model: Model, n_steps: int) -> None:
@@ -257,9 +283,21 @@ def test_any_scenario_follows_its_tables_or_is_refused_in_a_sentence(tables: Tab
     assert_env_agrees(model, 40)
 
 
+@pytest.mark.parametrize(
+    ("name", "n_ways"), [("TwoStrangers", 5830), ("TwoTalking", 1083), ("ThreeTalking", 1969)]
+)
+def test_shipped_groups_stand_in_so_many_ways(name: str, n_ways: int) -> None:
+    path = SCENARIO_DIRECTORY / f"{name}.toml"
+    assert f"each of {n_ways:,} ways to stand" in path.read_text(encoding="utf-8")
+    assert [*load_scenario(name).places] == (ways := Reference(read_toml(path)).places)
+    assert len(ways) == n_ways
+
+
 @pytest.mark.parametrize("name", scenario_names())
 def test_shipped_scenarios_follow_their_tables(name: str) -> None:
     tables = {"name": name, "observe": ["agent"]} | read_toml(SCENARIO_DIRECTORY / f"{name}.toml")
+    if "group" in tables:  # five ways to stand in a small room
+        tables = override(tables, {"grid.rows": 7, "grid.columns": 8, "issuer.places": 5}, name)
     model = compile_scenario(parse(Scenario, tables, name))
     assert_is_a_process(model)
     assert_env_agrees(model, 300)

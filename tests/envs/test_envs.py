@@ -11,12 +11,14 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from envs import OBSERVATIONS, InputError, ProxemicEnv, scenario_names
+from tests.support import few_places
 
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_gymnasium_checker_passes(name: str) -> None:
     observation = OBSERVATIONS[scenario_names().index(name) % len(OBSERVATIONS)]
-    env = gymnasium.make(f"envs:Proxemic/{name}-v0", observation=observation, render_mode="rgb_array")
+    arguments: Any = {"observation": observation, "overrides": few_places(name)}
+    env = gymnasium.make(f"envs:Proxemic/{name}-v0", **arguments, render_mode="rgb_array")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env.unwrapped)

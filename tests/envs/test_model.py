@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
-from envs import ACTIONS, EVENTS, ZONES, compile_scenario, load_scenario
-from envs.model import MOVES, PING
+from envs import ACTIONS, EVENTS, ZONES, Model, Scenario, compile_scenario, load_scenario
+from envs.model import MOVES, PING, _compile
 from envs.observations import compile_seen, observation_table
 
 
@@ -51,12 +51,37 @@ def test_models_are_shared_read_only_and_pickle_small() -> None:
     assert pickle.loads(pickle.dumps(model)) is model
 
 
+def model_of(scenario: Scenario) -> Model:
+    """Compiles a scenario anew."""
+    model: Model = _compile.__wrapped__(scenario)
+    return model
+
+
+def assert_same_arrays(ours: Model, theirs: Model) -> None:
+    for our, their in ((ours, theirs), *zip(ours.components, theirs.components, strict=True)):
+        for name, values in vars(our).items():
+            if isinstance(values, np.ndarray):
+                assert values.dtype == getattr(their, name).dtype
+                np.testing.assert_array_equal(values, getattr(their, name), name)
+
+
+def test_compiling_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    others = [{"position": [0, 1], "walk": {"corners": [[0, 3]]}}]
+    changes = {"issuer.places": 7, "issuer.feedback": {"kind": "noisy", "noise": 0.5}, "others": others}
+    scenario = load_scenario("TwoTalking", changes)
+    whole = model_of(scenario)
+    assert len(whole.observation) == 7 * 4 * 5 * 120
+    for n_states in (5000, 1):  # two places at once, and one
+        monkeypatch.setattr("envs.model._STATES_AT_ONCE", n_states)
+        assert_same_arrays(model_of(scenario), whole)
+
+
 @pytest.mark.parametrize("name", ["Anywhere", "Walking"])
 def test_offset_is_the_issuers_cell_minus_the_agents(name: str) -> None:
     """In every state; where both stand does not matter to zones, nor to moves away from the room's edges."""
     model = compile_seen(load_scenario(name, {"observe": ["agent", "issuer", "wrong_pings"]}), "offset")
     assert model.scenario.observe == ("offset", "wrong_pings")
-    issuer = np.array([people[0].position for stages in model.scenario.people for people in stages])
+    issuer = np.stack(np.divmod(model.scenario.standing[:, :, 0].ravel(), 12), axis=1)
     agent = np.stack([model.cell // 12, model.cell % 12], axis=1)
     offset = issuer[model.context] - agent
     assert (model.observation % (19 * 23) == (offset[:, 0] + 9) * 23 + offset[:, 1] + 11).all()

@@ -28,14 +28,24 @@ def phase(name: str = "a", **more: Any) -> dict[str, Any]:
 
 
 ANYWHERE = {"issuer.position": "anywhere"}
-# 120 cells, two cells of the issuer (phases b and c share one), three phases, 140 wrong PINGs: more
-# observations than the 50,400 states.
+# 120 cells, 50 phases, in each of which the issuer is elsewhere, 16 wrong PINGs: more observations than the
+# 96,000 states.
 OBSERVING: dict[str, Any] = {
-    "ping_limit": 140,
-    "phases": [phase("a", steps=1), *(phase(name, steps=1, position=[6, 7]) for name in "bc")],
+    "ping_limit": 16,
+    "phases": [phase(f"{i}", steps=1, position=[3 + i // 8, 4 + i % 8]) for i in range(50)],
     "observe": ["agent", "issuer", "phase", "wrong_pings"],
 }
+NAMES = [f"{i}" for i in range(21)]
 WALK = {"issuer.walk": {"corners": [[6, 3]]}}
+PAIR: dict[str, Any] = ANYWHERE | {"group.people": 2, "group.apart": [2, 4]}
+RING = {"kind": "ring", "width": 1}
+
+
+def bystander(position: list[int], *corners: list[int], steps: int = 1) -> dict[str, Any]:
+    walk = {"walk": {"corners": [*corners], "steps": steps}} if corners else {}
+    return {"position": position} | walk
+
+
 # Changes of S1, and what the message names.
 MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"grid.start": [5, 7]}, "grid.start = [5, 7]"),
@@ -48,8 +58,8 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"issuer.feedback": {}}, "accepted: a table with a key kind"),
     ({"grid.rows": 1000, "grid.columns": 1000}, "rows x columns = 1000 x 1000"),
     ({"ping_limit": 10**6}, "120000000 states"),
-    (ANYWHERE | {"ping_limit": 50, "issuer.feedback": {"kind": "delayed"}}, "1440000 states"),
-    (OBSERVING, "100800 observations"),
+    (ANYWHERE | {"ping_limit": 139, "issuer.feedback": {"kind": "delayed"}}, "4003200 states"),
+    (OBSERVING, "4800000 observations"),
     ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
     ({"name": "other"}, "unknown key name"),
     # Walls
@@ -67,7 +77,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"regions": shapes(CIRCLE, CIRCLE | {"radius": 2}) | {"unit": "metres"}}, "grid.metres_per_cell"),
     # Observation
     ({"observe": ["phase", "agent"]}, "observe = ['phase', 'agent']"),
-    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: either agent or offset"),
+    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: one of agent, offset"),
     # Phases
     ({"phases": [phase()]}, "phases.0 (a)"),
     ({"phases": [phase(steps=1), phase("b", next={"a": 0.5})]}, "phases.1 (b)"),
@@ -82,11 +92,46 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     (WALK | {"phases": [phase(steps=1)]}, "issuer.walk and phases"),
     (WALK | {"issuer.feedback": {"kind": "delayed"}}, 'feedback.kind = "delayed"'),
     (WALK | {"others": [person([6, 5])]}, "corners = [6, 5]"),
-    ({"grid.columns": 900, "issuer.walk": {"corners": [[6, 800]], "steps": 1000}}, "at most 100000"),
+    ({"issuer.walk": {"corners": [[6, 10**9]]}}, "issuer.walk: it takes 1,999,999,984 steps until"),
     # Other people
     ({"others": [person([6, 8])]}, "issuer.position = [6, 8]"),
     ({"others": [person([2, 8])] * 2}, "others.0.position = [2, 8]"),
     ({"others": [person([0, 1])]}, "another person"),
+    ({"others": [bystander([2, 2]), bystander([2, 2])]}, "others.0.position = [2, 2] is taken by another"),
+    ({"others": [bystander([2, 2], [2, 6]), bystander([2, 6])]}, "others.0.walk.corners = [2, 6] is taken"),
+    # After two steps, both are in [2, 4].
+    ({"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]}, "two people are in [2, 4] at once"),
+    ({"others": [bystander([6, 2], [6, 9])]}, "issuer.position = [6, 8] is taken by another person"),
+    ({"others": [bystander([2, 2], [2, 3])], "phases": [phase(steps=1)]}, "others.0.walk and phases"),
+    # Rounds of 2 * 71 and 2 * 73 steps: 2 * 71 * 73 together.
+    (
+        {"others": [bystander([0, 1], [0, 2], steps=71), bystander([1, 1], [1, 2], steps=73)]},
+        "others.0.walk, others.1.walk: it takes 10,366 steps until everybody is back: accepted: at most",
+    ),
+    ({"others": [bystander([2, 2], [2, 3])], "issuer.feedback": {"kind": "delayed"}}, "someone who moves"),
+    ({"others": [bystander([2, 2]) | {"regions": person([2, 2])["regions"]}]}, "both, or neither"),
+    ({"others": [bystander([2, 2]) | {"feedback": {"kind": "none"}}]}, "both, or neither (a bystander)"),
+    ({"others": [person([2, 2]) | {"regions": shapes(CIRCLE, RING)}]}, 'regions.target.kind = "ring"'),
+    # Groups
+    (PAIR | {"group.apart": [15, 16]}, "group: nowhere do 2 people stand [15.0, 16.0] apart"),
+    (PAIR | {"issuer.position": [6, 8]}, "group: nowhere do 2 people stand [2.0, 4.0] apart"),
+    (PAIR | {"group.apart": [4, 2]}, "apart = [4.0, 2.0]: accepted: the smallest distance first"),
+    (PAIR | {"group.people": 6, "group.apart": [0, 20]}, "of the 6 people of the group can stand in"),
+    (ANYWHERE | {"grid.rows": 300, "grid.columns": 300, "issuer.places": 1, "ping_limit": 1}, "90,000 ways"),
+    ({"ping_limit": 834}, "100080 states for each position of the issuer: accepted: at most 100000"),
+    # 120 cells x 5 wrong PINGs x 21 phases x 20 positions = 252,000 states.
+    (
+        {
+            "issuer.position": [[r, c] for r in (3, 5, 7, 9) for c in (3, 5, 7, 9, 11)],
+            "phases": [phase(n, next={o: 0.05 for o in NAMES if o != n}) for n in NAMES],
+        },
+        "phases: 252000 states, with phases that may follow: 5292000",
+    ),
+    (PAIR | {"ping_limit": 50}, "positions of the group x ticks of the phases = "),
+    ({"regions": shapes(CIRCLE, RING)}, 'target.kind = "ring": accepted: a ring around a [group]'),
+    (PAIR | {"regions": shapes(RING, RING)}, 'uncomfortable.kind = "ring": accepted: square, circle or egg'),
+    # At most 4 + 1/2 cells from the centre, the ring lies within the circles.
+    (PAIR | {"regions": shapes(CIRCLE | {"radius": 5}, RING)}, "the agent can enter no target region"),
     # Texts that could take over a terminal
     ({"phases": [phase("\x1b]0;x", steps=1)]}, 'phases.0.name = "\\u001b]0;x"'),
     ({"phases": [phase("a\nb", steps=1)]}, 'phases.0.name = "a\\nb"'),

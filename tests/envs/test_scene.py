@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from envs import ZONES, compile_scenario, load_scenario
-from envs.scene import colour_limits, scene_of
+from envs.render import CELL_PIXELS, to_image, to_text
+from envs.scene import COLOURS, colour_limits, scene_of
 
 S1 = compile_scenario(load_scenario("S1"))
 
@@ -55,3 +56,25 @@ def test_people_look_where_they_look_if_it_matters() -> None:
         assert person.heading == heading
         assert tip == pytest.approx(0.5 * np.array(heading))
         assert np.mean(base, axis=0) == pytest.approx(0.2 * np.array(heading))
+
+
+def test_people_who_talk_have_a_circle_and_bystanders_no_region() -> None:
+    changes = {"issuer.position": [[1, 4], [1, 8]], "others": [{"position": [1, 6]}]}
+    scene = scene_of(compile_scenario(load_scenario("TwoTalking", changes)))
+    assert scene.circle == (1.5, 6.5, 2.0)
+    assert scene.as_json()["circle"] == scene.circle
+    assert (scene.cells_of("issuer"), scene.cells_of("bystander")) == ([12 + 4, 12 + 8], [12 + 6])
+    assert (scene.zone[12 + 6], bool(scene.is_over[12 + 6])) == ("outside", True)
+    hole = {(1, 6), (1, 7), (2, 6), (2, 7)}
+    assert any({*loop} == hole for loop in scene.outlines["target"])
+    assert to_text(scene, 0, "none").splitlines()[1].split()[4:9:2] == ["I", "B", "I"]
+    image = to_image(scene, 0)
+    down, right = np.indices(image.shape[:2]) / CELL_PIXELS
+    is_dark = (image == COLOURS["person"]).all(axis=2)
+    is_near = abs(np.hypot(down - 1.5, right - 6.5) - 2) < 0.1
+    assert is_dark[is_near & (down > 2)].sum() > 100  # dots; above, the grid ends
+    for cell in (4, 6, 8):
+        is_dark[CELL_PIXELS : 2 * CELL_PIXELS, cell * CELL_PIXELS : (cell + 1) * CELL_PIXELS] = False
+    assert not is_dark[~is_near].any()
+    strangers = scene_of(compile_scenario(load_scenario("TwoStrangers", {"issuer.places": 1})))
+    assert (strangers.circle, "circle" in strangers.as_json()) == (None, False)

@@ -7,6 +7,7 @@ import pytest
 
 from envs import EVENTS, ZONES, ProxemicEnv, Scenario, compile_scenario, load_scenario, scenario_names
 from envs.model import PING, Model
+from tests.support import few_places
 
 UP, DOWN, LEFT, RIGHT = range(4)
 SHY = {"uncomfortable_radius": 2, "target_radius": 3}
@@ -23,7 +24,7 @@ def cell(row: int, column: int) -> int:
 def test_scenes_have_the_rewards_of_the_paper_and_are_small() -> None:
     assert len({load_scenario(name).rewards for name in scenario_names()}) == 1
     for name in set(scenario_names()) - {"Anywhere", "AnywhereHidden"}:
-        assert len(compile_scenario(load_scenario(name)).observation) <= 40_000
+        assert len(compile_scenario(load_scenario(name, few_places(name))).observation) <= 40_000
 
 
 @pytest.mark.parametrize(
@@ -63,6 +64,12 @@ def test_hidden_is_what_does_not_follow_from_the_observed() -> None:
     }
     by_offset = {name: load_scenario(name, {"observe": ["offset"]}).hidden for name in ("S1", "Anywhere")}
     assert by_offset == {"S1": ("wrong_pings",), "Anywhere": ("agent's cell", "wrong_pings")}
+    three = load_scenario("ThreeTalking", few_places("ThreeTalking"))
+    hidden = {form: three.seen_as(form).hidden for form in ("offset", "nearest", "two_nearest", "centre")}
+    rest = ("agent's cell", "other people", "wrong_pings")
+    assert hidden == dict.fromkeys(hidden, rest) | {"offset": ("agent's cell", "wrong_pings")}
+    bystander = {"others": [{"position": [2, 2], "walk": {"corners": [[2, 5]]}}]}
+    assert load_scenario("S1", bystander).hidden == ("phase", "wrong_pings")
 
 
 def test_walls_stop_the_agent() -> None:

@@ -11,6 +11,7 @@ from gymnasium.vector import SyncVectorEnv
 from numpy.typing import NDArray
 
 from envs import OBSERVATIONS, InputError, ProxemicVectorEnv, scenario_names
+from tests.support import few_places
 
 
 def assert_same(ours: Any, theirs: Any) -> None:
@@ -23,6 +24,7 @@ def test_batch_equals_gymnasiums(name: str) -> None:
     n = 5
     observation = OBSERVATIONS[scenario_names().index(name) % len(OBSERVATIONS)]
     options: dict[str, Any] = {"num_envs": n, "observation": observation, "max_episode_steps": 12}
+    options["overrides"] = few_places(name)
     ours = gymnasium.make_vec(f"envs:Proxemic/{name}-v0", **options)
     theirs = gymnasium.make_vec(f"envs:Proxemic/{name}-v0", vectorization_mode="sync", **options)
     assert isinstance(ours, ProxemicVectorEnv)

@@ -29,6 +29,7 @@ from benchmark.reports.comparison.verdicts import (
 )
 from benchmark.reports.folder import SCORES, Folder, titled
 from benchmark.reports.item import Frames, item, no_rows, writing
+from envs.scenario import RELATIVE
 from envs.scene import COLOUR_MAP
 from envs.words import listed
 
@@ -282,7 +283,7 @@ def classes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         if not learner.reference_for:
             row: Row = {name: names[name] for name in ("scenario", "condition") if name in names}
             row |= {"kind": _KINDS[learner.family], "policy": learner.declared.policy}
-            row["knowledge"] = "offsets" if learner.observation.startswith("offset") else "cells"
+            row["knowledge"] = "offsets" if learner.observation.startswith(RELATIVE) else "cells"
             members = found.setdefault(tuple(row.values()), [])
             success = proportion(rows["success"].to_numpy())
             members.append({**row, **names, "n": len(rows), "success": success})

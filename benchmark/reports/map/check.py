@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from itertools import chain, filterfalse
+from itertools import filterfalse
 
 from agents.dynamic_programming import largest_success
 from benchmark.analysis.looks import compared
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.schema import is_number
-from benchmark.reports.map.crossings import leading, ranked
+from benchmark.reports.map.crossings import leading, ranked, steps_grids
 from envs import InputError, Scenario, compile_scenario
 
 
@@ -45,13 +45,22 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
             accepted = f"accepted: {budgets[where]}, as others have there"
             yield f"algorithms.{population.learner.variant}: budget = {budget} at {where}: {accepted}."
             break
-    first = leading(experiment)
-    ran = {each.learner.name for each in experiment.populations if each.condition.axes.get("grid") == first}
-    shown = [name for name in ranked(experiment) if name in ran]
-    for name in chain.from_iterable(panel.learners for panel in report.panels):
-        if name not in shown:
-            accepted = f"of the first grid with one axis, {first or 'but there is none'}: {', '.join(shown)}"
-            yield f"report.panels: {name}: accepted: learners {accepted}."
+    first, about_steps = leading(experiment), [*steps_grids(experiment)]
+    for panel in report.panels:
+        if panel.grid and panel.grid not in about_steps:
+            yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(about_steps)}."
+            continue
+        where = panel.grid or first
+        ran = {it.learner.name for it in experiment.populations if it.condition.axes.get("grid") == where}
+        shown = [name for name in ranked(experiment) if name in ran]
+        which = (
+            f"of the grid {grid}"
+            if panel.grid
+            else f"of the first grid with one axis, {first or 'but there is none'}"
+        )
+        for name in panel.learners:
+            if name not in shown:
+                yield f"report.panels: {name}: accepted: learners {which}: {', '.join(shown)}."
 
 
 def _mistakes_of_sides(

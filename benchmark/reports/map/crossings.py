@@ -24,7 +24,12 @@ def kinds_of(experiment: Experiment) -> dict[str, str]:
 
 def leading(experiment: Experiment) -> str:
     """Returns the first grid with one axis that is about steps; empty if there is none."""
-    return next((grid for grid, kind in kinds_of(experiment).items() if kind == "steps"), "")
+    return next(steps_grids(experiment), "")
+
+
+def steps_grids(experiment: Experiment) -> Iterator[str]:
+    """Yields the grids with one axis that are about steps."""
+    return (grid for grid, kind in kinds_of(experiment).items() if kind == "steps")
 
 
 def axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float], list[str]]:

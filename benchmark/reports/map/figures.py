@@ -43,6 +43,7 @@ _SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "neither"}  # 
 _FIXED: Final = "\N{NO-BREAK SPACE}"
 _LABELS: Final = {
     "places": "places in which the person may stand",
+    "groups": "ways in which people may stand",
     "room": "cells of the room",
     "noise": "noise of feedback",
 }
@@ -56,19 +57,27 @@ Cell = tuple[str, str]  # a point of a grid; a gap between grids has empty names
     "most runs do not learn.",
 )
 def picture(tables: Frames, experiment: Experiment) -> Figure | None:
-    """Draws the first grid about steps, in the declared panels or in one."""
-    report, grid = experiment.report, leading(experiment)
-    assert report is not None
-    if not grid or not _lines(tables, experiment, grid):
+    """Draws grids about steps, by default the first one, in the declared panels or in one."""
+    panels = [panel for panel in _panels(experiment) if _lines(tables, experiment, panel[0])]
+    if not panels:
         return None
-    panels = [(panel.title, panel.learners) for panel in report.panels]
-    panels = panels or [(experiment.declared.grids[grid].question, ())]
+    steps = _shown(
+        pd.concat(rows for grid, *_ in panels for rows in _lines(tables, experiment, grid).values())
+    )
     with figure_of(1, len(panels), (max(4.4 * len(panels), 7.0), 4.9)) as (figure, axes):
-        for axis, (title, learners) in zip(axes[0], panels, strict=True):
-            _draw_lines(axis, tables, experiment, grid, learners)
+        for axis, (grid, title, learners) in zip(axes[0], panels, strict=True):
+            _draw_lines(axis, tables, experiment, grid, learners, steps)
             axis.set_title(fill(title, 42), loc="left", fontweight="bold")
             axis.label_outer()
     return figure
+
+
+def _panels(experiment: Experiment) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Returns grid, title and learners of each panel of the map, all learners if there are none."""
+    report, first = experiment.report, leading(experiment)
+    assert report is not None
+    declared = [(panel.grid or first, panel.title, panel.learners) for panel in report.panels]
+    return declared or [(first, experiment.declared.grids[first].question, ())] * bool(first)
 
 
 @drawing(
@@ -79,8 +88,8 @@ def picture(tables: Frames, experiment: Experiment) -> Figure | None:
 )
 def others(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws what the map does not show of grids with one axis."""
-    kinds, first = kinds_of(experiment), leading(experiment)
-    grids = [grid for grid in kinds if grid != first and _lines(tables, experiment, grid)]
+    kinds, drawn = kinds_of(experiment), {grid for grid, *_ in _panels(experiment)}
+    grids = [grid for grid in kinds if grid not in drawn and _lines(tables, experiment, grid)]
     widths = [6.0 if kinds[grid] == "steps" else 3.0 for grid in grids]
     if not grids:
         return None
@@ -97,16 +106,24 @@ def others(tables: Frames, experiment: Experiment) -> Figure | None:
 
 
 @results.success.figure(
-    "Success over training at some points of the first grid, mean over runs, with 95 % intervals. A run that "
+    "Success over training at some points of the map, mean over runs, with 95 % intervals. A run that "
     "has learned may end; from then on, it is counted with its last evaluation."
 )
 def training(table: pd.DataFrame, experiment: Experiment) -> Figure:
-    """Draws at most six points of the first grid about steps, or of the first grid."""
-    rows = table[table["grid"] == (leading(experiment) or table["grid"].iloc[0])]
-    points = rows["point"].unique()
-    chosen = points[np.unique(np.linspace(0, len(points) - 1, _PANELS).round().astype(int))]
-    rows = labelled(rows[rows["point"].isin(chosen)].assign(scenario=rows["point"]))
-    drawn = dict.fromkeys((name for name in ranked(experiment) if name in {*rows["learner"]}), ())
+    """Draws at most six points of the map's grids, as many of each, or of the first grid."""
+    grids = [*dict.fromkeys(grid for grid, *_ in _panels(experiment))] or [table["grid"].iloc[0]]
+    parts = []
+    for grid in grids:
+        rows = table[table["grid"] == grid]
+        points, n = rows["point"].unique(), max(_PANELS // len(grids), 1)
+        spread = np.linspace(0, len(points) - 1, n) if n > 1 else np.array([len(points) // 2])
+        rows = rows[rows["point"].isin(points[np.unique(spread.round().astype(int))])]
+        parts.append(rows.assign(scenario=rows["point"] if len(grids) == 1 else f"{grid}: " + rows["point"]))
+    rows = labelled(pd.concat(parts))
+    names = (
+        ranked(experiment) if len(grids) == 1 else [name for *_, own in _panels(experiment) for name in own]
+    )
+    drawn = dict.fromkeys((name for name in names if name in {*rows["learner"]}), ())
     with curve_panels(rows, {"": drawn}, experiment, "success", "success") as (figure, axes):
         figure.set_size_inches(13.0, 4.4)
         for axis in axes:
@@ -194,16 +211,24 @@ def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.Da
 
 
 def _draw_lines(
-    axis: Axes, tables: Frames, experiment: Experiment, grid: str, learners: Collection[str] = ()
+    axis: Axes,
+    tables: Frames,
+    experiment: Experiment,
+    grid: str,
+    learners: Collection[str] = (),
+    steps: pd.DataFrame | None = None,
 ) -> None:
-    """Draws learners, by default all, with what they need with the second and third best settings."""
+    """Draws learners, by default all, with what they need with the second and third best settings.
+
+    Heights are those of `steps`, by default of all learners of the grid.
+    """
     ranks, (name, numbers, texts) = ranked(experiment), axis_of(experiment, grid)
     values, every = [*numbers.values()], _lines(tables, experiment, grid)
     lines = {learner: every[learner] for learner in learners or ranks if learner in every}
     is_positive = min(values) > 0
     axis.set_yscale("log")
-    drawn = _shown(pd.concat(every.values()))
-    axis.set_ylim(drawn["steps"].min() / 1.6, drawn["steps_high"].max() * 1.3)  # the same in all panels
+    drawn = _shown(pd.concat(every.values())) if steps is None else steps
+    axis.set_ylim(drawn["steps"].min() / 1.6, drawn["steps_high"].max() * 1.3)
     labels = []
     for learner, rows in lines.items():
         labels.append(_curve(axis, rows, experiment))

@@ -14,7 +14,7 @@ from benchmark.analysis.looks import VERDICTS, Contrast
 from benchmark.experiments import Experiment, Population
 from benchmark.reports.item import expanded, item, labelled_columns, no_rows
 from envs import InputError
-from envs.scenario import NoisyFeedback
+from envs.people import NoisyFeedback
 
 Row = Mapping[str, object]
 

@@ -21,7 +21,7 @@ from benchmark.experiments import Experiment
 from benchmark.reports.item import Frames, drawing, expanded, item, labelled_columns
 from benchmark.reports.replication.agents import agents_of, few_agents
 from envs import ACTIONS
-from envs.scenario import FEEDBACK
+from envs.people import FEEDBACK
 from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
@@ -80,6 +80,7 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
         colour_bar(figure, axes[2], ping_norm, "mean final Q of PING")
         region_legend(
             figure,
+            [scene_of(agents.model) for agents in groups.values()],
             Line2D([], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"),
             Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0"),
         )
@@ -204,6 +205,7 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
             colour_bar(figure, row, norm_of(best[key]), label)
         region_legend(
             figure,
+            [scene_of(agents.model) for agents in groups.values()],
             Line2D([], [], ls="", marker=">", mfc="white", mec="black", ms=6, label="optimal move"),
             Line2D([], [], ls="", marker="o", color="black", ms=3, label="optimal PING"),
         )

@@ -1,6 +1,7 @@
 """Maps and the gallery drawn by matplotlib, against scenes and scenarios."""
 
 from collections.abc import Iterable
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,15 @@ from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import PathPatch, Polygon
+from matplotlib.patches import Circle, PathPatch, Polygon
 from matplotlib.quiver import Quiver
 
-from benchmark.drawing.maps import actions, gallery, heat, triangles
+from benchmark.drawing.maps import actions, gallery, heat, shipped, triangles
+from benchmark.drawing.style import svg
+from benchmark.page.build import SCENES
 from envs import compile_scenario, load_scenario, scenario_names
 from envs.scene import BORDERS, COLOURS, scene_of
+from tests.support import ROOT
 
 
 def drawn(artists: Iterable[Artist], kind: type[Artist]) -> list[Any]:
@@ -66,11 +70,14 @@ def test_actions_are_drawn_where_something_can_be_done() -> None:
 
 
 def test_gallery_names_every_scenario_with_what_is_hidden() -> None:
-    figure = gallery([compile_scenario(load_scenario(name)) for name in scenario_names()])
+    small = [name for name in scenario_names() if load_scenario(name).group is None]
+    figure = gallery([compile_scenario(load_scenario(name)) for name in small])
     (legend,) = figure.legends
-    assert {label for label, _ in BORDERS.values()} < {text.get_text() for text in legend.get_texts()}
+    labels = {text.get_text() for text in legend.get_texts()}
+    assert {label for label, _ in BORDERS.values()} < labels
+    assert not labels & {"bystander", "circle on which people talk"}
     titles = [name for axis in figure.axes for name in axis.get_title("left").split(", ") if name]
-    assert sorted(titles) == scenario_names()
+    assert sorted(titles) == small
     texts = [text.get_text().replace("\n", " ") for axis in figure.axes for text in axis.texts]
     (moody,) = [text for text in texts if "MoodyHidden" in text]
     assert moody.startswith("phase: calm 120 cells, no feedback Moody: 360 observations; hidden: wrong PINGs")
@@ -95,3 +102,31 @@ def test_gallery_shows_zones_walls_people_and_starts() -> None:
     path = next(patch for patch in drawn(walls.patches, PathPatch) if patch.get_hatch()).get_path()
     inside = [path.contains_point((column, row)) for row, column in scene_of(models[3]).position]
     assert inside == load_scenario("Walls").grid.is_wall.tolist()
+
+
+def test_groups_and_bystanders_are_told_apart() -> None:
+    changes = {"issuer.position": [[3, 4], [3, 8]], "others": [{"position": [8, 1]}]}
+    model = compile_scenario(load_scenario("TwoTalking", changes))
+    figure = gallery([model])
+    axis = figure.axes[0]
+    (circle,) = drawn(axis.patches, Circle)
+    assert (circle.center, circle.radius) == ((6, 3), 2)
+    markers = {tuple(np.ravel(line.get_xydata()).tolist()): line.get_marker() for line in axis.lines}
+    assert markers == {(4, 3): "*", (8, 3): "*", (1, 8): "o", (0, 0): "s"}
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"bystander", "circle on which people talk"} < labels
+
+
+def test_published_picture_has_all_shipped_scenarios_legibly() -> None:
+    figure = shipped()
+    assert svg(figure) == (ROOT / "results" / SCENES).read_text(encoding="utf-8")
+    axes = [axis for axis in figure.axes if axis.axison]
+    titles = [name for axis in axes for name in axis.get_title("left").split(",\n") if name]
+    assert sorted(titles) == scenario_names()
+    shown = " ".join(text.get_text() for axis in axes for text in axis.texts).replace("\n", " ")
+    assert all(load_scenario(name).description in shown for name in scenario_names())
+    texts = [text for axis in axes for text in (*axis.texts, axis._left_title) if text.get_text()]  # type: ignore[attr-defined]
+    assert min(text.get_size() for text in texts) >= 6.5
+    boxes = [text.get_window_extent() for text in (*texts, *figure.legends)]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert not any(box.overlaps(axis.bbox) for box in boxes for axis in axes)

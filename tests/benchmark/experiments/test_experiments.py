@@ -213,7 +213,7 @@ OF_A_COMPARISON = [
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
     ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
     (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: input should be less than"),
-    ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
+    ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: centre, index"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
     (

@@ -21,6 +21,7 @@ from benchmark.page import build
 from benchmark.reports import explorer
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
+from envs.scenario import ScenarioLike
 from envs.scene import COLOUR_MAP, colour_limits
 from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Learners, Open, Opened, rows_of
 from tests.benchmark.populations import population as blank
@@ -295,19 +296,22 @@ def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everythi
     """A page on scenarios of all kinds, with policies that are optimal but for some observations."""
     folder = tmp_path_factory.mktemp("everything")
     shutil.copytree(made, folder / "mine")
-    populations, generator = {}, np.random.default_rng(5)
-    for name, observation in SEEN.items():
-        model = compile_seen(load_scenario(name), observation)
-        masks = np.zeros(model.n_observations, dtype=np.uint8)
-        masks[model.observation[::-1]] = greedy_masks(solve(model, 1.0, 200).q, 1e-9)[::-1]
-        is_drawn = (masks == 0) | (generator.random(len(masks)) < 0.15)
-        masks[is_drawn] = generator.integers(1, 32, is_drawn.sum())
-        points = np.broadcast_to(masks, (1, 4, len(masks)))
-        records = blank(name, 1, observation=observation, greedy=points)
-        populations[name] = replace(records, run=replace(records.run, variant="a-table_b"))
+    populations = {name: imperfect(name, observation) for name, observation in SEEN.items()}
     explorer.write([*populations.values()], folder / "mine" / explorer.FILE)
     build.write(folder, "mine")
     return folder / "mine", populations
+
+
+def imperfect(scenario: ScenarioLike, observation: str) -> Records:
+    """Returns runs whose policy is optimal but for some observations."""
+    generator, model = np.random.default_rng(5), compile_seen(load_scenario(scenario), observation)
+    masks = np.zeros(model.n_observations, dtype=np.uint8)
+    masks[model.observation[::-1]] = greedy_masks(solve(model, 1.0, 200).q, 1e-9)[::-1]
+    is_drawn = (masks == 0) | (generator.random(len(masks)) < 0.15)
+    masks[is_drawn] = generator.integers(1, 32, is_drawn.sum())
+    points = np.broadcast_to(masks, (1, 4, len(masks)))
+    records = blank(scenario, 1, observation=observation, greedy=points)
+    return replace(records, run=replace(records.run, variant="a-table_b"))
 
 
 @pytest.fixture
@@ -354,7 +358,7 @@ def test_every_scenario_is_walked_and_solved_as_in_python(explore: Explore, name
     assert_walks(opened, population, population.agents[0]["greedy"][-1])
     n_walls = int(model.scenario.grid.is_wall.sum())
     assert opened.panel("left", ".map svg > g:first-child rect[fill='#55555f']").count() == n_walls
-    n_signs = len(model.scenario.people[0][0]) * (1 + model.scenario.has_front)
+    n_signs = len(model.scenario.people_in(0, 0)) * (1 + model.scenario.has_front)
     assert opened.panel("left", ".map .things polygon[points]").count() == n_signs
 
 
@@ -363,7 +367,7 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
 ) -> None:
     opened, population = explore("Anywhere")
     cells, menu = opened.panel("left", ".map svg > g:first-child > g"), "select[name=person]"
-    places = [row * 12 + column for row, column in population.model.scenario.places]
+    places = [row * 12 + column for ((row, column),) in population.model.scenario.places]
 
     def assert_at(person: int) -> None:
         for side in ("left", "right"):  # which show the same room
@@ -389,6 +393,37 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
     again = open_page(everything[0], opened.page.evaluate("location.hash"))
     assert again.panel("right", menu).input_value() == str(2 * 12 + 6)
     assert "The agent is at row 0, column 0." in again.panel("left", ".walked").inner_text()
+
+
+def test_a_group_of_many_places_is_shown_in_some(
+    made: Path, tmp_path: Path, open_page: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes = {"issuer.places": 12, "others": [{"position": [9, 11]}]}
+    population = imperfect(load_scenario("TwoTalking", changes), "nearest")
+    standing = population.model.scenario.standing[:, 0].tolist()
+    shutil.copytree(made, tmp_path / "mine")
+    monkeypatch.setattr(explorer, "MOST_STATES", 3000)  # five places
+    explorer.write([population], tmp_path / "mine" / explorer.FILE)
+    build.write(tmp_path, "mine")
+    address = f"#explorer={'TwoTalking.a-table_b.nearest~' * 2}600~policy"
+    opened, menu = open_page(tmp_path / "mine", address), "select[name=person]"
+    assert "5 of 12 places are shown." in opened.panel("left", ".about").inner_text()
+    assert "does not see" not in opened.panel("left", ".about").inner_text()
+    key = opened.page.locator("#key").inner_text()
+    assert ("bystander" in key, "circle on which people talk" in key) == (True, True)
+    for i, place in enumerate((0, 2, 4, 7, 9)):
+        opened.panel("left", menu).select_option(index=i)
+        assert opened.panel("right", menu).input_value() == ",".join(map(str, standing[place]))
+        assert_optimum(opened, population, population.model.states_of(place), 0)
+    assert opened.panel("left", ".map .things polygon").count() == 2
+    assert opened.panel("left", ".map .things circle").count() == 1 + 2  # bystander, and a dotted line
+    # Either of them can be dragged.
+    cells = opened.panel("left", ".map svg > g:first-child > g")
+    opened.panel("left", ".map").scroll_into_view_if_needed()
+    cells.nth(standing[9][1]).hover(force=True)
+    opened.page.mouse.down()
+    cells.nth(standing[4][0]).hover(force=True)
+    assert str(standing[4][0]) in opened.panel("right", menu).input_value().split(",")
 
 
 def test_phase_and_wrong_pings_are_chosen(explore: Explore, everything: Everything) -> None:

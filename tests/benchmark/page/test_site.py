@@ -4,6 +4,7 @@ import doctest
 import json
 import re
 import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -12,7 +13,7 @@ import pytest
 
 from benchmark.page import build, reference, site
 from envs import InputError
-from envs.scenario import SCENARIO_DIRECTORY
+from envs.scenario import SCENARIO_DIRECTORY, load_scenario
 from tests.support import ROOT
 
 RESULTS = ROOT / "results"
@@ -135,7 +136,7 @@ def test_tour_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Monke
 
 
 def test_example_of_the_guide_to_scenarios_is_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (toml,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)
+    toml, group, others = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)
     (session,) = re.findall(r"```pycon\n(.*?)```", GUIDE, flags=re.DOTALL)
     (tmp_path / "Corridor.toml").write_text(toml, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -144,3 +145,9 @@ def test_example_of_the_guide_to_scenarios_is_right(tmp_path: Path, monkeypatch:
     result = doctest.DocTestRunner().run(test, out=said.append)
     assert result.attempted == 5
     assert not result.failed, "".join(said)
+    three = load_scenario("Anywhere", {"grid.metres_per_cell": 0.3, **tomllib.loads(group)})
+    assert (three.group, three.regions) == (
+        load_scenario("ThreeTalking").group,
+        load_scenario("ThreeTalking").regions,
+    )
+    assert load_scenario("S1", tomllib.loads(others)).others_at[4][0].position == (2, 6)

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from agents.dynamic_programming import solve
 from benchmark.__main__ import main
 from benchmark.analysis.frames import keys_of
 from benchmark.analysis.looks import took
@@ -24,7 +25,10 @@ from benchmark.reports.document import Document
 from benchmark.reports.draw import tables_of
 from benchmark.reports.folder import Folder
 from benchmark.reports.map import REPORT, figures
+from benchmark.reports.map.ceilings import ceilings
 from benchmark.reports.map.results import verdicts
+from envs import compile_scenario, load_scenario
+from envs.observations import compile_seen
 from tests.benchmark.reports.conftest import experiment_of
 from tests.benchmark.reports.sentences import check_links
 from tests.support import ROOT, mistyped_columns
@@ -161,7 +165,7 @@ def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
 def test_runs_of_a_seed_have_the_same_places_and_permuting_is_nothing_to_a_table(made: Path) -> None:
     experiment = load_experiment(made.parent / "small.toml")
     curves: dict[tuple[str, str], list[bytes]] = {}
-    places: dict[str, list[tuple[tuple[int, int], ...]]] = {}
+    places: dict[str, object] = {}
     with Store(made.parent / "runs.db", read_only=True) as store:
         for population in experiment.populations:
             condition, runs = population.condition.name, population.runs(range(2))
@@ -382,6 +386,67 @@ def test_panels_show_their_learners_and_thinly_those_with_other_settings(tmp_pat
     assert [title.split()[0] for title in titles] == ["Does", "What"]  # the grids `code` and `unseen`
 
 
+PEOPLE = """
+[grids.pairs]
+question = "What does each further pair cost?"
+scenario = { "grid.rows" = 5, "grid.columns" = 6, "group" = { people = 2, apart = [2, 2] } }
+axes.pairs.2.scenario = { "issuer.places" = 2, "issuer.unseen" = 3 }
+axes.pairs.5.scenario = { "issuer.places" = 5 }
+
+[[report.panels]]
+title = "One person"
+learners = ["shared, offset", "table, index"]
+
+[[report.panels]]
+grid = "pairs"
+title = "Two people"
+learners = ["shared, offset"]
+"""
+
+
+def test_panels_of_other_grids(tmp_path: Path) -> None:
+    data = by_hand(tmp_path, lambda population: {1000.0 * len(population.scenario.places): 1.0}, PEOPLE)
+    tables = tables_of(REPORT.items, data)
+    drawn = {item.name: cast("Any", item.picture(data, tables)) for item in REPORT.items}
+    one, two = drawn["map"].axes
+    assert [line.get_xdata().tolist() for line in two.lines[:1]] == [[2, 5]]
+    assert two.lines[0].get_ydata().tolist() == [5000, 5000]  # unseen places are places, too
+    assert one.get_ylim() == two.get_ylim()
+    titles = [axis.get_title(loc="left") for axis in drawn["grids"].axes]
+    assert [title.split()[0] for title in titles] == ["Does", "What"]  # the grids `code` and `unseen`
+    shown = [axis.get_title() for axis in drawn["success"].axes if axis.get_title()]
+    assert shown == [
+        "places: places 1",
+        "places: places 4",
+        "places: places 16",
+        "pairs: pairs 2",
+        "pairs: pairs 5",
+    ]
+
+
+def test_ceilings_are_those_of_votes_counted_one_by_one(tmp_path: Path) -> None:
+    experiment = by_hand(tmp_path, lambda _: {1000.0: 1.0}, PEOPLE).experiment
+    found = {(row["grid"], row["observation"]): row for row in cast("Any", ceilings.compute)(experiment)}
+    scene = load_scenario(
+        "Anywhere", {"grid.rows": 5, "grid.columns": 6, "group": {"people": 2, "apart": [2, 2]}}
+    )
+    q = solve(compile_scenario(scene), 1.0, 60, issuer_rewards=False).q
+    for form in ("index", "nearest", "two_nearest", "centre", "offset"):
+        model = compile_seen(scene, form)
+        votes: dict[int, list[set[int]]] = {}
+        for state in range(len(q)):
+            first = state % (30 * 5) < 30 and not model.is_over[state]  # before any PING; 30 cells, 5 PINGs
+            if first:
+                best = {a for a in range(5) if q[state, a] > max(q[state]) - 1e-9}
+                votes.setdefault(int(model.observation[state]), []).append(best)
+        most = [max(sum(a in best for best in states) for a in range(5)) for states in votes.values()]
+        row = found["pairs", form]
+        assert (row["rows"], row["states"]) == (len(votes), len(q))
+        assert row["optimal"] == pytest.approx(sum(most) / sum(map(len, votes.values())))
+    assert (found["pairs", "index"]["optimal"], found["pairs", "index"]["success"]) == (1, pytest.approx(1))
+    assert found["pairs", "nearest"]["optimal"] < 1
+
+
 @pytest.mark.parametrize(("budget", "steps", "spent"), [(800, 800, 80), (200, 200, 20), (400, np.inf, 40)])
 def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float, spent: float) -> None:
     curves = pd.DataFrame({"step": [0, 100, 200, 400, 800], "success": [0.0, 0.0, 1.0, 0.0, 1.0]})
@@ -411,6 +476,8 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ("levels = [0.5", "levels = [0.95", "levels = [0.95, 0.7]: accepted: numbers up to success = 0.9"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["dqn, index"] }]',
          "report.panels: dqn, index: accepted: learners of the first grid with one axis, places: shared, o"),
+        ("[report]", '[report]\npanels = [{ grid = "code", title = "All", learners = ["table, index"] }]',
+         "report.panels: grid = code: accepted: places."),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["check, index"] }]',
          "report.panels: check, index: accepted: learners of the first grid"),
     ],

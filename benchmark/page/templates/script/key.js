@@ -3,9 +3,9 @@ import { byId, drawn, element } from "./elements.js";
 import { explorer } from "./data.js";
 import { agents } from "./agents.js";
 import { INDIFFERENT } from "./colours.js";
-import { GLYPHS, hatched, outlined, walker } from "./scene.js";
+import { dotted, GLYPHS, hatched, outlined, walker } from "./scene.js";
 
-const NAMES = { issuer: "person (with a nose where it matters where they look)", start: "start" };
+const NAMES = { issuer: "person (with a nose where it matters where they look)", bystander: "bystander", start: "start" };
 const frame = { x: 3, y: 3, width: 18, height: 18 };
 const dark = () => drawn("rect", { width: 24, height: 24, fill: "#575d6d" });
 
@@ -14,6 +14,7 @@ export function paintKey() {
   const outlines = new Map(explorer.rooms.flatMap((room) => room.outlines));
   const signs = [
     ...[...glyphs].map((kind) => [GLYPHS[kind](12, 12, 0.8), NAMES[kind]]),
+    ...(explorer.rooms.some((room) => room.views[0].circle) ? [[dotted(12, 12, 9), "circle on which people talk"]] : []),
     ...[...outlines].map(([label, dashed]) => [outlined("rect", frame, dashed), label]),
     [[dark(), drawn("path", { d: "M4,12L19,12M14,7L19,12L14,17", stroke: "#fff", "stroke-width": 2.4, fill: "none" })], "greedy move"],
     [[dark(), drawn("circle", { cx: 12, cy: 12, r: 5, fill: "#fff", stroke: "#000" })], "greedy PING"],

@@ -32,7 +32,7 @@ export class Panel {
     }
     this.situation = Object.fromEntries(["person", "phase", "pings"].map((key) => [key, menu(key)]));
     for (const [key, select] of Object.entries(this.situation)) {
-      select.addEventListener("change", () => this.situate({ [key]: Number(select.value) }));
+      select.addEventListener("change", () => this.situate(key === "person" ? { group: select.value } : { [key]: Number(select.value) }));
     }
     this.find(".map").addEventListener("keydown", (event) => this.key(event));
   }
@@ -67,12 +67,12 @@ export class Panel {
     this.map = 0;
     this.startWalk(room.startOf(this.block));
   }
-  // Offers what there is a choice of: where the person is, the phase, and the wrong PINGs if they are observed.
+  // Offers what there is a choice of: where people are, the phase, and the wrong PINGs if they are observed.
   fillSituation() {
     const { room, sight } = this.agent;
     const count = (length) => Array.from({ length }, (_, i) => i);
     const offered = {
-      person: room.places.length > 1 ? room.places.map((cell) => [cell, placeOf(room, cell)]) : [],
+      person: room.places.length > 1 ? room.places.map((cells) => [cells, cells.map((cell) => placeOf(room, cell)).join("; ")]) : [],
       phase: room.hasNamedPhases ? room.phases.map((name, i) => [i, name]) : [],
       pings: sight.observed.includes("wrong_pings") ? count(room.shape[3]).map((n) => [n, n]) : [],
     };
@@ -88,13 +88,13 @@ export class Panel {
     const parts = room.partsOf(block);
     this.block = room.blockWith({ ...parts, pings: sight.observed.includes("wrong_pings") ? parts.pings : 0 });
     const { person, phase, pings } = this.situation;
-    [person.value, phase.value, pings.value] = [room.personOn(room.viewOf(this.block)), room.phaseOf(this.block), parts.pings];
+    [person.value, phase.value, pings.value] = [room.groupOn(room.viewOf(this.block)), room.phaseOf(this.block), parts.pings];
   }
   key(event) {
     const { room } = this.agent;
     if (event.key === "Enter") this.startWalk(this.block * room.nCells + this.cursor);
     else if (event.key in MOVES) {
-      const moved = event.shiftKey ? room.personOn(room.viewOf(this.block)) : this.cursor;
+      const moved = event.shiftKey ? room.groupOn(room.viewOf(this.block))[0] : this.cursor;
       const { row, column } = rowAndColumn(room, moved);
       const [toRow, toColumn] = [row + MOVES[event.key][0], column + MOVES[event.key][1]];
       const cell = toRow * room.columns + toColumn;

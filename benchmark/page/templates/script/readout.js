@@ -16,6 +16,8 @@ const VALUES = {
   probability: () => "Probabilities of the stochastic policy.",
 };
 
+const SITUATED = ["issuer", "offset", "nearest", "two_nearest", "centre", "phase"]; // say where people are
+
 // What the map shows, and how good the agent and all runs of its learner are at this time.
 export function described(agent, map, step) {
   const { curve, room, sight } = agent;
@@ -24,9 +26,10 @@ export function described(agent, map, step) {
   const values = agent.hasValues ? VALUES[agent.kind](agent) : "Only this agent's final greedy policy is published.";
   const isHidden = (name) => !sight.observed.includes(name);
   const hidden = [
-    room.places.length > 1 && isHidden("issuer") && isHidden("offset") && isHidden("phase") && "where the person is",
+    room.places.length > 1 && SITUATED.every(isHidden) && "where the person is",
     room.hasNamedPhases && isHidden("phase") && "the phase",
   ].filter(Boolean);
+  const few = room.of_places ? ` ${grouped(room.shape[0])} of ${grouped(room.of_places)} places are shown.` : "";
   const blind = hidden.length ? ` It does not see ${hidden.join(" or ")}.` : "";
   const hasDiverged = agent.hasValues && Number.isNaN(agent.valueAt(map, room.starts[0], 0));
   const note = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
@@ -36,7 +39,7 @@ export function described(agent, map, step) {
     ` [${show(curve.low[place])}, ${show(curve.high[place])}]`,
   ];
   const result = `unbounded score ${show(agent.score[map])}, success probability ${show(agent.success[map])}`;
-  return [`${time}${values}${blind}${note} This agent (seed ${agent.seed}): ${result}`, ...mean, "."];
+  return [`${time}${values}${blind}${note}${few} This agent (seed ${agent.seed}): ${result}`, ...mean, "."];
 }
 
 export function readoutOf(agent, map, block, cell) {

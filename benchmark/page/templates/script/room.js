@@ -9,12 +9,13 @@ export class Room {
     this.nActions = this.kinds.event.length / this.kinds.over.length;
     this.nOutcomes = this.kinds.change.length / this.kinds.event.length;
     this.optima = new Map();
-    this.places = [...new Set(this.views.map((view) => this.personOn(view)))].sort((a, b) => a - b); // of the issuer
+    // The cells of the issuer and its group, by place; of who walks, in all phases.
+    this.places = [...new Map(this.views.map((view) => [String(this.groupOn(view)), this.groupOn(view)])).values()].sort((a, b) => a[0] - b[0]);
     // A person who walks is in another phase in every cell, and each cell of a map tells which.
     this.hasNamedPhases = this.phases.length > 1 && this.views.length > this.places.length;
   }
-  personOn(view) {
-    return view.glyphs.find(({ kind }) => kind === "issuer").cell;
+  groupOn(view) {
+    return view.glyphs.slice(0, this.group ?? 1).map(({ cell }) => cell);
   }
   partsOf(block) {
     const [, nTicks, nDelayed, nPings] = this.shape;
@@ -31,15 +32,18 @@ export class Room {
   viewOf(block) {
     return this.views[this.partsOf(block).place * this.phases.length + this.phaseOf(block)];
   }
-  // The block with another person's cell, phase or number of wrong PINGs, and little else changed; null if there is none.
-  changed(block, { person, phase, pings }) {
-    const now = this.partsOf(block);
+  // The block with a person in a cell, the group in its cells, a phase or a number of wrong PINGs, and little else
+  // changed; null if there is none.
+  changed(block, { person, group, phase, pings }) {
+    const [now, before] = [this.partsOf(block), this.groupOn(this.viewOf(block))];
     let [found, least] = [null, Infinity];
     for (let place = 0; place < this.shape[0]; place++) {
       for (let tick = 0; tick < this.ticks.length; tick++) {
         const other = this.blockWith({ place, tick, pings: pings ?? now.pings });
-        const cost = (place !== now.place) + (tick !== now.tick);
-        const fits = (person === undefined || this.personOn(this.viewOf(other)) === person)
+        const cells = this.groupOn(this.viewOf(other));
+        const cost = cells.filter((cell) => !before.includes(cell)).length + (tick !== now.tick);
+        const fits = (person === undefined || cells.includes(person))
+          && (group === undefined || String(cells) === group)
           && (phase === undefined || this.phaseOf(other) === phase);
         if (fits && cost < least) [found, least] = [other, cost];
       }

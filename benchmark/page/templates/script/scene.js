@@ -15,6 +15,10 @@ function star(x, y, radius) {
   return drawn("polygon", { points: points.join(" "), fill: "#fff", stroke: "#000", "stroke-width": 1.4, ...UNTOUCHED });
 }
 
+function ring(x, y, radius) {
+  return drawn("circle", { cx: x, cy: y, r: radius, fill: "#fff", stroke: "#000", "stroke-width": 2, ...UNTOUCHED });
+}
+
 function square(x, y, radius) {
   return bordered("rect", { x: x - radius, y: y - radius, width: 2 * radius, height: 2 * radius }, 1.6, 3.4);
 }
@@ -31,12 +35,22 @@ export const GLYPHS = {
     ...(nose.length ? [drawn("polygon", { points: nose.map(([row, column]) => `${x + UNIT * column},${y + UNIT * row}`).join(" "), fill: "#000", stroke: "#fff", ...UNTOUCHED })] : []),
     star(x, y, 11 * size),
   ],
+  bystander: (x, y, size) => [ring(x, y, 8 * size)],
   start: (x, y, size) => square(x, y, 10 * size),
 };
 
 // The line around a region.
 export function outlined(name, attributes, isDashed) {
   return bordered(name, isDashed ? { ...attributes, "stroke-dasharray": "5 4" } : attributes, 2, 4);
+}
+
+// The circle on which people talk.
+export function dotted(x, y, radius) {
+  const shared = { cx: x, cy: y, r: radius, fill: "none", ...UNTOUCHED };
+  return [
+    drawn("circle", { ...shared, stroke: "#fff", "stroke-width": 3.2 }),
+    drawn("circle", { ...shared, stroke: "#000", "stroke-width": 1.7, "stroke-dasharray": "2 2.4" }),
+  ];
 }
 
 // The agent on its walk.
@@ -79,12 +93,13 @@ export class SceneView {
     this.view = view;
     this.things.replaceChildren(
       ...view.outlines.flatMap((loops, i) => outlined("path", { d: this.pathOf(loops) }, this.room.outlines[i][1])),
+      ...(view.circle ? [this.circled(...view.circle)] : []),
       ...view.glyphs.flatMap(({ kind, cell, nose }) => GLYPHS[kind](...this.centre(cell), 1, nose)),
     );
-    const isHere = (cell) => this.room.places.length > 1 && cell === this.room.personOn(view);
+    const isHere = (cell) => this.room.places.length > 1 && this.room.groupOn(view).includes(cell);
     this.cells.forEach(({ group }, cell) => group.classList.toggle("person", isHere(cell)));
   }
-  // Where there is a choice of places, the person can be dragged: a pointer that is pressed on their cell moves them.
+  // Where there is a choice of places, people can be dragged: a pointer that is pressed on their cell moves them.
   listenForDrags(move) {
     let isDragging = false;
     const cellAt = ({ clientX, clientY }) =>
@@ -99,6 +114,11 @@ export class SceneView {
     for (const end of ["pointerup", "pointercancel", "pointerleave"]) {
       this.image.addEventListener(end, () => (isDragging = false));
     }
+  }
+  // The circle on which people talk, as far as it lies in the room.
+  circled(row, column, radius) {
+    const room = { x: this.margin, y: 0, width: UNIT * this.room.columns, height: UNIT * this.room.rows };
+    return drawn("svg", room, ...dotted(UNIT * column, UNIT * row, UNIT * radius));
   }
   centre(cell) {
     return this.at(Math.floor(cell / this.room.columns) + 0.5, (cell % this.room.columns) + 0.5);

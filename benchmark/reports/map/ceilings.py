@@ -1,0 +1,78 @@
+"""What the tables of a declared class could do at best, computed exactly: an item for scenes with groups."""
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.dynamic_programming import evaluate, solve
+from agents.policy import mask_policy
+from benchmark.analysis.records import OPTIMUM_TOLERANCE
+from benchmark.experiments import Experiment, title_of
+from benchmark.reports.item import item
+from envs import Model, Scenario, compile_scenario
+from envs.observations import INDICES, compile_seen
+
+
+@item(
+    "ceilings",
+    "exact: how well the best action of each row of a table can do",
+    {
+        "grid": "",
+        "table": "",
+        "rows": "rows",
+        "optimal": "share of states in which a row's action is optimal",
+        "success": "success of this table",
+    },
+    meanings={
+        "observation": "what a row of the table stands for",
+        "optimal": "share of states before any PING in which the action of their row is optimal, if every "
+        "row has the action that is optimal in most of its states",
+        "rows": "rows in which the agent can act",
+        "states": "states of the scene",
+        "success": "exact success with these actions; other actions may do better",
+        "table": "the table, as readers call it",
+    },
+)
+def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
+    """Tabulates each grid's scene with everything that can be drawn, and each form of index."""
+    for grid, scenario in _scenes(experiment).items():
+        model = compile_scenario(scenario)
+        q, value = solve(model, 1.0, experiment.declared.horizon, issuer_rewards=False)
+        states = model.fresh_state[~model.is_over[model.fresh_state]]
+        is_optimal = q[states] >= value[states, None] - OPTIMUM_TOLERANCE
+        n_states = len(q)
+        del q, value, model  # a large scene takes a gigabyte
+        for form in INDICES:
+            seen = compile_seen(scenario, form)
+            counts = np.zeros((seen.n_observations, is_optimal.shape[1]))
+            np.add.at(counts, seen.observation[states], is_optimal)
+            yield {
+                "grid": grid,
+                "observation": form,
+                "table": title_of("table", form, "tabular"),
+                "states": n_states,
+                "rows": len(np.unique(seen.observation[states])),
+                "optimal": float(counts.max(axis=1).sum() / len(states)),
+                "success": _success(seen, counts, experiment.declared.horizon),
+            }
+
+
+def _scenes(experiment: Experiment) -> dict[str, Scenario]:
+    """Returns the scene of every panel's grid, with all places that there are."""
+    report = experiment.report
+    assert report is not None
+    everywhere: Final = {"places": None, "unseen": 0, "permuted": 0.0}
+    return {
+        grid: population.scenario.model_copy(
+            update={"issuer": population.scenario.issuer.model_copy(update=everywhere)}
+        )
+        for grid in dict.fromkeys(panel.grid for panel in report.panels)
+        for population in experiment.populations
+        if population.condition.axes.get("grid") == grid
+    }
+
+
+def _success(model: Model, counts: NDArray[np.float64], horizon: int) -> float:
+    return float(evaluate(model, mask_policy((1 << counts.argmax(axis=1)).astype(np.uint8)), horizon).success)

@@ -1,0 +1,174 @@
+"""People in a scenario: where they stand and walk, and the reward that they add to a PING."""
+
+from collections.abc import Set
+from itertools import pairwise
+from typing import Annotated, ClassVar, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field, ValidationError, WrapValidator, model_validator
+from pydantic import ValidatorFunctionWrapHandler as Handler
+
+from envs.inputs import Table, require
+from envs.regions import HEADINGS, Cell, Heading, Length, Regions, Ring
+
+MAX_STATES: Final = 4_000_000  # of a scenario
+Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
+Steps = Annotated[int, Field(ge=1, le=1000)]
+
+
+def _checked_place(value: object, handler: Handler) -> object:
+    if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
+        value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
+    try:
+        return handler(value)
+    except ValidationError as error:
+        accepted = 'a cell [ROW, COLUMN], a list of at least one cell, or "anywhere"'
+        raise ValueError(f"accepted: {accepted}") from error
+
+
+# A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
+_Cells = Annotated[tuple[Cell, ...], Field(min_length=1)]
+Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_place)]
+
+
+class PlainFeedback(Table):
+    """No reward, or minus the issuer's L1 distance from the agent, relative to the farthest start.
+
+    Delayed feedback, also by distance, comes with the action after the PING, and never if the PING ends the
+    episode. The issuer must not move then, since the model does not remember where it stood at the PING.
+    """
+
+    kind: Literal["none", "distance", "delayed"]
+    """Which of the three."""
+
+
+class NoisyFeedback(Table):
+    """Feedback by distance plus a number drawn at each PING, uniformly between minus and plus `noise`."""
+
+    kind: Literal["noisy"]
+    """This kind."""
+    noise: Annotated[float, Field(gt=0, le=1e6)]
+    """Half the width of the interval that the number is drawn from."""
+
+
+class BoundedFeedback(Table):
+    """Drawn at each PING, uniformly between two bounds; or `high` if it is correct, `low` if it is wrong."""
+
+    kind: Literal["uniform", "binary"]
+    """Drawn between the bounds, or one of them."""
+    low: Reward
+    """Smallest reward, or that for a wrong PING."""
+    high: Reward
+    """Largest reward, or that for a correct PING."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        is_ordered = self.kind == "binary" or self.low < self.high
+        require(is_ordered, f"low = {self.low}", f"less than high = {self.high}")
+        return self
+
+
+AnyFeedback = PlainFeedback | NoisyFeedback | BoundedFeedback
+Feedback = Annotated[AnyFeedback, Field(discriminator="kind")]
+FEEDBACK: Final = {  # in words, by kind
+    "none": "no feedback",
+    "uniform": "random feedback",
+    "distance": "feedback by distance",
+    "noisy": "noisy feedback by distance",
+    "delayed": "delayed feedback by distance",
+    "binary": "binary feedback",
+}
+
+
+class Walk(Table):
+    """A walk in straight lines from a person's position to each corner in turn, and back; then again.
+
+    The person looks where it goes. Whoever walks takes the first step at the same time.
+    """
+
+    corners: Annotated[tuple[Cell, ...], Field(min_length=1, max_length=100)]
+    """Where the walk turns: each is in the row or column of the one before."""
+    steps: Steps = 1
+    """Steps of the agent for each cell of the walk."""
+
+    def n_steps(self, position: Cell) -> int:
+        """Returns how many steps of the agent a round from a position takes."""
+        turns = pairwise([position, *self.corners, position])
+        return self.steps * sum(abs(to[0] - at[0]) + abs(to[1] - at[1]) for at, to in turns)
+
+    def route(self, position: Cell) -> list[tuple[Cell, Heading]]:
+        """Returns the cells of a round from a position, and where the person looks in each."""
+        route: list[tuple[Cell, Heading]] = []
+        for (row, column), (to_row, to_column) in pairwise([position, *self.corners, position]):
+            step = int(np.sign(to_row - row)), int(np.sign(to_column - column))
+            heading = next(name for name, direction in HEADINGS.items() if direction == step)
+            n_steps = abs(to_row - row) + abs(to_column - column)
+            route += [((row + k * step[0], column + k * step[1]), heading) for k in range(n_steps)]
+        return route
+
+
+class Issuer(Table):
+    """The person whose personal space matters, and the reward that this person adds to every PING."""
+
+    omitted_at_default: ClassVar[Set[str]] = {"heading", "walk", "places", "unseen", "permuted"}
+
+    position: Place
+    """Where the issuer stands when an episode starts."""
+    places: Annotated[int, Field(ge=1, le=MAX_STATES)] | None = None
+    """How many of the cells of `position` it may stand in, drawn once, see `draw`; all by default. With a
+    `group`, how many of the ways in which all of them may stand."""
+    unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
+    """Further such places, drawn after these: part of the observations, but no episode starts with them."""
+    permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of its cells whose coordinates are permuted: as coordinates, an agent observes another cell."""
+    feedback: Feedback
+    """The reward that the issuer adds to every PING."""
+    heading: Heading = "up"
+    """Where the issuer looks."""
+    walk: Walk | None = None
+    """How the issuer walks; by default it does not."""
+
+
+class Group(Table):
+    """People who are drawn together with the issuer, and have its regions and feedback.
+
+    All sets of cells of `issuer.position` with these distances are equally likely; the nearest of the people
+    answers a PING. Strangers have regions each; the target region of people who talk is a ring.
+    """
+
+    people: Annotated[int, Field(ge=2, le=6)]
+    """How many people, the issuer included."""
+    apart: tuple[Length, Length]
+    """Smallest and largest distance between any two of them, in the unit of `regions`."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        require(self.apart[0] <= self.apart[1], f"apart = {list(self.apart)}", "the smallest distance first")
+        return self
+
+
+class Person(Table):
+    """Another person; a bystander, whom the agent must not run into, has neither regions nor feedback."""
+
+    omitted_at_default: ClassVar[Set[str]] = {"heading", "feedback", "regions", "walk"}
+
+    position: Cell
+    """Where the person stands."""
+    feedback: Feedback | None = None
+    """The reward that the person adds to a PING if no other person is nearer, bystanders left out."""
+    regions: Regions | None = None
+    """The regions around this person alone."""
+    heading: Heading = "up"
+    """Where the person looks."""
+    walk: Walk | None = None
+    """How the person walks; by default it does not."""
+
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        is_bystander = self.regions is None
+        require(
+            (self.feedback is None) == is_bystander, "regions, feedback", "both, or neither (a bystander)"
+        )
+        is_ring = self.regions is not None and isinstance(self.regions.target, Ring)
+        require(not is_ring, 'regions.target.kind = "ring"', "square, circle or egg")
+        return self

@@ -1,0 +1,102 @@
+"""What is observed of several people: by hand, and against its definition in plain Python."""
+
+from itertools import product
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from envs import OBSERVATIONS, Model, ProxemicVectorEnv, load_scenario
+from envs.observations import compile_seen, observation_blocks, observation_table
+from envs.scenario import RELATIVE
+
+# Five rows and six columns, so that offsets have 9 x 11 values: the number of (r, c) is (r + 4) * 11 + c + 5,
+# and as coordinates it is (r + 4) / 8 and (c + 5) / 10.
+ROOM: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"}
+ROOM |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1, "ping_limit": 1}
+PAIR, THREE = ({"group": {"people": n, "apart": [2, 4]}} | ROOM for n in (2, 3))
+
+
+def seen(form: str, changes: dict[str, Any], agent: tuple[int, int], *people: tuple[int, int]) -> Any:
+    """Returns what is observed in a cell with people in others: columns that are 1, and coordinates."""
+    model = compile_seen(load_scenario("Anywhere", changes), form)
+    is_here = model.cell == agent[0] * 6 + agent[1]
+    (o,) = {*model.observation[is_here & (model.context == model.scenario.places.index(people))].tolist()}
+    table = observation_table(model, f"{form}_one_hot")
+    assert np.flatnonzero(table[o]).tolist() == sorted(observation_blocks(model)[o].tolist())
+    if form in ("nearest", "centre"):
+        assert np.flatnonzero(table[o]).tolist() == [o]
+    return np.flatnonzero(table[o]).tolist(), observation_table(model, f"{form}_coordinates")[o].tolist()
+
+
+def test_offsets_of_two_people_by_hand() -> None:
+    agent, first, last = (2, 2), (2, 5), (0, 2)  # the second is nearer: 2 rows up, the other 3 columns right
+    up, right = 2 * 11 + 5, 4 * 11 + 8
+    for form in ("offset", "two_nearest"):
+        columns, coordinates = seen(form, PAIR, agent, last, first)
+        assert columns == [up, 99 + right]
+        assert coordinates == pytest.approx([2 / 8, 5 / 10, 4 / 8, 8 / 10])
+    assert seen("nearest", PAIR, agent, last, first) == ([up], pytest.approx([2 / 8, 5 / 10]))
+    # The centre is 1 row up and 1.5 columns right. In halves of cells, it is one of 17 x 21.
+    centre = [(8 - 2) * 21 + 10 + 3], pytest.approx([(4 - 1) / 8, (5 + 1.5) / 10])
+    assert seen("centre", PAIR, agent, last, first) == centre
+
+
+def test_of_equally_near_people_the_upper_and_then_the_left_one_comes_first() -> None:
+    up, left, right, down = (2 * 11 + 5, 4 * 11 + 3, 4 * 11 + 7, 6 * 11 + 5)  # each two cells away
+    assert seen("nearest", PAIR, (2, 2), (2, 0), (2, 4))[0] == [left]
+    assert seen("nearest", PAIR, (2, 2), (0, 2), (2, 0))[0] == [up]
+    assert seen("two_nearest", PAIR, (2, 2), (2, 4), (4, 2))[0] == [right, 99 + down]
+    assert seen("two_nearest", THREE, (2, 2), (0, 2), (2, 0), (4, 2))[0] == [up, 99 + left]
+    assert seen("offset", THREE, (2, 2), (0, 2), (2, 0), (4, 2))[0] == [up, 99 + left, 198 + down]
+    # Distances are Euclidean: 2 and 1 cells aside (2.24) are nearer than 3 (3), though both are 3 steps.
+    assert seen("nearest", PAIR, (0, 0), (0, 3), (2, 1))[0] == [6 * 11 + 6]
+
+
+@pytest.mark.parametrize("form", RELATIVE)
+@pytest.mark.parametrize("changes", [PAIR, THREE | {"group.apart": [2, 2.9]}])
+def test_every_observation_is_as_defined(form: str, changes: dict[str, Any]) -> None:
+    model = compile_seen(load_scenario("Anywhere", dict(changes)), form)
+    columns, coordinates = observation_blocks(model), observation_table(model, f"{form}_coordinates")
+    number_of: dict[Any, int] = {}
+    for o, cell, context in zip(model.observation, model.cell, model.context, strict=True):
+        people = model.scenario.places[context]
+        offsets = sorted(
+            ((r - cell // 6, c - cell % 6) for r, c in people), key=lambda it: (it[0] ** 2 + it[1] ** 2, it)
+        )
+        if form == "centre":
+            shown = [(sum(r for r, _ in offsets) / len(people), sum(c for _, c in offsets) / len(people))]
+        else:
+            shown = offsets[: {"nearest": 1, "two_nearest": 2}.get(form, len(offsets))]
+            expected = [99 * i + (r + 4) * 11 + c + 5 for i, (r, c) in enumerate(shown)]
+            assert columns[o].tolist() == expected
+        assert coordinates[o] == pytest.approx([n for r, c in shown for n in ((r + 4) / 8, (c + 5) / 10)])
+        assert number_of.setdefault(tuple(shown), o) == o
+    assert len({*number_of.values()}) == len(number_of)  # others have other numbers
+
+
+@pytest.mark.parametrize("name", ["Anywhere", "Walking"])
+def test_for_a_single_person_all_are_the_offset(name: str) -> None:
+    scenario = load_scenario(name, {"observe": ["agent", "issuer", "wrong_pings"]})
+    offset = compile_seen(scenario, "offset")
+    for form, suffix in product(RELATIVE, ("", "_one_hot", "_coordinates")):
+        model: Model = compile_seen(scenario, form)
+        np.testing.assert_array_equal(model.observation, offset.observation)
+        ours, theirs = observation_table(model, form + suffix), observation_table(offset, f"offset{suffix}")
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_envs_take_every_form(observation: str) -> None:
+    overrides = {"issuer.places": 3}
+    scenario = load_scenario("ThreeTalking", overrides)
+    model = compile_seen(scenario, observation)
+    table = observation_table(model, observation)
+    env = gymnasium.make("envs:Proxemic/ThreeTalking-v0", observation=observation, overrides=overrides)
+    batch = ProxemicVectorEnv(4, "ThreeTalking", observation, overrides)
+    rows = {tuple(np.atleast_1d(table[o]).tolist()) for o in model.observation[model.starts]}
+    assert len(rows) == 3
+    for first in (env.reset(seed=1)[0], *batch.reset(seed=1)[0]):
+        assert tuple(np.atleast_1d(first).tolist()) in rows
+    assert env.observation_space.contains(env.step(1)[0])
