@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.model import ACTIONS, Model, draw_issuer_reward
+from envs.model import ACTIONS, Model, draw_issuer_reward, kept_with_model
 
 U = np.uint64
 N_ACTIONS: Final = len(ACTIONS)
@@ -45,12 +45,9 @@ class Process(NamedTuple):
     is_noisy: bool
 
 
+@kept_with_model
 def process_of(model: Model) -> Process:
     """Returns a model as compiled code reads it."""
-    return model.derived("process", _process)
-
-
-def _process(model: Model) -> Process:
     n_states, n_actions, n_outcomes = model.next_state.shape
     row = n_actions * n_outcomes * OUTCOME.itemsize  # bytes of a state
     kinds, kind = np.zeros(0, dtype=f"V{row}"), np.empty(n_states, dtype=np.int64)

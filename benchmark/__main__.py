@@ -201,8 +201,10 @@ def _parser() -> argparse.ArgumentParser:
     _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
     _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
     _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
-    about = "form of observation that the agent takes: index, one_hot or coordinates, or with the issuer's "
-    about += "cell relative to the agent's: offset, offset_one_hot or offset_coordinates"
+    about = (
+        "form of observation that the agent takes: index, one_hot or coordinates, or of people relative to "
+    )
+    about += "the agent: offset, nearest, two_nearest or centre, also with _one_hot or _coordinates"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
 

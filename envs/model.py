@@ -12,10 +12,10 @@ bootstrap through it.
 """
 
 import math
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
-from typing import Any, Final, TypeVar
+from functools import cached_property, lru_cache, wraps
+from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,8 @@ EVENTS: Final = (
 _WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
-Derived = TypeVar("Derived")
+T = TypeVar("T")
+P = ParamSpec("P")
 Feedback = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]  # see `_feedback`
 _STATES_AT_ONCE: Final = 200_000  # that are compiled together, to save memory
 
@@ -89,18 +90,11 @@ class Model:
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
     zone: NDArray[np.int8]  # (S,) index into ZONES
-    _derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)  # from it, and kept
 
     def __reduce__(self) -> tuple[Callable[[Scenario], "Model"], tuple[Scenario]]:
         """Pickles only the scenario, from which the model is compiled again."""
         return compile_scenario, (self.scenario,)
-
-    def derived(self, key: Hashable, derive: Callable[["Model"], Derived]) -> Derived:
-        """Returns what a function derives from the model, computed once and kept as long as the model."""
-        if key not in self._derived:
-            self._derived[key] = derive(self)
-        kept: Derived = self._derived[key]
-        return kept
 
     @property
     def start(self) -> int:
@@ -172,6 +166,20 @@ class Model:
         return bool(self.issuer_noise.any())
 
 
+def kept_with_model(derive: Callable[Concatenate[Model, P], T]) -> Callable[Concatenate[Model, P], T]:
+    """Decorates what is derived from a model: it is computed once, and kept as long as the model."""
+
+    @wraps(derive)
+    def derived(model: Model, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        key = derive, args, tuple(sorted(kwargs.items()))
+        if key not in model.derived:
+            model.derived[key] = derive(model, *args, **kwargs)
+        kept: T = model.derived[key]
+        return kept
+
+    return derived
+
+
 def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbers:
     """Returns the issuer's reward for a draw from [0, 1), also of arrays and inside numba.
 
@@ -233,7 +241,7 @@ def _compile(scenario: Scenario) -> Model:
     return model
 
 
-_compile_large = lru_cache(maxsize=2)(_compile.__wrapped__)  # each takes up to half a gigabyte
+_compile_large = lru_cache(maxsize=2)(_compile.__wrapped__)  # each takes up to a gigabyte
 
 
 def _compile_places(
@@ -384,10 +392,9 @@ def _relative(
     size, n_seen = (2 * int(farthest[0]) + 1) * columns, index.shape[2]
     values, of_cell = np.arange(size)[:, None], index[:, :, 0]
     if n_seen > 1:  # of the many combinations of offsets, only those that occur
-        keys = np.ravel_multi_index(tuple(np.moveaxis(index, 2, 0)), (size,) * n_seen)
-        used, of_cell = np.unique(keys, return_inverse=True)
-        of_cell = of_cell.reshape(keys.shape)
-        values = np.column_stack(np.unravel_index(used, (size,) * n_seen))
+        rows = index.reshape(-1, n_seen)
+        first, number = numbered([*rows.T])
+        of_cell, values = number.reshape(of_cell.shape), rows[first]
     numbers = np.stack(np.divmod(values, columns), axis=2).reshape(len(values), -1)
     return Component(
         name=name,
@@ -398,6 +405,22 @@ def _relative(
         ones=values + size * np.arange(n_seen),
         width=size * n_seen,
     )
+
+
+def numbered(columns: Sequence[NDArray[np.int_]]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Numbers the different rows of columns from 0, in lexicographic order.
+
+    Returns the index of the first row with each number, and the number of each row.
+    """
+    key, size = np.zeros(len(columns[0]), dtype=np.int64), 1
+    for column in columns:
+        n_values = int(column.max()) + 1
+        if size * n_values >= 2**62:  # as large as integers get
+            key = np.unique(key, return_inverse=True)[1]
+            size = int(key.max()) + 1
+        key, size = key * n_values + column, size * n_values
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    return first, number
 
 
 def _feedback(scenario: Scenario) -> Feedback:

@@ -83,18 +83,13 @@ FEEDBACK: Final = {  # in words, by kind
 class Walk(Table):
     """A walk in straight lines from a person's position to each corner in turn, and back; then again.
 
-    The person looks where it goes. Whoever walks takes the first step at the same time.
+    The person looks where it goes. All who walk start at the same time.
     """
 
     corners: Annotated[tuple[Cell, ...], Field(min_length=1, max_length=100)]
     """Where the walk turns: each is in the row or column of the one before."""
     steps: Steps = 1
     """Steps of the agent for each cell of the walk."""
-
-    def n_steps(self, position: Cell) -> int:
-        """Returns how many steps of the agent a round from a position takes."""
-        turns = pairwise([position, *self.corners, position])
-        return self.steps * sum(abs(to[0] - at[0]) + abs(to[1] - at[1]) for at, to in turns)
 
     def route(self, position: Cell) -> list[tuple[Cell, Heading]]:
         """Returns the cells of a round from a position, and where the person looks in each."""
@@ -108,7 +103,7 @@ class Walk(Table):
 
 
 class Issuer(Table):
-    """The person whose personal space matters, and the reward that this person adds to every PING."""
+    """The person whose personal space matters, and the reward that this person adds to a PING."""
 
     omitted_at_default: ClassVar[Set[str]] = {"heading", "walk", "places", "unseen", "permuted"}
 
@@ -132,8 +127,8 @@ class Issuer(Table):
 class Group(Table):
     """People who are drawn together with the issuer, and have its regions and feedback.
 
-    All sets of cells of `issuer.position` with these distances are equally likely; the nearest of the people
-    answers a PING. Strangers have regions each; the target region of people who talk is a ring.
+    Each set of cells of `issuer.position` at these distances is a place, if it leaves a start and a target
+    region. The nearest of them answers a PING. Strangers have a region each; people who talk have a ring.
     """
 
     people: Annotated[int, Field(ge=2, le=6)]
@@ -148,7 +143,7 @@ class Group(Table):
 
 
 class Person(Table):
-    """Another person; a bystander, whom the agent must not run into, has neither regions nor feedback."""
+    """Another person; without regions and feedback a bystander: nobody to approach, but an obstacle."""
 
     omitted_at_default: ClassVar[Set[str]] = {"heading", "feedback", "regions", "walk"}
 

@@ -56,10 +56,10 @@ class Egg(Table):
 
 
 class Ring(Table):
-    """The ring on which people of a group stand, around the centre of the space between them (o-space).
+    """The ring on which people of a group stand, around the space between them.
 
-    It is as far from the centre as they are on average (Kendon 1990, "Conducting Interaction", chapter 7).
-    What lies within it is uncomfortable, too.
+    This is the o-space (Kendon 1990, "Conducting Interaction", chapter 7). Here, the middle of the ring is as
+    far from the centre of the people as they are on average. What lies within it is uncomfortable, too.
     """
 
     kind: Literal["ring"]

@@ -41,9 +41,7 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
         row, column, radius = scene.circle
         angle = np.arange(0, 2 * np.pi, 0.16 / radius)
         across = np.stack([row + radius * np.sin(angle), column + radius * np.cos(angle)], axis=1)
-        dots = (across * CELL_PIXELS).astype(int)[:, None] + np.indices((2, 2)).reshape(
-            2, 4
-        ).T  # (dots, 4, 2)
+        dots = (across * CELL_PIXELS).astype(int)[:, None] + np.argwhere(np.ones((2, 2)))  # (dots, 4, 2)
         dots = dots[((dots >= 0) & (dots < image.shape[:2])).all(axis=2)]  # some may be off the grid
         image[tuple(dots.T)] = COLOURS["person"]
     offset = (np.arange(CELL_PIXELS) - CELL_PIXELS / 2) / CELL_PIXELS  # from a cell's centre, in cells

@@ -26,8 +26,7 @@ SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_CELLS: Final = 100_000
 _MOST_STATES_OF_PLACE: Final = 100_000  # which are compiled together
 _MOST_ZONES: Final = 100_000_000  # of cells, over all ways in which people may stand, and phases
-# What can be seen of where people stand relative to the agent: all of them, in the order of their nearness,
-# the nearest, the two nearest, or the centre of all.
+# What can be seen of where people stand relative to the agent, see `envs.observations`.
 RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 # What can be observed, in the order of an observation.
 COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
@@ -161,9 +160,9 @@ class Scenario(Table):
     """Which wrong PING ends the episode."""
     rewards: Rewards
     observe: tuple[Observed, ...] = ("agent",)
-    """What the agent sees, in this order: its own cell, or where people stand relative to it in rows and
-    columns, of the issuer and all of its group ("offset"), the nearest one or two of them, or their centre;
-    the cells of all of them; the phase; the number of wrong PINGs."""
+    """What the agent sees, in this order: its own cell ("agent"), or people's cells relative to it, in rows
+    and columns ("offset": of all in the issuer's group; "nearest", "two_nearest", "centre"); the cells of the
+    issuer and its group ("issuer"); the phase; the number of wrong PINGs."""
     group: Group | None = None
     """People who are drawn together with the issuer; by default none."""
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
@@ -181,9 +180,8 @@ class Scenario(Table):
         if not self._walks:
             return self.phases or (Phase(name="always"),)
         issuer = self._walks.get("issuer")
-        spots = [
-            issuer[i % len(issuer)] if issuer else (None, None) for i in range(self._round // self._beat)
-        ]
+        n = self._round // self._beat
+        spots = [issuer[i % len(issuer)] if issuer else (None, None) for i in range(n)]
         return tuple(
             Phase(name=f"{i}", position=cell, heading=heading, steps=self._beat)
             for i, (cell, heading) in enumerate(spots, start=1)
@@ -209,7 +207,7 @@ class Scenario(Table):
 
     @property
     def _round(self) -> int:  # steps until everybody is back
-        return math.lcm(*(walk.n_steps(position) for position, walk in self._walkers.values()))
+        return math.lcm(*(walk.steps * len(walk.route(at)) for at, walk in self._walkers.values()))
 
     @cached_property
     def others_at(self) -> tuple[tuple[Person, ...], ...]:
@@ -263,13 +261,11 @@ class Scenario(Table):
     def people_in(self, place: int, phase: int) -> tuple[Person, ...]:
         """Returns the issuer with its group, and the others, in a place and phase."""
         stage, cells = self.stages[phase], self.grid.position[self.standing[place, phase]].tolist()
-        person = Person.model_construct(
-            position=(0, 0),
-            heading=stage.heading or self.issuer.heading,
-            regions=stage.regions or self.regions,
-            feedback=self.issuer.feedback,
+        heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
+        new, feedback = Person.model_construct, self.issuer.feedback
+        drawn = (
+            new(position=(*cell,), heading=heading, regions=regions, feedback=feedback) for cell in cells
         )
-        drawn = (person.model_copy(update={"position": (row, column)}) for row, column in cells)
         return *drawn, *self.others_at[phase]
 
     @cached_property
@@ -320,7 +316,8 @@ class Scenario(Table):
         free, n = np.flatnonzero(self._is_start.any(axis=(1, 2))), self.issuer.places
         if n is None:
             return free
-        index = {tuple(map(self._as_cell, self._placed[g].tolist())): g for g in free.tolist()}
+        cells = self.grid.position[self._placed[free]].tolist()
+        index = {tuple(map(tuple, place)): g for place, g in zip(cells, free.tolist(), strict=True)}
         return np.sort([index[place] for place in self._in_drawn_order(index)[: n + self.issuer.unseen]])
 
     @property
@@ -372,7 +369,7 @@ class Scenario(Table):
 
         is_hidden = {
             "agent's cell" if is_relative else "issuer": n_values(*seen, 0) > n_values(*seen),
-            "other people": is_relative and n_people > self._n_seen,
+            "rest of the group": is_relative and n_people > self._n_seen,
             "phase": n_values(*seen, 1) > n_values(*seen),
             "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
             "clock": len(self.ticks) > len(self.stages) > 1,
@@ -392,19 +389,28 @@ class Scenario(Table):
     @property
     def observed_sizes(self) -> list[int]:
         """How many values each observed component has, at most."""
-        n_places, n_phases, _ = self.standing.shape
-        n_cells, n_offsets, n = self.grid.rows * self.grid.columns, len(self.grid.offset), self.n_people
-        sizes = {
-            "agent": n_cells,
-            **dict.fromkeys(RELATIVE, min(n_offsets**self._n_seen, n_places * n_phases * n_cells)),
-            "issuer": len(self.issuer_cells) if n == 1 else n_places,
-            "phase": n_phases,
-            "wrong_pings": self.ping_limit,
+        return [self._sizes_and_widths[name][0] for name in self.observe]
+
+    @property
+    def one_hot_width(self) -> int:
+        """How many numbers a one-hot observation has."""
+        return sum(self._sizes_and_widths[name][1] for name in self.observe)
+
+    @cached_property
+    def _sizes_and_widths(self) -> dict[str, tuple[int, int]]:
+        (n_places, n_phases, n), n_cells = self.standing.shape, len(self.grid.position)
+        n_offsets, n_seen = len(self.grid.offset), self._n_seen
+        most = n_offsets if n_seen == 1 else min(n_offsets**n_seen, n_places * n_phases * n_cells)
+        n_centres = math.prod(2 * n * (length - 1) + 1 for length in self.grid.size)
+        n_issuer_cells = len(self.issuer_cells)
+        return {
+            "agent": (n_cells, n_cells),
+            **dict.fromkeys(("offset", "two_nearest", "nearest"), (most, n_offsets * n_seen)),
+            "centre": (n_centres, n_centres),
+            "issuer": (n_issuer_cells if n == 1 else n_places, n_issuer_cells),
+            "phase": (n_phases, n_phases),
+            "wrong_pings": (self.ping_limit, self.ping_limit),
         }
-        if n > 1:
-            sizes["nearest"] = n_offsets
-            sizes["centre"] = math.prod(2 * n * (length - 1) + 1 for length in self.grid.size)
-        return [sizes[name] for name in self.observe]
 
     @property
     def n_observations(self) -> int:
@@ -439,8 +445,7 @@ class Scenario(Table):
     @cached_property
     def _placed(self) -> NDArray[np.int_]:
         """(G, people) all ways in which the issuer and its group may stand, as cells; rising in a group."""
-        taken = {person.position for people in self.others_at for person in people}
-        free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in taken]
+        free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in self._taken]
         cells = np.array([cell @ np.array([self.grid.columns, 1]) for cell in free], dtype=np.int_)
         cells = cells[~self.grid.is_wall[cells]]
         self._check_ways(len(cells), 1)
@@ -461,12 +466,16 @@ class Scenario(Table):
             groups = np.column_stack([groups[before], joining])
         return np.asarray(cells[groups])
 
+    @cached_property
+    def _taken(self) -> frozenset[Cell]:  # by others, at some time
+        return frozenset(person.position for people in self.others_at for person in people)
+
     def _check_ways(self, n: int, n_placed: int) -> None:
-        most = _MOST_ZONES // (self.grid.rows * self.grid.columns * len(self.stages))
+        most = _MOST_ZONES // (len(self.grid.position) * max(len(self.stages), len(self._first_ticks)))
         who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the issuer"
-        where = f"issuer.position: {who} can stand in {n:,} ways"
         narrower = ", or a narrower range of group.apart" if self.group else ""
-        require(n <= most, where, f"at most {most:,}: a smaller grid{narrower}")
+        accepted = f"at most {most:,} with so many cells and phases; list fewer cells{narrower}"
+        require(n <= most, f"issuer.position: {who} can stand in {n:,} ways", accepted)
 
     @cached_property
     def _zones(self) -> NDArray[np.int8]:
@@ -558,11 +567,13 @@ class Scenario(Table):
         is_moved = self.issuer.walk or any(phase.position is not None for phase in self.phases)
         if is_moved:
             moved_by = "issuer.walk" if self.issuer.walk else "phases with positions"
-            is_cell = isinstance(self.issuer.position[0], int)
-            require(
-                is_cell, f"{moved_by} with issuer.position = {json.dumps(self.issuer.position)}", "a cell"
-            )
+            require(self.group is None, f"{moved_by} and group", "one of them")
+            where = f"{moved_by} with issuer.position = {json.dumps(self.issuer.position)}"
+            require(isinstance(self.issuer.position[0], int), where, "a cell")
         for key, (position, walk) in walkers.items():
+            self._check_inside(f"{key}.position", position)
+            for corner in walk.corners:
+                self._check_inside(f"{key}.walk.corners", corner)
             for first, last in pairwise([position, *walk.corners, position]):
                 is_straight = (first[0] == last[0]) != (first[1] == last[1])
                 where = f"{key}.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
@@ -593,39 +604,42 @@ class Scenario(Table):
             own = _listed(stage.position or self.issuer.position)
             cells = [*(own if len(own) == 1 else ()), *(person.position for person in others)]
             for cell in cells:
-                where = (
-                    f"{', '.join(self._walkers) or 'others'}: two people are in {json.dumps(cell)} at once"
-                )
+                where = f"{', '.join(self._walkers) or 'others'}: two people at once in {json.dumps(cell)}"
                 require(cells.count(cell) == 1, where, "another position or walk")
 
     def _check_cell(self, key: str, cell: Cell) -> None:
-        (row, column), (rows, columns) = cell, self.grid.size
-        where = f"{key} = [{row}, {column}]"
-        accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
-        require(0 <= row < rows and 0 <= column < columns, f"{where} is off the grid", accepted)
+        self._check_inside(key, cell)
+        where = f"{key} = {json.dumps(cell)}"
         require(not self._is_wall(cell), f"{where} is a wall", "another cell")
-        who = key.removesuffix(".walk.corners").removesuffix(".position")
-        standing = [person.position for i, person in enumerate(self.others) if f"others.{i}" != who]
-        if key == "issuer.position":  # nobody may ever walk over it
-            standing = [person.position for others in self.others_at for person in others]
-        require(cell not in standing, f"{where} is taken by another person", "another cell")
+        who, is_way = key.removesuffix(".walk.corners").removesuffix(".position"), ".walk." in key
+        others = (
+            (f"others.{i}", other) for i, other in enumerate(self.others) if not (is_way and other.walk)
+        )
+        standing = {other.position for name, other in others if name != who}
+        taken = self._taken if key == "issuer.position" else standing
+        require(cell not in taken, f"{where} is taken by another person", "another cell")
+
+    def _check_inside(self, key: str, cell: Cell) -> None:
+        (row, column), (rows, columns) = cell, self.grid.size
+        accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+        is_inside = 0 <= row < rows and 0 <= column < columns
+        require(is_inside, f"{key} = {json.dumps(cell)} is off the grid", accepted)
 
     def _check_sizes(self) -> None:
         issuer, n_cells = self.issuer, self.grid.rows * self.grid.columns
+        n_ticks = sum(stage.steps or 1 for stage in self.stages)
+        n_states, whose = n_cells * self.ping_limit * n_ticks, "the group" if self.group else "the issuer"
+        twice, n_states = " x 2 for delayed feedback" * self.is_delayed, n_states * (1 + self.is_delayed)
+        where = f"cells x ping_limit x ticks of the phases{twice} = {n_states} states for each position"
+        require(n_states <= _MOST_STATES_OF_PLACE, f"{where} of {whose}", f"at most {_MOST_STATES_OF_PLACE}")
         n_positions = n_cells if issuer.position == "anywhere" else len(_listed(issuer.position))
         if self.group is not None:
             n_positions = int(self._is_start.any(axis=(1, 2)).sum())
         if issuer.places is not None:
             n_positions = min(n_positions, issuer.places + issuer.unseen)
-        n_ticks = sum(stage.steps or 1 for stage in self.stages)
-        n_states = n_cells * self.ping_limit * n_positions * n_ticks * (1 + self.is_delayed)
-        whose = "the group" if self.group else "the issuer"
-        factors = f"cells x ping_limit x positions of {whose} x ticks of the phases"
-        twice = " x 2 for delayed feedback" * self.is_delayed
-        require(n_states <= MAX_STATES, f"{factors}{twice} = {n_states} states", f"at most {MAX_STATES}")
-        n = n_cells * self.ping_limit * n_ticks * (1 + self.is_delayed)
-        where = f"cells x ping_limit x ticks of the phases{twice} = {n} states for each position of {whose}"
-        require(n <= _MOST_STATES_OF_PLACE, where, f"at most {_MOST_STATES_OF_PLACE}")
+        n_states *= n_positions
+        factors = f"cells x ping_limit x positions of {whose} x ticks of the phases{twice}"
+        require(n_states <= MAX_STATES, f"{factors} = {n_states} states", f"at most {MAX_STATES}")
         n = n_states * (1 + max(len(stage.next or {}) for stage in self.stages))
         where = f"phases: {n_states} states, with phases that may follow: {n}"
         require(n <= MAX_STATES, where, f"at most {MAX_STATES}")

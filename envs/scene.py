@@ -4,13 +4,12 @@ Lengths are in cells; cell (r, c) covers rows r to r + 1 and columns c to c + 1.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.model import MOVES, Model
+from envs.model import MOVES, Model, kept_with_model
 from envs.regions import HEADINGS, ZONES, Loop, Ring, circles, outlines
 
 Colour = tuple[int, int, int]
@@ -114,12 +113,9 @@ class Scene:
         }
 
 
+@kept_with_model
 def scene_of(model: Model, context: int = 0) -> Scene:
     """Returns the map of a model's cells with the issuer in one position and phase, see `Model.context`."""
-    return model.derived(("scene", context), partial(_scene, context=context))
-
-
-def _scene(model: Model, context: int) -> Scene:
     scenario = model.scenario
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)

@@ -8,13 +8,13 @@ and Glanz 1996). Only tiles that some observation lies in have a number, so none
 Axis letters: O observations.
 """
 
-from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envs import InputError, Model
+from envs.model import kept_with_model, numbered
 from envs.observations import values_of
 
 LARGEST_TABLE: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
@@ -29,6 +29,7 @@ def check_tiles(n_observations: int, n_tilings: int) -> None:
         )
 
 
+@kept_with_model
 def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     """Returns the features of every observation, (O, n_tilings), numbered from 0.
 
@@ -40,10 +41,6 @@ def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
       n_tilings: How many tilings.
       width: Cells along each side of a tile.
     """
-    return model.derived(("tiles", n_tilings, width), partial(_tiles, n_tilings=n_tilings, width=width))
-
-
-def _tiles(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     check_tiles(model.n_observations, n_tilings)
     positions, others, per_cell = [], [], []
     for component, value in zip(model.components, values_of(model), strict=True):
@@ -58,10 +55,8 @@ def _tiles(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     for t in range(n_tilings):
         # In whole numbers, which have no rounding: a unit of the numbers is n_tilings long.
         tile = (cells * n_tilings + t * odd % n_tilings * width * unit) // (width * unit * n_tilings)
-        parts = [*tile.T, *others]
-        key = np.ravel_multi_index(parts, [int(part.max()) + 1 for part in parts])
-        used, number = np.unique(key, return_inverse=True)
+        first, number = numbered([*tile.T, *others])
         tiles[:, t] = n_tiles + number
-        n_tiles += len(used)
+        n_tiles += len(first)
     tiles.flags.writeable = False
     return tiles

@@ -89,7 +89,7 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
     """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
 
     The page shows all chapters whose results are there, and is `index.html` of `results`. But that of an
-    experiment without a chapter shows it alone, and lies in its folder. Raises an `InputError`.
+    experiment without a chapter shows it alone, and lies in its folder. It may raise an `InputError`.
     """
     has_own_page = experiment not in (None, *CHAPTERS)
     folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]

@@ -187,12 +187,9 @@ def _scene(model: Model) -> dict[str, object]:
 
 
 def _sight(model: Model) -> dict[str, object]:
-    return {
-        "observed": [component.name for component in model.components],
-        "changes": np.diff(
-            np.searchsorted(_seen(model), model.observation[_shown(model)]), prepend=0
-        ).tolist(),
-    }
+    seen = np.searchsorted(_seen(model), model.observation[_shown(model)])
+    observed = [component.name for component in model.components]
+    return {"observed": observed, "changes": np.diff(seen, prepend=0).tolist()}
 
 
 def _listed(values: NDArray[np.float64]) -> list[float | None]:

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate, solve
-from agents.process import _process
+from agents.process import process_of
 from envs import EVENTS, Scenario, compile_scenario
 from envs.inputs import override, parse, read_toml
 from envs.observations import compile_seen
@@ -39,11 +39,11 @@ SCENES: dict[str, dict[str, Any]] = {
 def test_writing_out_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     tables = override(read_toml(SCENARIO_DIRECTORY / "S1.toml"), ROOM | {"others": WALK}, "room")
     model = compile_scenario(parse(Scenario, tables, "room"))
-    whole = _process(model)
+    whole = process_of(model)
     assert len(whole.outcomes) < len(model.observation)  # states share their outcomes
     for n_states in (1000, 777):
         monkeypatch.setattr("agents.process._STATES_AT_ONCE", n_states)
-        chunked = _process(model)
+        chunked = process_of.__wrapped__(model)  # type: ignore[attr-defined]
         assert chunked.outcomes.tobytes() == whole.outcomes.tobytes()
         assert (chunked.first == whole.first).all()
 

@@ -21,11 +21,13 @@ from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains
 from agents.sb3 import algorithms
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings, Sb3Settings
+from agents.sb3.tables import readable_table
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.inputs import parse
 from envs.model import PING
+from envs.observations import compile_seen, observation_table
 from tests.agents import MOODS
 
 S1 = compile_scenario(load_scenario("S1"))
@@ -158,9 +160,11 @@ def test_sb3s_own_algorithms_learn_from_where_several_people_are(name: str) -> N
     for observation in ("nearest", "two_nearest_one_hot", "centre_coordinates", "offset_coordinates"):
         arguments: Any = {"observation": observation, "overrides": {"issuer.places": 5}}
         env = gymnasium.make("envs:Proxemic/ThreeTalking-v0", **arguments)
+        model = compile_seen(load_scenario("ThreeTalking", {"issuer.places": 5}), observation)
         agent = METHODS[name].load()("MlpPolicy", env, seed=1, **values).learn(200)
-        assert agent.num_timesteps == 200
-        assert env.action_space.contains(int(agent.predict(env.reset(seed=1)[0])[0]))
+        table = observation_table(model, observation)
+        assert readable_table(agent, torch.as_tensor(table)).shape == (model.n_observations, 5)
+        assert (table.reshape(len(table), -1) == env.reset(seed=1)[0]).all(axis=1).any()
 
 
 def trained(

@@ -64,7 +64,7 @@ def small(following: list[list[int]], rewards: list[list[float]]) -> Any:
         n_outcomes=1,
         is_noisy=False,
     )
-    model.derived = lambda _, derive: derive(model)
+    model.derived = {}
     return type("Small", (), vars(model))  # has a hash, as models have
 
 

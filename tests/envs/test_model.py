@@ -74,6 +74,9 @@ def test_compiling_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch
     for n_states in (5000, 1):  # two places at once, and one
         monkeypatch.setattr("envs.model._STATES_AT_ONCE", n_states)
         assert_same_arrays(model_of(scenario), whole)
+        large = compile_scenario(scenario)
+        assert compile_scenario(scenario) is large
+        assert_same_arrays(large, whole)
 
 
 @pytest.mark.parametrize("name", ["Anywhere", "Walking"])

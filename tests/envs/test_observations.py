@@ -7,9 +7,11 @@ import gymnasium
 import numpy as np
 import pytest
 
+from agents.linear.tiles import tiles_of
 from envs import OBSERVATIONS, Model, ProxemicVectorEnv, load_scenario
-from envs.observations import compile_seen, observation_blocks, observation_table
+from envs.observations import compile_seen, observation_blocks, observation_table, seen_as
 from envs.scenario import RELATIVE
+from tests.support import few_places
 
 # Five rows and six columns, so that offsets have 9 x 11 values: the number of (r, c) is (r + 4) * 11 + c + 5,
 # and as coordinates it is (r + 4) / 8 and (c + 5) / 10.
@@ -100,3 +102,27 @@ def test_envs_take_every_form(observation: str) -> None:
     for first in (env.reset(seed=1)[0], *batch.reset(seed=1)[0]):
         assert tuple(np.atleast_1d(first).tolist()) in rows
     assert env.observation_space.contains(env.step(1)[0])
+
+
+@pytest.mark.parametrize("scenario", ["S1", "Anywhere", "Turning", "ThreeTalking"])
+@pytest.mark.parametrize("form", OBSERVATIONS)
+def test_sizes_are_known_before_a_scenario_is_compiled(scenario: str, form: str) -> None:
+    declared = seen_as(load_scenario(scenario, few_places(scenario)), form)
+    model = compile_seen(declared, form)
+    assert declared.n_observations >= model.n_observations
+    assert declared.one_hot_width == sum(component.width for component in model.components)
+    if declared.n_people == 1 or form.startswith(("nearest", "centre")):
+        assert declared.n_observations == model.n_observations
+
+
+def test_six_people_in_a_large_room_have_no_larger_numbers_than_integers_hold() -> None:
+    position = [[9, column] for column in range(4, 18, 2)]
+    large = {"grid.rows": 30, "grid.columns": 30, "issuer.position": position}
+    model = compile_seen(
+        load_scenario("Anywhere", large | {"group": {"people": 6, "apart": [1, 20]}}), "offset"
+    )
+    assert model.n_places == 7
+    rows = observation_table(model, "offset_coordinates")
+    assert len(np.unique(rows, axis=0)) == len(rows) == model.n_observations
+    cells = model.components[0].numbers
+    assert len(np.unique(tiles_of(model, 1, 1)[:, 0])) == len(np.unique(cells, axis=0))

@@ -92,15 +92,20 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     (WALK | {"phases": [phase(steps=1)]}, "issuer.walk and phases"),
     (WALK | {"issuer.feedback": {"kind": "delayed"}}, 'feedback.kind = "delayed"'),
     (WALK | {"others": [person([6, 5])]}, "corners = [6, 5]"),
-    ({"issuer.walk": {"corners": [[6, 10**9]]}}, "issuer.walk: it takes 1,999,999,984 steps until"),
+    ({"issuer.walk": {"corners": [[6, 10**9]]}}, "issuer.walk.corners = [6, 1000000000] is off the grid"),
     # Other people
     ({"others": [person([6, 8])]}, "issuer.position = [6, 8]"),
     ({"others": [person([2, 8])] * 2}, "others.0.position = [2, 8]"),
     ({"others": [person([0, 1])]}, "another person"),
     ({"others": [bystander([2, 2]), bystander([2, 2])]}, "others.0.position = [2, 2] is taken by another"),
     ({"others": [bystander([2, 2], [2, 6]), bystander([2, 6])]}, "others.0.walk.corners = [2, 6] is taken"),
+    (PAIR | WALK | {"issuer.position": [6, 8]}, "issuer.walk and group: accepted: one of them"),
+    (
+        PAIR | {"ping_limit": 1, "first_phase": "any", "phases": [phase("a", steps=800)]},
+        "2 of the 2 people of the group can stand in",
+    ),
     # After two steps, both are in [2, 4].
-    ({"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]}, "two people are in [2, 4] at once"),
+    ({"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]}, "two people at once in [2, 4]"),
     ({"others": [bystander([6, 2], [6, 9])]}, "issuer.position = [6, 8] is taken by another person"),
     ({"others": [bystander([2, 2], [2, 3])], "phases": [phase(steps=1)]}, "others.0.walk and phases"),
     # Rounds of 2 * 71 and 2 * 73 steps: 2 * 71 * 73 together.

@@ -1,23 +1,22 @@
-"""What the tables of a declared class could do at best, computed exactly: an item for scenes with groups."""
+"""How much tables lose by what their rows cannot tell apart, computed exactly: an item for groups."""
 
 from collections.abc import Iterator, Mapping
-from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import mask_policy
 from benchmark.analysis.records import OPTIMUM_TOLERANCE
 from benchmark.experiments import Experiment, title_of
 from benchmark.reports.item import item
-from envs import Model, Scenario, compile_scenario
+from benchmark.reports.map.crossings import leading
+from envs import Scenario, compile_scenario
 from envs.observations import INDICES, compile_seen
 
 
 @item(
     "ceilings",
-    "exact: how well the best action of each row of a table can do",
+    "exact: how often one action for each row of a table can be optimal, and success with these",
     {
         "grid": "",
         "table": "",
@@ -36,7 +35,7 @@ from envs.observations import INDICES, compile_seen
     },
 )
 def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
-    """Tabulates each grid's scene with everything that can be drawn, and each form of index."""
+    """Tabulates the scene of each panel, with everything that can be drawn, and each form of index."""
     for grid, scenario in _scenes(experiment).items():
         model = compile_scenario(scenario)
         q, value = solve(model, 1.0, experiment.declared.horizon, issuer_rewards=False)
@@ -48,6 +47,7 @@ def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
             seen = compile_seen(scenario, form)
             counts = np.zeros((seen.n_observations, is_optimal.shape[1]))
             np.add.at(counts, seen.observation[states], is_optimal)
+            policy = mask_policy((1 << counts.argmax(axis=1)).astype(np.uint8))
             yield {
                 "grid": grid,
                 "observation": form,
@@ -55,24 +55,18 @@ def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
                 "states": n_states,
                 "rows": len(np.unique(seen.observation[states])),
                 "optimal": float(counts.max(axis=1).sum() / len(states)),
-                "success": _success(seen, counts, experiment.declared.horizon),
+                "success": float(evaluate(seen, policy, experiment.declared.horizon).success),
             }
 
 
 def _scenes(experiment: Experiment) -> dict[str, Scenario]:
     """Returns the scene of every panel's grid, with all places that there are."""
-    report = experiment.report
+    report, every = experiment.report, {"places": None, "unseen": 0, "permuted": 0.0}
     assert report is not None
-    everywhere: Final = {"places": None, "unseen": 0, "permuted": 0.0}
     return {
-        grid: population.scenario.model_copy(
-            update={"issuer": population.scenario.issuer.model_copy(update=everywhere)}
-        )
-        for grid in dict.fromkeys(panel.grid for panel in report.panels)
+        grid: scene.model_copy(update={"issuer": scene.issuer.model_copy(update=every)})
+        for grid in dict.fromkeys(panel.grid or leading(experiment) for panel in report.panels)
         for population in experiment.populations
         if population.condition.axes.get("grid") == grid
+        for scene in [population.scenario]
     }
-
-
-def _success(model: Model, counts: NDArray[np.float64], horizon: int) -> float:
-    return float(evaluate(model, mask_policy((1 << counts.argmax(axis=1)).astype(np.uint8)), horizon).success)

@@ -47,20 +47,16 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
             break
     first, about_steps = leading(experiment), [*steps_grids(experiment)]
     for panel in report.panels:
-        if panel.grid and panel.grid not in about_steps:
-            yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(about_steps)}."
-            continue
         where = panel.grid or first
+        if where not in about_steps:
+            accepted = ", ".join(about_steps) or "no panels, since no grid has one axis and is about steps"
+            yield f"report.panels: grid = {where or 'the first'}: accepted: {accepted}."
+            continue
         ran = {it.learner.name for it in experiment.populations if it.condition.axes.get("grid") == where}
         shown = [name for name in ranked(experiment) if name in ran]
-        which = (
-            f"of the grid {grid}"
-            if panel.grid
-            else f"of the first grid with one axis, {first or 'but there is none'}"
-        )
         for name in panel.learners:
             if name not in shown:
-                yield f"report.panels: {name}: accepted: learners {which}: {', '.join(shown)}."
+                yield f"report.panels: {name}: accepted: learners of the grid {where}: {', '.join(shown)}."
 
 
 def _mistakes_of_sides(

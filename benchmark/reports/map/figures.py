@@ -115,8 +115,8 @@ def training(table: pd.DataFrame, experiment: Experiment) -> Figure:
     parts = []
     for grid in grids:
         rows = table[table["grid"] == grid]
-        points, n = rows["point"].unique(), max(_PANELS // len(grids), 1)
-        spread = np.linspace(0, len(points) - 1, n) if n > 1 else np.array([len(points) // 2])
+        points = rows["point"].unique()
+        spread = np.linspace(len(points) - 1, 0, max(_PANELS // len(grids), 1))
         rows = rows[rows["point"].isin(points[np.unique(spread.round().astype(int))])]
         parts.append(rows.assign(scenario=rows["point"] if len(grids) == 1 else f"{grid}: " + rows["point"]))
     rows = labelled(pd.concat(parts))

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from agents.dynamic_programming import solve
+from agents.dynamic_programming import evaluate, solve
 from benchmark.__main__ import main
 from benchmark.analysis.frames import keys_of
 from benchmark.analysis.looks import took
@@ -443,6 +443,11 @@ def test_ceilings_are_those_of_votes_counted_one_by_one(tmp_path: Path) -> None:
         row = found["pairs", form]
         assert (row["rows"], row["states"]) == (len(votes), len(q))
         assert row["optimal"] == pytest.approx(sum(most) / sum(map(len, votes.values())))
+        votes_of = np.zeros((model.n_observations, 5))
+        for o, states in votes.items():
+            votes_of[o] = [sum(a in best for best in states) for a in range(5)]
+        policy = np.eye(5)[votes_of.argmax(axis=1)]  # of equally many, the first
+        assert row["success"] == pytest.approx(float(evaluate(model, policy, 60).success))
     assert (found["pairs", "index"]["optimal"], found["pairs", "index"]["success"]) == (1, pytest.approx(1))
     assert found["pairs", "nearest"]["optimal"] < 1
 
@@ -475,11 +480,11 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ("[grids.code]", '[grids.code]\nlearners = ["dqn"]', "grids.code.learners: dqn: accepted: "),
         ("levels = [0.5", "levels = [0.95", "levels = [0.95, 0.7]: accepted: numbers up to success = 0.9"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["dqn, index"] }]',
-         "report.panels: dqn, index: accepted: learners of the first grid with one axis, places: shared, o"),
+         "report.panels: dqn, index: accepted: learners of the grid places: shared, o"),
         ("[report]", '[report]\npanels = [{ grid = "code", title = "All", learners = ["table, index"] }]',
          "report.panels: grid = code: accepted: places."),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["check, index"] }]',
-         "report.panels: check, index: accepted: learners of the first grid"),
+         "report.panels: check, index: accepted: learners of the grid places"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(
