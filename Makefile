@@ -24,7 +24,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce tune compare-deep beyond when report docs test check speed chaos fuzz clean
+.PHONY: help reproduce tune compare-deep beyond when groups report docs test check speed chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -32,8 +32,8 @@ help: ## list these commands
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
 
-tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map and tuning_noise for the map (2¼ hours)
-	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_noise),$(RUN) $(name) &&) true
+tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map, tuning_noise and tuning_groups for the maps (3¼ hours)
+	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_noise tuning_groups),$(RUN) $(name) &&) true
 
 compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
@@ -43,6 +43,9 @@ beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have 
 
 when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (two and a quarter hours)
 	$(RUN) $(or $(EXPERIMENT),when)
+
+groups: $(DEEP) ## the same with several people, strangers or in a group that talks, in results/groups/ (two hours)
+	$(RUN) $(or $(EXPERIMENT),groups)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)

@@ -30,6 +30,7 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     ),
     "tune": (["EXPERIMENT=tuning_smoke"], ["72 runs done", "the chosen settings are in"], {"runs.db"}),
     "when": (["EXPERIMENT=when_smoke"], ["the page is"], {"runs.db", "when_smoke/map.svg"}),
+    "groups": (["EXPERIMENT=groups_smoke"], ["the page is"], {"runs.db", "groups_smoke/ceilings.csv"}),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),
 }
 

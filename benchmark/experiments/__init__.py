@@ -31,6 +31,7 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "tuning": False,
     "tuning_map": False,
     "tuning_noise": False,
+    "tuning_groups": False,
     "equivalence": False,
     "ablation": False,
 }
