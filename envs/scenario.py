@@ -247,12 +247,12 @@ class Scenario(Table):
     @cached_property
     def places(self) -> tuple[tuple[Cell, ...], ...]:
         """(J,) where the issuer and its group may stand when an episode starts, unseen places included."""
-        return tuple(tuple(map(tuple, cells)) for cells in self.grid.position[self._chosen].tolist())
+        return tuple(tuple(map(tuple, cells)) for cells in self.grid.position[self._drawn_ways].tolist())
 
     @cached_property
     def standing(self) -> NDArray[np.int_]:
         """(J, P, people) the cells of the issuer and its group, in each place and phase."""
-        standing = np.repeat(self._chosen[:, None], len(self.stages), axis=1)
+        standing = np.repeat(self._drawn_ways[:, None], len(self.stages), axis=1)
         for p, stage in enumerate(self.stages):
             if stage.position is not None:
                 standing[:, p] = stage.position @ np.array([self.grid.columns, 1])
@@ -287,12 +287,12 @@ class Scenario(Table):
     @cached_property
     def zone(self) -> NDArray[np.int8]:
         """(J, P, C) index into `envs.regions.ZONES`: the zone of every cell in each place and phase."""
-        return np.asarray(self._zones[self._selected])
+        return np.asarray(self._zones[self._drawn_indices])
 
     @cached_property
     def every_start(self) -> NDArray[np.int_]:
         """(starts, 3) place, tick and cell of every start of an episode, also in unseen places."""
-        place, tick, cell = np.nonzero(self._is_start[self._selected])
+        place, tick, cell = np.nonzero(self._is_start[self._drawn_indices])
         return np.column_stack([place, self._first_ticks[tick], cell])
 
     @cached_property
@@ -312,17 +312,17 @@ class Scenario(Table):
         return np.array([place in seen for place in self.places])
 
     @cached_property
-    def _selected(self) -> NDArray[np.int_]:  # (J,) rising, of the G
+    def _drawn_indices(self) -> NDArray[np.int_]:  # (J,) rising, of the G
         free, n = np.flatnonzero(self._is_start.any(axis=(1, 2))), self.issuer.places
         if n is None:
             return free
-        cells = self.grid.position[self._placed[free]].tolist()
+        cells = self.grid.position[self._ways[free]].tolist()
         index = {tuple(map(tuple, place)): g for place, g in zip(cells, free.tolist(), strict=True)}
         return np.sort([index[place] for place in self._in_drawn_order(index)[: n + self.issuer.unseen]])
 
     @property
-    def _chosen(self) -> NDArray[np.int_]:  # (J, people) cells
-        return self._placed[self._selected]
+    def _drawn_ways(self) -> NDArray[np.int_]:  # (J, people) cells
+        return self._ways[self._drawn_indices]
 
     def _in_drawn_order(self, places: Iterable[PlaceT]) -> list[PlaceT]:
         def rank(place: PlaceT) -> bytes:  # the same in all rooms that have the place
@@ -338,12 +338,14 @@ class Scenario(Table):
 
     def drawn(self, draw: int) -> Self:
         """Returns the scenario with another draw, which needs no checks."""
-        return self._changed({"draw": draw}, "_placed", "_zones", "_is_start")
+        return self._changed({"draw": draw}, "_ways", "_zones", "_is_start")
 
     def seen_as(self, relative: str) -> Self:
         """Returns the scenario with one of `RELATIVE` observed in place of the agent's and people's cells."""
         others = tuple(name for name in self.observe if name in ("phase", "wrong_pings"))
-        seen = self._changed({"observe": (relative, *others)}, "_placed", "_zones", "_is_start", "_selected")
+        seen = self._changed(
+            {"observe": (relative, *others)}, "_ways", "_zones", "_is_start", "_drawn_indices"
+        )
         try:
             seen._check_observations()
         except ValueError as error:
@@ -443,7 +445,7 @@ class Scenario(Table):
         return np.arange(len(self.ticks) if self.first_phase == "any" else 1)
 
     @cached_property
-    def _placed(self) -> NDArray[np.int_]:
+    def _ways(self) -> NDArray[np.int_]:
         """(G, people) all ways in which the issuer and its group may stand, as cells; rising in a group."""
         free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in self._taken]
         cells = np.array([cell @ np.array([self.grid.columns, 1]) for cell in free], dtype=np.int_)
@@ -480,7 +482,7 @@ class Scenario(Table):
     @cached_property
     def _zones(self) -> NDArray[np.int8]:
         """(G, P, C) the zone of every cell in each phase, of all ways to stand."""
-        grid, placed, width = self.grid, self._placed, self.grid.metres_per_cell or 1.0
+        grid, placed, width = self.grid, self._ways, self.grid.metres_per_cell or 1.0
         zone = np.zeros((len(placed), len(self.stages), grid.rows * grid.columns), dtype=np.int8)
         for p, stage in enumerate(self.stages):
             regions, heading = stage.regions or self.regions, stage.heading or self.issuer.heading
@@ -648,7 +650,7 @@ class Scenario(Table):
         group, position = self.group, json.dumps(self.issuer.position)
         if group is not None:
             where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
-            require(len(self._placed) > 0, where, "another range of group.apart, or more cells")
+            require(len(self._ways) > 0, where, "another range of group.apart, or more cells")
             where = "regions: wherever the group stands, the agent can enter no target region"
             require(
                 bool(self._has_target.any()), where, "a wider target shape, or a smaller uncomfortable one"

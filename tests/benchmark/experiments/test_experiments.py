@@ -19,7 +19,7 @@ from benchmark.experiments import (
 )
 from benchmark.experiments.schema import Declaration
 from benchmark.reports import load_report
-from envs import InputError
+from envs import InputError, load_scenario
 from envs.inputs import parse, read_toml
 from tests.support import ROOT, specifications
 
@@ -299,3 +299,13 @@ def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
         (tmp_path / f"{name}.toml").write_text(text)
     with pytest.raises(InputError, match=r"second\.toml: extends = .*first\.toml\": it extends itself"):
         load_experiment(tmp_path / "first.toml")
+
+
+@pytest.mark.parametrize(
+    ("grid", "name"), [("strangers", "TwoStrangers"), ("two", "TwoTalking"), ("three", "ThreeTalking")]
+)
+def test_grids_of_groups_have_the_people_of_the_shipped_scenes(grid: str, name: str) -> None:
+    every = load_experiment("groups").populations
+    found = next(each.scenario for each in every if each.condition.axes.get("grid") == grid)
+    for key in ("grid", "group", "regions", "rewards", "observe", "ping_limit"):
+        assert getattr(found, key) == getattr(load_scenario(name), key)
