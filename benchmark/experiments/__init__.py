@@ -25,6 +25,7 @@ from benchmark.experiments.schema import (
 # page of all results. The results of other experiments are ignored by git.
 PUBLISHED: Final[Mapping[str, bool]] = {
     "when": True,
+    "groups": True,
     "compare_deep": True,
     "beyond": True,
     "reproduce": True,

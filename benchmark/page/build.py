@@ -163,8 +163,9 @@ class _Part:
         return report | {"making": Markup(templates.get_template("made.html").render(report=report))}
 
     def _map(self) -> dict[str, object] | None:
-        """Returns what the page's map needs but for its tables; None if this is no map."""
-        if self.folder.manifest["report"]["kind"] != "map":
+        """Returns what the page's map needs but for its tables; None if this is no map of a single scene."""
+        report = self.folder.manifest["report"]
+        if report["kind"] != "map" or any("grid" in panel for panel in report.get("panels", ())):
             return None
         looks, variants = {}, self.folder.manifest["algorithms"]
         for learner, title in self.folder.titles.items():

@@ -17,13 +17,7 @@ from envs.observations import INDICES, compile_seen
 @item(
     "ceilings",
     "exact: how often one action for each row of a table can be optimal, and success with these",
-    {
-        "grid": "",
-        "table": "",
-        "rows": "rows",
-        "optimal": "share of states in which a row's action is optimal",
-        "success": "success of this table",
-    },
+    {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
     meanings={
         "observation": "what a row of the table stands for",
         "optimal": "share of states before any PING in which the action of their row is optimal, if every "

@@ -46,6 +46,7 @@ _LABELS: Final = {
     "groups": "ways in which people may stand",
     "room": "cells of the room",
     "noise": "noise of feedback",
+    "cost": "cost of a wrong PING",
 }
 Cell = tuple[str, str]  # a point of a grid; a gap between grids has empty names
 
