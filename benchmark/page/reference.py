@@ -12,7 +12,7 @@ from agents import ALGORITHMS, load_algorithm
 from benchmark.experiments.schema import Declaration, Extension
 from benchmark.page.build import published
 from benchmark.reports import REPORTS, load_report
-from benchmark.reports.folder import Folder
+from benchmark.reports.document import Document
 from envs import Scenario, load_scenario, scenario_names
 from envs.inputs import Table
 
@@ -100,8 +100,9 @@ def columns(results: Path) -> str:
     ]
     tables = dict[tuple[str, str, str], dict[str, str | None]]()
     for folder in published(results):
-        kind = Folder(folder).manifest["report"]["kind"]
-        for item in load_report(kind).items:
+        document = Document(folder)
+        kind = document.folder.manifest["report"]["kind"]
+        for item in document.items:
             file = folder / (item.file or f"{item.name}.csv")
             if ".csv" in file.name and file.exists():
                 meanings = {f"`{name}`": item.meaning(str(name)) for name in pd.read_csv(file, nrows=0)}

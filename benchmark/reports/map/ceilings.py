@@ -16,9 +16,10 @@ from envs.observations import INDICES, compile_seen
 
 @item(
     "ceilings",
-    "exact: how often one action for each row of a table can be optimal, and success with these",
+    "exact: how often one action for each row of a table can be optimal, and success with these (no limit)",
     {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
     meanings={
+        "grid": "grid of the experiment, whose scene it is",
         "observation": "what a row of the table stands for",
         "optimal": "share of states before any PING in which the action of their row is optimal, if every "
         "row has the action that is optimal in most of its states",

@@ -126,7 +126,8 @@ def test_published_runs_are_the_declared_ones(name: str) -> None:
     experiment = load_experiment(name)
     runs = all_specifications(experiment)
     if experiment.has_stages:  # of which these are the first
-        assert published["runs"] > len(runs)
+        looks = experiment.report.looks if experiment.report else ()
+        assert published["runs"] >= len(runs) + (len(looks) != 1)
         return
     digest = hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
     assert (published["runs"], published["digest"]) == (len(runs), digest)
