@@ -16,7 +16,7 @@ from envs.observations import INDICES, compile_seen
 
 @item(
     "ceilings",
-    "exact: how often one action for each row of a table can be optimal, and success with these (no limit)",
+    "exact: how often one action for each row can be optimal, and success with these, no upper limit",
     {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
     meanings={
         "grid": "grid of the experiment, whose scene it is",
