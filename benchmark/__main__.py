@@ -207,6 +207,12 @@ def _parser() -> argparse.ArgumentParser:
     about += "the agent: offset, nearest, two_nearest or centre, also with _one_hot or _coordinates"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
+    about = "write a file for the leaderboard, results/leaderboard/NAME.toml, with what you declare:"
+    _add(assess, "--submit", "FILE", about, Path)
+    _add(assess, "--learner", "TEXT", "what learned the policy")
+    _add(assess, "--training-steps", "N", "environment steps of its training; 0 without any", int)
+    _add(assess, "--search-trials", "N", "how many settings were tried; 0 without a search", int)
+    _add(assess, "--note", "TEXT", "anything else, such as the settings or where the code is")
 
     doctor = command("doctor", "examine the installation, the machine and the stored runs")
     about = f"{named}; then its time, memory and disk are estimated, from stored runs"

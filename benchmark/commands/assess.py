@@ -1,9 +1,12 @@
 """Scores an agent exactly, ranks it among the published learners, and draws where it PINGs."""
 
 import argparse
+import hashlib
 
+from benchmark import leaderboard
 from benchmark.assessment import PICTURES, RESULTS, assess
 from benchmark.drawing.style import check_file
+from envs.inputs import InputError
 from envs.packages import imported
 
 
@@ -11,6 +14,10 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.save is not None:
         check_file(options.save, *PICTURES)
+    keys = ("learner", "training_steps", "search_trials", "note")
+    declared = {key: given for key in keys if (given := getattr(options, key)) is not None}
+    if declared and options.submit is None:
+        raise InputError("--learner, --training-steps, --search-trials, --note: accepted only with --submit.")
     agent = options.model
     if options.agent is not None:
         agent = imported(options.agent, "--agent", "function")
@@ -22,7 +29,14 @@ def main(options: argparse.Namespace) -> int:
         stochastic=options.stochastic,
         results=options.results or RESULTS,
     )
+    if options.submit is not None:
+        if options.model is not None:
+            digest = hashlib.sha256(options.model.read_bytes()).hexdigest()
+            declared["model"] = f"{options.model.name}, {options.algorithm}, SHA-256 {digest}"
+        leaderboard.submit(assessment, options.submit, **declared)
     print(assessment)
+    if options.submit is not None:
+        print(f"\nsubmission: {options.submit}; in results/leaderboard, 'report' lists it")
     if options.save is not None:
         assessment.draw(options.save)
         print(f"\nmap: {options.save}")

@@ -5,6 +5,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+from benchmark import leaderboard
 from benchmark.analysis.search import chosen
 from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
@@ -47,6 +48,8 @@ def _rewrite(options: argparse.Namespace) -> int:
         with files.alone(options.results):
             for folder in folders:
                 _write_texts(folder)
+            for path, text in leaderboard.texts(options.results).items():
+                files.write_text(path, text)
             if options.results.resolve() == sameness.REPOSITORY / "results":
                 files.write_text(sameness.REPOSITORY / "README.md", document.front(options.results))
     print(f"the page is {page.write(options.results)}.")

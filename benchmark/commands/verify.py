@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmark import leaderboard
 from benchmark.analysis.stages import known_runs
 from benchmark.commands import parse_jobs
 from benchmark.execution import driver
@@ -140,6 +141,7 @@ def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
         texts = {path: text for name in pages for path, text in page.texts(results, name)}
         if (results / page.SPEED / MANIFEST).is_file():  # which no experiment makes
             texts[results / page.SPEED / "README.md"] = document.Document(results / page.SPEED).readme()
+        texts |= leaderboard.texts(results) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
             texts[sameness.REPOSITORY / "README.md"] = document.front(results)
     except InputError as error:  # a table of one of them is damaged

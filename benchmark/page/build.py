@@ -103,7 +103,8 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
     if listed := published(results):
         template = templates_in(_TEMPLATES).get_template("index.md.jinja")
         findings = {folder.name: _finding(folder) for folder in listed}
-        yield results / "README.md", template.render(findings=findings, has_page=bool(chapters(results)))
+        has = {"page": bool(chapters(results)), "leaderboard": any(results.glob("leaderboard/README.md"))}
+        yield results / "README.md", template.render(findings=findings, has=has)
         yield results / SCENES, _scenes()
 
 

@@ -93,7 +93,8 @@ def _documents(results: Path) -> dict[str, str]:
     made = {"benchmark.tour": tour(), "columns": reference.columns(results)}
     files = {name: ROOT / f"{name.replace('.', '/')}.md" for name in _GUIDES if name not in made}
     files["results.README"] = results / "README.md"
-    files |= {f"results.{path.name}.README": path / "README.md" for path in build.published(results)}
+    folders = [*build.published(results), *(path.parent for path in results.glob("leaderboard/README.md"))]
+    files |= {f"results.{path.name}.README": path / "README.md" for path in folders}
     texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()} | made
     texts["envs.scenarios.README"] += f"\n{reference.scenarios()}"
     texts["benchmark.experiments.README"] += f"\n{reference.experiments()}"

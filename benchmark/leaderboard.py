@@ -1,0 +1,147 @@
+"""The leaderboard: files that submit a policy, from which all scores are computed again.
+
+A file holds the policy as a table over observations, so nothing is trained or loaded to check it.
+"""
+
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+import pandas as pd
+from pydantic import AfterValidator, Field
+
+from agents.dynamic_programming import evaluate
+from benchmark.assessment import HORIZON, RESULTS, Assessment
+from benchmark.drawing.style import check_file
+from benchmark.drawing.tables import to_markdown
+from benchmark.reports import files
+from benchmark.reports.templates import templates_in
+from envs import ACTIONS, InputError, load_scenario
+from envs.inputs import Line, Table, check_file_name, parse, read_toml, shortened, unknown_name
+from envs.observations import OBSERVATIONS, compile_seen
+from envs.scenario import scenario_names
+
+_HEAD: Final = (
+    "# Made by python -m benchmark assess --submit. Only declared, not checked: all above scenario.\n"
+)
+_TOLERANCE: Final = 1e-9  # of probabilities and scores
+_TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
+
+
+def _distribution(row: tuple[float, ...]) -> tuple[float, ...]:
+    if not (len(row) == len(ACTIONS) and min(row) >= 0 and abs(math.fsum(row) - 1) <= _TOLERANCE):
+        raise ValueError(f"accepted: {len(ACTIONS)} probabilities that sum to one")
+    return row
+
+
+Count = Annotated[int, Field(ge=0, le=10**12)]
+Row = Annotated[tuple[float, ...], AfterValidator(_distribution)]
+
+
+class Submission(Table):
+    """A policy with its scores, named after its file."""
+
+    learner: Annotated[Line, Field(min_length=1, max_length=60)]
+    """What learned the policy, or "by hand"."""
+    training_steps: Count
+    """Environment steps of its training; 0 without any."""
+    search_trials: Count
+    """How many settings were tried; 0 without a search."""
+    note: Annotated[Line, Field(max_length=500)] = ""
+    """Anything else, such as the settings or where the code is."""
+    model: Annotated[Line, Field(max_length=500)] = ""
+    """The saved model that the policy was read from, if any: its file, class and digest."""
+    scenario: str
+    """The name of a shipped scenario."""
+    scenario_sha256: str
+    """The digest of all of the scenario but its description."""
+    observation: str
+    """The form of observation."""
+    score: float
+    """The return as a score, clipped to [0, 1]."""
+    success: float
+    """Probability that an episode ends with a PING in the target region."""
+    grid_return: float
+    """Expected sum of the grid's rewards of an episode."""
+    steps: float
+    """Expected length of an episode."""
+    rows: Annotated[tuple[Row, ...], Field(min_length=1, max_length=2000)]
+    """The different rows of the policy: probabilities of UP, DOWN, LEFT, RIGHT and PING."""
+    policy: Annotated[tuple[int, ...], Field(max_length=250_000)]
+    """For each observation, which of these rows it has, from 0."""
+
+
+def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
+    """Writes a file; `declared` has the first keys of `Submission`. It may raise an InputError."""
+    check_file(path, ".toml")
+    check_file_name(path, "a submission is")
+    if path.exists():
+        raise InputError(f"{path}: is there already; accepted: a new file.")
+    scenario = assessment.scenario
+    if scenario.name not in scenario_names() or scenario != load_scenario(scenario.name):
+        raise InputError(f"{path}: scenario = {scenario.name}: accepted: a shipped scenario, unchanged.")
+    rows, policy = np.unique(assessment.policy, axis=0, return_inverse=True)
+    table = {"rows": rows.tolist(), "policy": policy.ravel().tolist()}
+    submission = parse(Submission, declared | _computed(assessment) | table, str(path))
+    # TOML has numbers, lists, and texts in one line as JSON has them.
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in submission]
+    files.write_text(path, "".join([_HEAD, *lines]))
+
+
+def checked(path: Path) -> Submission:
+    """Reads a file; one that says something else than its policy and the scenario raises an InputError."""
+    check_file_name(path, "a submission is")
+    submission = parse(Submission, read_toml(path), str(path))
+    for key, known in (("scenario", scenario_names()), ("observation", OBSERVATIONS)):
+        if getattr(submission, key) not in known:
+            unknown_name(str(path), key, getattr(submission, key), known)
+    scenario, observation = load_scenario(submission.scenario), submission.observation
+    model, rows, policy = compile_seen(scenario, observation), submission.rows, submission.policy
+    if len(policy) != model.n_observations or not 0 <= min(policy) <= max(policy) < len(rows):
+        accepted = f"{model.n_observations:,} numbers from 0 to {len(rows) - 1}, one for each observation"
+        raise InputError(f"{path}: policy, of {len(policy):,} numbers: accepted: {accepted}.")
+    table = np.array(rows)[list(policy)]
+    assessment = Assessment(scenario, model, observation, table, evaluate(model, table, HORIZON), RESULTS)
+    for key, value in _computed(assessment).items():
+        found = getattr(submission, key)
+        is_same = found == value if isinstance(value, str) else math.isclose(found, value, abs_tol=_TOLERANCE)
+        if not is_same:
+            raise InputError(f"{path}: {key} = {shortened(str(found))}: accepted: {value}, computed again.")
+    return submission
+
+
+def _computed(assessment: Assessment) -> dict[str, Any]:
+    content = assessment.scenario.model_dump(mode="json", exclude={"description"})
+    return {
+        "scenario": assessment.scenario.name,
+        "scenario_sha256": hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
+        "observation": assessment.observation,
+        "score": assessment.score,
+        "success": assessment.success,
+        "grid_return": float(assessment.evaluation.grid_return),
+        "steps": float(assessment.evaluation.steps),
+    }
+
+
+def texts(results: Path) -> dict[Path, str]:
+    """Returns the README of the leaderboard in a folder of results, by its path; empty without any file."""
+    folder = results / "leaderboard"
+    submitted = [(path, checked(path)) for path in sorted(folder.glob("[!.]*.toml"))]
+    tables = {name: list[dict[str, str]]() for name in scenario_names()}
+    for path, each in sorted(submitted, key=lambda pair: (-pair[1].score, -pair[1].success)):
+        row = {
+            "name": f"[{path.stem}]({path.name})",
+            "learner": each.learner,
+            "observation": each.observation,
+            "score": f"{each.score:.4f}",
+            "success": f"{each.success:.4f}",
+            "training steps": f"{each.training_steps:,}",
+            "search trials": f"{each.search_trials:,}",
+        }
+        tables[each.scenario].append(row)
+    shown = {name: to_markdown(pd.DataFrame(rows)) for name, rows in tables.items() if rows}
+    text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=shown)
+    return {folder / "README.md": text} if submitted else {}

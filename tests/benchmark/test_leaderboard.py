@@ -1,0 +1,149 @@
+"""The leaderboard: files say what their policies do, and files that say something else are refused."""
+
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmark.__main__ import main
+from benchmark.assessment import assess
+from benchmark.leaderboard import checked, submit, texts
+from envs import ACTIONS, InputError, load_scenario
+from tests.support import ROOT
+
+PUBLISHED = ROOT / "results" / "leaderboard"
+DECLARED: dict[str, Any] = {"learner": "by | hand", "training_steps": 0, "search_trials": 1}
+
+
+def walk(o: int) -> int:
+    row, column = divmod(o, 12)
+    return 1 if row < 4 else 3 if column < 6 else 4
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("made") / "mine.toml"
+    submit(assess(walk, scenario="S1", observation="index"), path, **DECLARED)
+    return path
+
+
+def test_published_files_agree_with_their_policies_and_are_listed() -> None:
+    assert len([*PUBLISHED.glob("*.toml")]) >= 2
+    assert texts(ROOT / "results") == {PUBLISHED / "README.md": (PUBLISHED / "README.md").read_text("utf-8")}
+
+
+def test_numbers_of_a_file_are_those_of_arithmetic(made: Path) -> None:
+    submission = checked(made)
+    # From the corner four steps down and six to the right, and a PING: as many as the optimum needs.
+    assert (submission.score, submission.success, submission.steps) == pytest.approx((1, 1, 11))
+    assert [submission.rows[row].index(1) for row in submission.policy] == [walk(o) for o in range(120)]
+
+
+@pytest.mark.parametrize("observation", ["offset", "centre_coordinates"])
+def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    table = rng.dirichlet(np.ones(len(ACTIONS)), 437)
+    index = iter([*range(437), *reversed(range(437))])
+    agent = assess(lambda _: table[next(index)], scenario="Anywhere", observation=observation)
+    submit(agent, tmp_path / "drawn.toml", note='"\\ é 🙂', **DECLARED)
+    submission = checked(tmp_path / "drawn.toml")
+    assert (np.array(submission.rows)[list(submission.policy)] == agent.policy).all()
+    assert submission.success == agent.success
+    assert submission.note == '"\\ é 🙂'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("score = 1.0", "score = 0.999", "score = 0.999: accepted: 1.0"),
+        ("score = 1.0", "score = nan", "score = NaN: "),
+        ("score = 1.0", "", "the key score is missing."),
+        ("success = 1.0", "success = 1.00001", "success = 1.00001: accepted: 1.0"),
+        (r"steps = 11\.0", "steps = -11.0", "steps = -11.0: accepted: 11.0"),
+        (r"policy = \[2", "policy = [0", "score = 1.0: accepted: 0.43"),
+        (r"policy = \[2", "policy = [3", "policy, of 120 numbers: accepted: 120 numbers from 0 to 2"),
+        (r"policy = \[2", "policy = [-1", "policy, of 120 numbers: accepted: 120 numbers from 0 to 2"),
+        (r"policy = \[2, ", "policy = [", "policy, of 119 numbers: accepted: 120 numbers from 0 to 2"),
+        ("policy = .*", "policy = []", "policy, of 0 numbers: accepted: 120 numbers from 0 to 2"),
+        ("policy = .*", f"policy = {[0] * 250_001}", "policy = "),
+        (r"rows = \[\[0\.0", "rows = [[0.5", "rows.0 = [0.5, 0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
+        (r"rows = \[\[0\.0", "rows = [[nan", "rows.0.0 = NaN: "),
+        (r"rows = \[\[0\.0, ", "rows = [[", "rows.0 = [0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
+        (r"rows = .*", "rows = []", "rows = []: "),
+        ('scenario = "S1"', 'scenario = "S9"', "unknown scenario S9; accepted: "),
+        ('scenario = "S1"', 'scenario = "S2"', "scenario_sha256 = "),
+        ('scenario = "S1"', 'scenario = "/etc/S1.toml"', "unknown scenario /etc/S1.toml"),
+        ('sha256 = ".', 'sha256 = "x', "scenario_sha256 = x"),
+        ('"index"', '"indices"', "unknown observation indices"),
+        ('"index"', '"coordinate"', "unknown observation coordinate (did you mean coordinates?)"),
+        ("note = ", "notes = ", "unknown key notes (did you mean note?)"),
+        ("training_steps = 0", "", "the key training_steps is missing."),
+        ("training_steps = 0", "training_steps = -1", "training_steps = -1: "),
+        ("search_trials = 1", "search_trials = nan", "search_trials = NaN: "),
+        (r"by \| hand", r"by\\nhand", r'learner = "by\nhand": accepted: text in one line'),
+        ("learner = ", "learner ", "not valid TOML: "),
+    ],
+)
+def test_tampered_files_are_refused_in_one_sentence(
+    made: Path, tmp_path: Path, old: str, new: str, expected: str
+) -> None:
+    text, count = re.subn(f"(?m)^(.*){old}", rf"\g<1>{new}", made.read_text(encoding="utf-8"), count=1)
+    assert count == 1
+    path = tmp_path / "it.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        checked(path)
+    (line,) = refused.value.args
+    assert line.startswith(f"{path}: ")
+    assert expected in line
+    assert line.endswith(".")
+
+
+@pytest.mark.parametrize("name", ["a b.toml", "a\nb.toml", "[a](b).toml", "nan.toml"])
+def test_files_are_named_as_everything_is(made: Path, tmp_path: Path, name: str) -> None:
+    shutil.copy(made, tmp_path / name)
+    with pytest.raises(InputError, match="is named after the file; accepted: a name of "):
+        checked(tmp_path / name)
+
+
+def test_changed_scenarios_are_refused(tmp_path: Path) -> None:
+    changed = load_scenario("S1", {"rewards.target_ping": 2.0})
+    for scenario in (changed, changed.model_copy(update={"name": "mine"})):
+        with pytest.raises(InputError, match=r"scenario = .*: accepted: a shipped scenario, unchanged"):
+            submit(assess(walk, scenario=scenario, observation="index"), tmp_path / "a.toml", **DECLARED)
+
+
+def test_best_score_is_first_and_text_stays_text(made: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "leaderboard"
+    folder.mkdir()
+    assert texts(tmp_path) == {}
+    shutil.copy(made, folder / "z.toml")
+    for name, scenario in (("a", "S1"), ("b", "Hall")):
+        submit(
+            assess(lambda _: 0, scenario=scenario, observation="index"), folder / f"{name}.toml", **DECLARED
+        )
+    text = texts(tmp_path)[folder / "README.md"]
+    rows = re.findall(r"^## .*|^\| \[.*", text, flags=re.MULTILINE)
+    assert [row[:8] for row in rows] == ["## Hall", "| [b](b.", "## S1", "| [z](z.", "| [a](a."]
+    assert "| by &#124; hand |" in rows[1]
+
+
+def test_the_command_writes_a_new_file_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "walking_agent.py").write_text("def act(o): return 1", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    arguments = ["assess", "--agent", "walking_agent:act", "--observation", "index", "--learner", "me"]
+    assert main(arguments) == 2
+    assert "accepted only with --submit." in capsys.readouterr().err
+    arguments += ["--submit", str(tmp_path / "it.toml"), "--training-steps", "7"]
+    assert main(arguments) == 2
+    assert "the key search_trials is missing." in capsys.readouterr().err
+    assert not (tmp_path / "it.toml").exists()
+    assert main([*arguments, "--search-trials", "0"]) == 0
+    assert checked(tmp_path / "it.toml").training_steps == 7
+    assert main([*arguments, "--search-trials", "0"]) == 2
+    assert "accepted: a new file." in capsys.readouterr().err
