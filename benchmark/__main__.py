@@ -207,7 +207,7 @@ def _parser() -> argparse.ArgumentParser:
     about += "the agent: offset, nearest, two_nearest or centre, also with _one_hot or _coordinates"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
-    about = "write a file for the leaderboard, results/leaderboard/NAME.toml, with what you declare:"
+    about = "write results/leaderboard/NAME.toml, for the leaderboard; the next options are for it alone"
     _add(assess, "--submit", "FILE", about, Path)
     _add(assess, "--learner", "TEXT", "what learned the policy")
     _add(assess, "--training-steps", "N", "environment steps of its training; 0 without any", int)

@@ -138,8 +138,8 @@ def texts(results: Path) -> dict[Path, str]:
             "observation": each.observation,
             "score": f"{each.score:.4f}",
             "success": f"{each.success:.4f}",
-            "training steps": f"{each.training_steps:,}",
-            "search trials": f"{each.search_trials:,}",
+            "declared training steps": f"{each.training_steps:,}",
+            "declared search trials": f"{each.search_trials:,}",
         }
         tables[each.scenario].append(row)
     shown = {name: to_markdown(pd.DataFrame(rows)) for name, rows in tables.items() if rows}
