@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.dynamic_programming import evaluate, every_cell, from_starts, solve
+from agents.dynamic_programming import evaluate, from_starts, solve
 from agents.policy import uniform_policy
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import RunSpecification
@@ -135,8 +135,7 @@ def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float,
 
     `"grid_return"` is the sum of the grid's rewards alone, and `"scenario_return"` that with the issuer's.
     """
-    starts = every_cell(model) if start == "every_cell" else from_starts(model)
-    random = evaluate(model, uniform_policy(model), horizon, starts)
+    starts, random = from_starts(model, start), evaluate(model, uniform_policy(model), horizon, start)
     grid, both = (starts @ solve(model, 1.0, horizon, issuer_rewards=added).value for added in (False, True))
     return {
         "grid_return": (float(random.grid_return), float(grid)),
