@@ -384,7 +384,8 @@ def check_size(run: RunSpecification) -> None:
     """Refuses, by an InputError, observations and records of a run that do not fit into memory."""
     scenario = seen_as(run.scenario, run.observation)
     if ENCODINGS[run.observation] == "one_hot":
-        check_one_hot(scenario.n_observations, scenario.one_hot_width)
+        widths = [width for _, width in scenario.observed_sizes.values()]
+        check_one_hot(scenario.n_observations, sum(widths))
     check_tiles(scenario.n_observations, getattr(run.settings, "n_tilings", 0))
     if run.record_size > LARGEST_RECORD:
         raise InputError(
