@@ -76,10 +76,10 @@ def from_starts(model: Model, start: str = "start") -> NDArray[np.float64]:
     `start` says which can be: "start", those of the model; "unseen", those with the issuer in an unseen
     place; "every_cell", all in which the agent may be before any PING.
     """
-    everywhere = model.fresh_state[~model.is_over[model.fresh_state]]
-    states = {"start": model.starts, "unseen": model.unseen_starts, "every_cell": everywhere}[start]
+    fresh = model.fresh_state[~model.is_over[model.fresh_state]]
+    possible = {"start": model.starts, "unseen": model.unseen_starts, "every_cell": fresh.astype(np.int32)}
     probability = np.zeros(len(model.observation))
-    probability[states] = 1 / len(states)
+    probability[possible[start]] = 1 / len(possible[start])
     return probability
 
 
