@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from agents.policy import uniform_policy
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import RunSpecification
 from envs import ZONES, InputError, Model, compile_scenario
-from envs.model import PING
+from envs.model import PING, kept_with_model
 from envs.observations import compile_seen
 
 Array = NDArray[Any]
@@ -129,7 +129,7 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
     )
 
 
-@lru_cache(maxsize=128)
+@kept_with_model
 def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float, float]]:
     """Computes the exact returns of the random and of the optimal policy, from `"start"` or `"every_cell"`.
 

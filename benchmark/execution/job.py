@@ -13,9 +13,9 @@ from agents.dynamic_programming import Evaluation, evaluate
 from agents.policy import mask_policy, uniform_policy
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
-from benchmark.execution.solving import solved
 from benchmark.execution.store import VALUE_DECIMALS, Arrays, Record, evaluated
 from benchmark.experiments import RunSpecification
+from benchmark.experiments.run import solved
 from benchmark.packages import broken
 from envs import InputError, Model
 from envs.observations import compile_seen
@@ -120,7 +120,7 @@ def _train_until_solved(run: RunSpecification) -> Arrays:
         nonlocal policy
         policy = latest
         success.append(float(evaluate(model, policy, run.horizon).success))
-        return solved(success, schedule.evaluation_steps, enough).is_certain
+        return solved(success, schedule.evaluation_steps, enough)[1]
 
     def may_end(_: int, table: NDArray[np.float64]) -> bool:
         return is_over(mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table)
