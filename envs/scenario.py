@@ -285,20 +285,11 @@ class Scenario(Table):
     def every_start(self) -> NDArray[np.int_]:
         """(starts, 3) place, tick and cell of every start of an episode, also in unseen places."""
         place, tick, cell = np.nonzero(self._is_start[self._drawn_indices])
-        return np.column_stack([place, self._first_ticks[tick], cell])
-
-    @cached_property
-    def starts(self) -> NDArray[np.int_]:
-        """(B, 3) the same of episodes that are trained, all equally likely."""
-        return self.every_start[self._is_seen[self.every_start[:, 0]]]
+        return np.column_stack([place, tick, cell])
 
     @property
-    def unseen_starts(self) -> NDArray[np.int_]:
-        """(starts, 3) the same of episodes with the issuer in an unseen place, which are never trained."""
-        return self.every_start[~self._is_seen[self.every_start[:, 0]]]
-
-    @cached_property
-    def _is_seen(self) -> NDArray[np.bool_]:  # (J,)
+    def is_seen(self) -> NDArray[np.bool_]:
+        """(J,) whether episodes with the issuer in a place are trained."""
         return np.isin(self._drawn_indices, self._drawn_order[: self.issuer.places])
 
     @property
@@ -423,10 +414,6 @@ class Scenario(Table):
         feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
         return any(one is not None and one.kind == "delayed" for one in feedback)
 
-    @property
-    def _first_ticks(self) -> NDArray[np.int_]:
-        return np.arange(len(self.ticks) if self.first_phase == "any" else 1)
-
     @cached_property
     def _ways(self) -> NDArray[np.int_]:
         """(G, people) all ways in which the issuer and its group may stand, as cells; rising in a group."""
@@ -455,8 +442,12 @@ class Scenario(Table):
     def _taken(self) -> frozenset[Cell]:  # by others, at some time
         return frozenset(person.position for people in self.others_at for person in people)
 
+    @property
+    def _first_phases(self) -> NDArray[np.int_]:  # of the ticks in which episodes may start
+        return self.ticks if self.first_phase == "any" else self.ticks[:1]
+
     def _check_ways(self, n: int, n_placed: int) -> None:
-        most = _MOST_ZONES // (len(self.grid.position) * max(len(self.stages), len(self._first_ticks)))
+        most = _MOST_ZONES // (len(self.grid.position) * max(len(self.stages), len(self._first_phases)))
         who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the issuer"
         narrower = ", or a narrower range of group.apart" if self.group else ""
         accepted = f"at most {most:,} with so many cells and phases; list fewer cells{narrower}"
@@ -494,7 +485,7 @@ class Scenario(Table):
         grid = self.grid
         allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
         allowed[[row * grid.columns + column for row, column in _cells(grid.start, grid)]] = True
-        zone = self._zones[:, self.ticks[self._first_ticks]]
+        zone = self._zones[:, self._first_phases]
         is_free = (zone == ZONES.index("outside")) & (allowed & ~grid.is_wall)
         return np.asarray(is_free & self._has_target[:, None, None])
 
