@@ -110,14 +110,8 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
         sums,
     )
     sums = sums.reshape(*policy.shape[:-2], _N_SUMS)
-    return Evaluation(
-        grid_return=sums[..., 0],
-        scenario_return=sums[..., 0] + sums[..., 1],
-        success=sums[..., 2],
-        steps=sums[..., 3],
-        wrong_pings=sums[..., 4],
-        zone_steps=sums[..., 5:],
-    )
+    grid, issuer, *others = np.moveaxis(sums[..., :5], -1, 0)
+    return Evaluation(grid, grid + issuer, *others, zone_steps=sums[..., 5:])
 
 
 @compiled

@@ -119,12 +119,9 @@ class Model:
     @cached_property
     def fresh_state(self) -> NDArray[np.int64]:
         """(F,) the states with no wrong PING so far and no feedback to come, no walls; in S1 the cells."""
-        return np.flatnonzero(self._is_fresh & ~self.scenario.grid.is_wall[self.cell])
-
-    @cached_property
-    def _is_fresh(self) -> NDArray[np.bool_]:
         block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
-        return np.asarray(np.arange(len(self.observation)) % block < len(self.position))
+        is_fresh = np.arange(len(self.observation)) % block < len(self.position)
+        return np.flatnonzero(is_fresh & ~self.scenario.grid.is_wall[self.cell])
 
     @cached_property
     def has_cell_maps(self) -> bool:
