@@ -70,35 +70,24 @@ def dynamics(model: Model) -> Dynamics:
     return model.next_state, model.probability, model.terminated, model.observation
 
 
-def from_starts(model: Model) -> NDArray[np.float64]:
-    """Returns the model's distribution over start states, (S,)."""
-    return _uniform(model, model.starts)
+def from_starts(model: Model, start: str = "start") -> NDArray[np.float64]:
+    """Returns the probability of each state, (S,), to be the first of an episode; equal for all that can be.
+
+    `start` says which can be: "start", those of the model; "unseen", those with the issuer in an unseen
+    place; "every_cell", all in which the agent may be before any PING.
+    """
+    fresh = model.fresh_state[~model.is_over[model.fresh_state]]
+    possible = {"start": model.starts, "unseen": model.unseen_starts, "every_cell": fresh.astype(np.int32)}
+    probability = np.zeros(len(model.observation))
+    probability[possible[start]] = 1 / len(possible[start])
+    return probability
 
 
-def every_cell(model: Model) -> NDArray[np.float64]:
-    """Returns the uniform distribution, (S,), over all states in which the agent may be before any PING."""
-    return _uniform(model, model.fresh_state[~model.is_over[model.fresh_state]])
-
-
-def unseen_places(model: Model) -> NDArray[np.float64]:
-    """Returns the distribution over start states, (S,), of episodes with the issuer in an unseen place."""
-    return _uniform(model, model.unseen_starts)
-
-
-def _uniform(model: Model, states: NDArray[np.integer]) -> NDArray[np.float64]:
-    start = np.zeros(len(model.observation))
-    start[states] = 1 / len(states)
-    return start
-
-
-def evaluate(
-    model: Model, policy: Policy, horizon: int, start: NDArray[np.float64] | None = None
-) -> Evaluation:
+def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -> Evaluation:
     """Computes the expected return of a policy under a time limit, and other expectations.
 
     Leading axes of the policy, (..., O, A), are a batch. Episodes are truncated after `horizon` steps, at
-    least 1, and start with the probabilities `start`, (S,), by default those of the model. A ValueError is
-    raised if the policy is none of this model.
+    least 1, and start as in `from_starts`. A ValueError is raised if the policy is none of this model.
     """
     shape = model.n_observations, len(ACTIONS)
     policy = np.asarray(policy, dtype=np.float64)
@@ -116,19 +105,13 @@ def evaluate(
         model.event == EVENTS.index("target_ping"),
         model.is_wrong_ping,
         model.zone,
-        starts_of(model, from_starts(model) if start is None else start),
+        starts_of(model, from_starts(model, start)),
         horizon,
         sums,
     )
     sums = sums.reshape(*policy.shape[:-2], _N_SUMS)
-    return Evaluation(
-        grid_return=sums[..., 0],
-        scenario_return=sums[..., 0] + sums[..., 1],
-        success=sums[..., 2],
-        steps=sums[..., 3],
-        wrong_pings=sums[..., 4],
-        zone_steps=sums[..., 5:],
-    )
+    grid, issuer, *others = np.moveaxis(sums[..., :5], -1, 0)
+    return Evaluation(grid, grid + issuer, *others, zone_steps=sums[..., 5:])
 
 
 @compiled

@@ -188,8 +188,8 @@ def override(data: Mapping[str, object], overrides: Mapping[str, object], source
 
     A key that passes through a value that is not a table raises an InputError.
     """
-    result = json.loads(json.dumps(data, default=str))
-    for dotted, value in overrides.items():
+    result, changes = json.loads(json.dumps([data, overrides], default=str))
+    for dotted, value in changes.items():
         *tables, key = dotted.split(".")
         table = result
         for name in tables:

@@ -119,12 +119,9 @@ class Model:
     @cached_property
     def fresh_state(self) -> NDArray[np.int64]:
         """(F,) the states with no wrong PING so far and no feedback to come, no walls; in S1 the cells."""
-        return np.flatnonzero(self._is_fresh & ~self.scenario.grid.is_wall[self.cell])
-
-    @cached_property
-    def _is_fresh(self) -> NDArray[np.bool_]:
         block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
-        return np.asarray(np.arange(len(self.observation)) % block < len(self.position))
+        is_fresh = np.arange(len(self.observation)) % block < len(self.position)
+        return np.flatnonzero(is_fresh & ~self.scenario.grid.is_wall[self.cell])
 
     @cached_property
     def has_cell_maps(self) -> bool:
@@ -217,11 +214,9 @@ def _compile(scenario: Scenario) -> Model:
             if values.any():  # memory for zeros is not even touched
                 arrays[name][first * n_block :][: len(values)] = values
 
-    def states(starts: NDArray[np.int_]) -> NDArray[np.int32]:
-        j, first_tick, first_cell = starts.T
-        zero = np.zeros(len(j), dtype=np.int64)
-        return np.ravel_multi_index((j, first_tick, zero, zero, first_cell), shape).astype(np.int32)
-
+    place, tick, cell = scenario.every_start.T
+    starts = np.ravel_multi_index((place, tick, 0 * place, 0 * place, cell), shape).astype(np.int32)
+    is_seen = scenario.is_seen[place]
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
     observation, size = np.zeros(len(arrays["cell"]), dtype=np.int64), 1
     for component in components:
@@ -229,8 +224,8 @@ def _compile(scenario: Scenario) -> Model:
         size *= component.size
     model = Model(
         scenario=scenario,
-        starts=states(scenario.starts),
-        unseen_starts=states(scenario.unseen_starts),
+        starts=starts[is_seen],
+        unseen_starts=starts[~is_seen],
         observation=observation.astype(np.int32),
         components=components,
         **arrays,

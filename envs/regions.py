@@ -144,11 +144,7 @@ def ring_zones(
 ) -> NDArray[np.int8]:
     """Returns the zone of every cell around the centre of each group, (groups, C) index into ZONES.
 
-    Args:
-      ring: Where people stand and the agent should.
-      people: Their cells, (groups, people, 2) row and column.
-      cell: All cells, (C, 2).
-      width: Of a cell, in the unit of the ring's.
+    Cells of people are (groups, people, 2) rows and columns, all cells (C, 2); `width` is that of a cell.
     """
     centre, radius = circles(people)
     distance = np.hypot(*np.moveaxis(cell - centre[:, None], 2, 0))  # (groups, C)

@@ -7,11 +7,11 @@ there say what each is about, and in S1 to S3 which term of the paper a value ha
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal, Self, TypeVar, cast
+from typing import Annotated, ClassVar, Final, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,6 @@ _LONGEST_ROUND: Final = 10_000  # steps until all who walk are back
 
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
 Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
-PlaceT = TypeVar("PlaceT", bound=tuple[object, ...])  # a cell, or the cells of a group
 
 
 class Grid(Table):
@@ -63,13 +62,6 @@ class Grid(Table):
     def position(self) -> NDArray[np.int_]:
         """(C, 2) row and column of each cell."""
         return np.stack(np.divmod(np.arange(self.rows * self.columns), self.columns), axis=1)
-
-    @cached_property
-    def offset(self) -> NDArray[np.int_]:
-        """(offsets, 2) rows and columns from one cell to another, for all offsets on the grid."""
-        rows, columns = self.size
-        offsets = np.divmod(np.arange((2 * rows - 1) * (2 * columns - 1)), 2 * columns - 1)
-        return np.asarray(np.stack(offsets, axis=1) - (rows - 1, columns - 1))
 
     @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
@@ -280,7 +272,7 @@ class Scenario(Table):
     def shown_cells(self) -> tuple[Cell, ...]:
         """(I,) the cells whose coordinates stand for these; a permuted one has those of the next drawn."""
         n_permuted = round(self.issuer.permuted * len(self.issuer_cells))
-        order = self._in_drawn_order(self.issuer_cells)[:n_permuted]
+        order = sorted(self.issuer_cells, key=self._rank)[:n_permuted]
         following = dict(zip(order, [*order[1:], *order[:1]], strict=True))
         return tuple(following.get(cell, cell) for cell in self.issuer_cells)
 
@@ -293,43 +285,33 @@ class Scenario(Table):
     def every_start(self) -> NDArray[np.int_]:
         """(starts, 3) place, tick and cell of every start of an episode, also in unseen places."""
         place, tick, cell = np.nonzero(self._is_start[self._drawn_indices])
-        return np.column_stack([place, self._first_ticks[tick], cell])
-
-    @cached_property
-    def starts(self) -> NDArray[np.int_]:
-        """(B, 3) the same of episodes that are trained, all equally likely."""
-        return self.every_start[self._is_seen[self.every_start[:, 0]]]
+        return np.column_stack([place, tick, cell])
 
     @property
-    def unseen_starts(self) -> NDArray[np.int_]:
-        """(starts, 3) the same of episodes with the issuer in an unseen place, which are never trained."""
-        return self.every_start[~self._is_seen[self.every_start[:, 0]]]
+    def is_seen(self) -> NDArray[np.bool_]:
+        """(J,) whether episodes with the issuer in a place are trained."""
+        return np.isin(self._drawn_indices, self._drawn_order[: self.issuer.places])
 
-    @cached_property
-    def _is_seen(self) -> NDArray[np.bool_]:  # (J,)
-        n = len(self.places) if self.issuer.places is None else self.issuer.places
-        seen = {*self._in_drawn_order(self.places)[:n]}
-        return np.array([place in seen for place in self.places])
-
-    @cached_property
+    @property
     def _drawn_indices(self) -> NDArray[np.int_]:  # (J,) rising, of the G
+        return np.sort(self._drawn_order)
+
+    @cached_property
+    def _drawn_order(self) -> NDArray[np.int_]:  # (J,) the same, those first that are drawn first, if any are
         free, n = np.flatnonzero(self._is_start.any(axis=(1, 2))), self.issuer.places
         if n is None:
             return free
-        cells = self.grid.position[self._ways[free]].tolist()
-        index = {tuple(map(tuple, place)): g for place, g in zip(cells, free.tolist(), strict=True)}
-        return np.sort([index[place] for place in self._in_drawn_order(index)[: n + self.issuer.unseen]])
+        ranks = [*map(self._rank, self.grid.position[self._ways[free]].tolist())]
+        return free[sorted(range(len(free)), key=ranks.__getitem__)[: n + self.issuer.unseen]]
 
     @property
     def _drawn_ways(self) -> NDArray[np.int_]:  # (J, people) cells
         return self._ways[self._drawn_indices]
 
-    def _in_drawn_order(self, places: Iterable[PlaceT]) -> list[PlaceT]:
-        def rank(place: PlaceT) -> bytes:  # the same in all rooms that have the place
-            parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
-            return hashlib.sha256(json.dumps([self.draw, *parts]).encode()).digest()
-
-        return sorted(places, key=rank)
+    def _rank(self, place: Sequence[object]) -> bytes:
+        """Returns what cells, or the cells of a group, are drawn by; the same in all rooms that have them."""
+        parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
+        return hashlib.sha256(json.dumps([self.draw, *parts]).encode()).digest()
 
     @property
     def draws(self) -> bool:
@@ -343,9 +325,8 @@ class Scenario(Table):
     def seen_as(self, relative: str) -> Self:
         """Returns the scenario with one of `RELATIVE` observed in place of the agent's and people's cells."""
         others = tuple(name for name in self.observe if name in ("phase", "wrong_pings"))
-        seen = self._changed(
-            {"observe": (relative, *others)}, "_ways", "_zones", "_is_start", "_drawn_indices"
-        )
+        same = "_ways", "_zones", "_is_start", "_drawn_order"
+        seen = self._changed({"observe": (relative, *others)}, *same)
         try:
             seen._check_observations()
         except ValueError as error:
@@ -388,36 +369,29 @@ class Scenario(Table):
     def _n_seen(self) -> int:  # people whose offsets are observed
         return min({"nearest": 1, "centre": 1, "two_nearest": 2}.get(self.observe[0], 6), self.n_people)
 
-    @property
-    def observed_sizes(self) -> list[int]:
-        """How many values each observed component has, at most."""
-        return [self._sizes_and_widths[name][0] for name in self.observe]
-
-    @property
-    def one_hot_width(self) -> int:
-        """How many numbers a one-hot observation has."""
-        return sum(self._sizes_and_widths[name][1] for name in self.observe)
-
     @cached_property
-    def _sizes_and_widths(self) -> dict[str, tuple[int, int]]:
+    def observed_sizes(self) -> dict[str, tuple[int, int]]:
+        """How many values each observed component has, at most, and numbers its one-hot form."""
         (n_places, n_phases, n), n_cells = self.standing.shape, len(self.grid.position)
-        n_offsets, n_seen = len(self.grid.offset), self._n_seen
-        most = n_offsets if n_seen == 1 else min(n_offsets**n_seen, n_places * n_phases * n_cells)
+        n_offsets = math.prod(2 * length - 1 for length in self.grid.size)
         n_centres = math.prod(2 * n * (length - 1) + 1 for length in self.grid.size)
-        n_issuer_cells = len(self.issuer_cells)
-        return {
+        n_seen, most = self._n_seen, n_offsets
+        if n_seen > 1:
+            most = min(n_offsets**n_seen, n_places * n_phases * n_cells)
+        sizes = {
+            **dict.fromkeys(RELATIVE, (most, n_offsets * n_seen)),
             "agent": (n_cells, n_cells),
-            **dict.fromkeys(("offset", "two_nearest", "nearest"), (most, n_offsets * n_seen)),
             "centre": (n_centres, n_centres),
-            "issuer": (n_issuer_cells if n == 1 else n_places, n_issuer_cells),
+            "issuer": (len(self.issuer_cells) if n == 1 else n_places, len(self.issuer_cells)),
             "phase": (n_phases, n_phases),
             "wrong_pings": (self.ping_limit, self.ping_limit),
         }
+        return {name: sizes[name] for name in self.observe}
 
     @property
     def n_observations(self) -> int:
         """The product of these sizes: O, or more if some combinations of offsets never occur."""
-        return math.prod(self.observed_sizes)
+        return math.prod(size for size, _ in self.observed_sizes.values())
 
     @property
     def has_front(self) -> bool:
@@ -439,10 +413,6 @@ class Scenario(Table):
         """Whether some feedback comes with the action after a PING."""
         feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
         return any(one is not None and one.kind == "delayed" for one in feedback)
-
-    @property
-    def _first_ticks(self) -> NDArray[np.int_]:
-        return np.arange(len(self.ticks) if self.first_phase == "any" else 1)
 
     @cached_property
     def _ways(self) -> NDArray[np.int_]:
@@ -472,8 +442,12 @@ class Scenario(Table):
     def _taken(self) -> frozenset[Cell]:  # by others, at some time
         return frozenset(person.position for people in self.others_at for person in people)
 
+    @property
+    def _first_phases(self) -> NDArray[np.int_]:  # of the ticks in which episodes may start
+        return self.ticks if self.first_phase == "any" else self.ticks[:1]
+
     def _check_ways(self, n: int, n_placed: int) -> None:
-        most = _MOST_ZONES // (len(self.grid.position) * max(len(self.stages), len(self._first_ticks)))
+        most = _MOST_ZONES // (len(self.grid.position) * max(len(self.stages), len(self._first_phases)))
         who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the issuer"
         narrower = ", or a narrower range of group.apart" if self.group else ""
         accepted = f"at most {most:,} with so many cells and phases; list fewer cells{narrower}"
@@ -511,7 +485,7 @@ class Scenario(Table):
         grid = self.grid
         allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
         allowed[[row * grid.columns + column for row, column in _cells(grid.start, grid)]] = True
-        zone = self._zones[:, self.ticks[self._first_ticks]]
+        zone = self._zones[:, self._first_phases]
         is_free = (zone == ZONES.index("outside")) & (allowed & ~grid.is_wall)
         return np.asarray(is_free & self._has_target[:, None, None])
 
@@ -519,9 +493,6 @@ class Scenario(Table):
     def _has_target(self) -> NDArray[np.bool_]:  # (G,) that the agent can enter in some phase
         is_target = (self._zones == ZONES.index("target")) & ~self.grid.is_wall
         return np.asarray(is_target.any(axis=(1, 2)))
-
-    def _is_wall(self, cell: Cell) -> bool:
-        return bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -612,7 +583,8 @@ class Scenario(Table):
     def _check_cell(self, key: str, cell: Cell) -> None:
         self._check_inside(key, cell)
         where = f"{key} = {json.dumps(cell)}"
-        require(not self._is_wall(cell), f"{where} is a wall", "another cell")
+        is_wall = bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
+        require(not is_wall, f"{where} is a wall", "another cell")
         who, is_way = key.removesuffix(".walk.corners").removesuffix(".position"), ".walk." in key
         others = (
             (f"others.{i}", other) for i, other in enumerate(self.others) if not (is_way and other.walk)

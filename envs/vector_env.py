@@ -49,17 +49,9 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         overrides: Mapping[str, object] | None = None,
         max_episode_steps: int | None = None,
     ) -> None:
-        """Compiles the scenario.
+        """Compiles the scenario; `ProxemicEnv` has the same arguments, but for N and the time limit.
 
-        Args:
-          num_envs: N, at least 1.
-          scenario: As for `ProxemicEnv`, like `observation` and `overrides`.
-          observation: See there.
-          overrides: See there.
-          max_episode_steps: Steps until truncation; None or -1 for no limit.
-
-        Raises:
-          InputError: An argument is not accepted.
+        `max_episode_steps` is None or -1 for no limit. What is not accepted is an InputError.
         """
         self._limit: int = np.iinfo(np.int64).max
         if max_episode_steps not in (None, -1):
@@ -101,12 +93,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     ) -> tuple[Observations, Info]:
         """Starts an episode in every env; returns observations, (N, ...), and the info.
 
-        Args:
-          seed: Seeds env i with `seed + i`, or with the item i of a sequence; with None it is not seeded.
-          options: Not used; there is no `reset_mask`.
-
-        Raises:
-          InputError: The number of seeds does not fit.
+        A number seeds env i with `seed + i`, a sequence of N with its item i; None leaves it as it is. There
+        are no options.
         """
         seeds = [None] * self.num_envs if seed is None else seed
         if isinstance(seeds, int | np.integer):
@@ -124,17 +112,11 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     def step(
         self, actions: Actions
     ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
-        """Takes an action in every env.
-
-        Args:
-          actions: (N,) integers, 0 to 4.
+        """Takes an action in every env, of (N,) integers, 0 to 4; others are an InputError.
 
         Returns:
           Observations (N, ...), rewards (N,), terminated (N,), truncated (N,), and the info of
           `ProxemicEnv` as arrays (N,), each with a mask `_name` of the envs that it holds for: all.
-
-        Raises:
-          InputError: The actions have the wrong shape or type, or one of them is not in 0 to 4.
         """
         actions = np.asarray(actions)
         n = self.num_envs

@@ -24,7 +24,7 @@ import numpy as np
 from rich.progress import track
 
 from benchmark.execution.driver import run
-from benchmark.execution.executors.threads import Threads
+from benchmark.execution.executors import Threads
 from benchmark.execution.store import NoRunsError, Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_cluster import Machines

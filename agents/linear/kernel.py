@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
-from agents.tabular.kernel import LEAST_TRACE, Constants, choose_action, find_best
+from agents.tabular.kernel import LEAST_TRACE, Constants, Plan, choose_action, find_best
 
 
 class Results(NamedTuple):
@@ -94,18 +94,14 @@ def train(
     tiles: NDArray[np.int32],
     constants: Constants,
     is_on_policy: bool,
-    points: NDArray[np.int64],
-    map_index: NDArray[np.int64],
-    budget: int,
+    plan: Plan,
     streams: NDArray[np.uint64],
     results: Results,
 ) -> None:
-    """Trains N agents from streams (N, 4), by Sarsa(lambda) if it is on-policy, else by Watkins's Q(lambda).
-
-    They are recorded at the points (T + 1,) and mapped at the indices (T,), see `tabular.kernel.Plan`.
-    """
+    """Trains N agents from streams (N, 4), by Sarsa(lambda) if on-policy, else by Watkins's Q(lambda)."""
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
     first_rate, halved_after, discount, epsilon, initial_value, decay, takes_lowest, time_limit = constants
+    budget, _, _, points, map_index = plan
     explore_below = U(round(epsilon * 2**32))
     n_tilings, n_features, fading = tiles.shape[1], tiles.max() + 1, discount * decay
     for n in range(len(streams)):

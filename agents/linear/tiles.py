@@ -33,13 +33,8 @@ def check_tiles(n_observations: int, n_tilings: int) -> None:
 def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     """Returns the features of every observation, (O, n_tilings), numbered from 0.
 
-    Positions are tiled together. Components without a position, such as a phase, are not: each of their
-    values has tiles of its own.
-
-    Args:
-      model: Compiled scenario, for offsets by `compile_seen`.
-      n_tilings: How many tilings.
-      width: Cells along each side of a tile.
+    Positions are tiled together, by tiles of so many cells along each side. Components without a position,
+    such as a phase, are not: each of their values has tiles of its own.
     """
     check_tiles(model.n_observations, n_tilings)
     positions, others, per_cell = [], [], []

@@ -65,11 +65,7 @@ def _unpickled(path: str, settings: str) -> Sb3Settings:
 
 @lru_cache
 def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
-    """Makes an algorithm of a class with the import path `module:class`, see `is_sb3_class`.
-
-    Raises:
-      InputError: It lacks an argument from which this project takes the discount or the rollout.
-    """
+    """Makes an algorithm of a class with the import path `module:class`, see `is_sb3_class`."""
     arguments = _arguments(cls)
     if "gamma" not in arguments or not arguments.keys() & {"train_freq", "n_steps"}:
         raise InputError(

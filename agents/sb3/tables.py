@@ -76,9 +76,6 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
 
     Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
     `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`.
-
-    Raises:
-      InputError: The file cannot be loaded as this class.
     """
     cls = imported(algorithm, str(path), "algorithm")
     if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
@@ -98,11 +95,7 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
 
 
 def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str) -> AgentTable:
-    """Reads the policy of an agent, which messages call `where`.
-
-    Raises:
-      InputError: It was made for other observations or actions, or its net gives no finite table.
-    """
+    """Reads the policy of an agent, which messages call `where`; one that does not fit is an InputError."""
     observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
     for kind, space in expected.items():

@@ -5,9 +5,11 @@ An algorithm is an update rule, see `agents.tabular.updates`; all else is the sa
 
 import math
 import time
-from collections.abc import Sequence, Set
+from abc import abstractmethod
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal, Self
+from functools import partial
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from agents.contract import Algorithm, LearnerSettings, Schedule, Training
+from agents.policy import ALL_ACTIONS
 from agents.process import process_of
 from agents.tabular import updates
 from agents.tabular.kernel import Constants, Plan, Results, compile_kernel
@@ -26,7 +29,6 @@ from envs.model import ACTIONS, Model
 VERSION: Final = 3
 
 MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
-_BLOCK: Final = 25  # agents that are trained in one call of compiled code, for which an interrupt waits
 
 
 class ValueSettings(LearnerSettings):
@@ -104,70 +106,104 @@ class TabularTraining(Training):
     episodes_ended: NDArray[np.int64]  # (N,)
 
 
-class TabularAlgorithm(Algorithm):
-    """An algorithm that learns a table by an update rule, which has its settings and version."""
+class ValueAlgorithm(Algorithm):
+    """An algorithm whose agents learn action values in a compiled loop, `batch_size` of them in a call."""
 
     packages = ("numba",)
-    batch_size = _BLOCK
     placement = "thread"
+    training: type[Training] = Training
+    results: Any
+    """The named tuple of those fields of `training` that the loop fills."""
 
-    def __init__(self, update: UpdateRule) -> None:
-        self.update = update
-        self.settings = TraceSettings if update.has_traces else Settings
-        self.version = VERSION + update.version
+    @abstractmethod
+    def loop(self, model: Model, settings: Any) -> tuple[Callable[..., None], int]:
+        """Returns the loop, which takes a plan, streams and results, and how many parameters an agent has."""
+
+    def records(self, n_agents: int, settings: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG002
+        """Returns room for the further fields of `training`."""
+        return {}
 
     def train(
         self,
         model: Model,
-        settings: Settings,
+        settings: Any,
         observation: str,  # noqa: ARG002
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-    ) -> TabularTraining:
-        """Trains blocks of agents, whose table's maximum is recorded if there is more than one record."""
-        n_agents, n_observations, n_actions = len(seeds), model.n_observations, len(ACTIONS)
-        n_records = math.ceil(settings.budget / settings.record_every)
-        n_steps = len(schedule.evaluation_steps)
-        result = TabularTraining(
-            q=np.empty((n_agents, n_observations, n_actions)),
-            greedy=np.empty((n_agents, n_steps, n_observations), dtype=np.uint8),
-            stochastic=np.empty((n_agents, 0, n_observations, n_actions)),
-            values=np.empty((n_agents, len(schedule.map_steps), n_observations, n_actions), dtype=np.float32),
-            disagreements=np.empty((n_agents, n_steps), dtype=np.int64),
-            cpu_time_s=np.empty((n_agents, n_steps)),
-            updates=np.empty(n_agents, dtype=np.int64),
-            parameters=np.full(n_agents, n_observations * n_actions * (1 + self.update.has_two_tables)),
-            diverged_at=np.full(n_agents, -1),
-            max_q=np.empty((n_agents, n_records)),
-            table_max_q=np.empty((n_agents, n_records if n_records > 1 else 0)),
-            steps_taken=np.empty(n_agents, dtype=np.int64),
-            episodes_ended=np.empty(n_agents, dtype=np.int64),
-        )
+    ) -> Training:
+        """Trains agents; what their loop needs too much memory for is an InputError."""
+        loop, n_parameters = self.loop(model, settings)
+        n_agents, n_steps, n_maps = len(seeds), len(schedule.evaluation_steps), len(schedule.map_steps)
+        table = model.n_observations, len(ACTIONS)
+        room: dict[str, NDArray[Any]] = {
+            "q": np.empty((n_agents, *table)),
+            "greedy": np.empty((n_agents, n_steps, table[0]), dtype=np.uint8),
+            "stochastic": np.empty((n_agents, 0, *table)),
+            "values": np.empty((n_agents, n_maps, *table), dtype=np.float32),
+            "disagreements": np.empty((n_agents, n_steps), dtype=np.int64),
+            "cpu_time_s": np.empty((n_agents, n_steps)),
+            "updates": np.full(n_agents, settings.budget),
+            "parameters": np.full(n_agents, n_parameters),
+            "diverged_at": np.full(n_agents, -1),
+        }
+        result = self.training(**room | self.records(n_agents, settings))
         is_mapped = schedule.is_mapped
-        kernel, process = compile_kernel(self.update), process_of(model)
         plan = Plan(
             budget=settings.budget,
-            by_episode=settings.budget_unit == "episodes",
-            record_every=settings.record_every,
+            by_episode=getattr(settings, "budget_unit", "steps") == "episodes",
+            record_every=getattr(settings, "record_every", 1),
             points=np.array([*schedule.evaluation_steps, settings.budget + 1], dtype=np.int64),
             map_index=np.where(is_mapped, is_mapped.cumsum() - 1, -1),
         )
         streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
 
         def train_block(block: slice) -> None:
-            rows = Results(*(getattr(result, name)[block] for name in Results._fields))
-            kernel(process, settings.constants, plan, streams[block], rows)
+            fields = (getattr(result, name)[block] for name in self.results._fields)
+            loop(plan, streams[block], self.results(*fields))
 
         train_block(slice(0))  # compiles, or loads what was compiled, before the clock runs
-        for first in range(0, n_agents, _BLOCK):
-            block = slice(first, first + _BLOCK)
+        for first in range(0, n_agents, self.batch_size):
+            block = slice(first, first + self.batch_size)
             started_s = time.thread_time()
             train_block(block)
-            # One agent trains too briefly to be timed; each gets its share, in proportion to its steps.
+            # One agent may train too briefly to be timed; each gets its share, in proportion to its steps.
             seconds = (time.thread_time() - started_s) / len(streams[block])
             result.cpu_time_s[block] = seconds * plan.points[:-1] / settings.budget
-        result.updates[:] = result.steps_taken
+        is_lost = (result.greedy == 0).any(axis=2)  # (N, T), where values are not finite
+        result.greedy[is_lost] = ALL_ACTIONS
+        for i in np.flatnonzero(is_lost.any(axis=1)).tolist():
+            result.diverged_at[i], result.q[i] = plan.points[is_lost[i].argmax()], np.nan
         return result
+
+
+class TabularAlgorithm(ValueAlgorithm):
+    """An algorithm that learns a table by an update rule, which has its settings and version."""
+
+    batch_size = 25  # an interrupt waits for the end of a call
+    training = TabularTraining
+    results = Results
+
+    def __init__(self, update: UpdateRule) -> None:
+        self.update = update
+        self.settings = TraceSettings if update.has_traces else Settings
+        self.version = VERSION + update.version
+
+    def loop(self, model: Model, settings: Settings) -> tuple[Callable[..., None], int]:
+        """Returns the loop of the update rule, and the size of its tables."""
+        n_values = model.n_observations * len(ACTIONS)
+        loop = partial(compile_kernel(self.update), process_of(model), settings.constants)
+        return loop, n_values * (1 + self.update.has_two_tables)
+
+    def records(self, n_agents: int, settings: Settings) -> dict[str, NDArray[Any]]:
+        """Returns room for records; the table's maximum is recorded if there is more than one."""
+        n_records, steps_taken = math.ceil(settings.budget / settings.record_every), np.empty(n_agents, int)
+        return {
+            "max_q": np.empty((n_agents, n_records)),
+            "table_max_q": np.empty((n_agents, n_records if n_records > 1 else 0)),
+            "steps_taken": steps_taken,
+            "updates": steps_taken,
+            "episodes_ended": np.empty(n_agents, int),
+        }
 
 
 Q_LEARNING: Final = TabularAlgorithm(updates.Q_LEARNING)

@@ -6,7 +6,7 @@ All published tables and figures are computed from these two, but for maps of wh
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
 from benchmark.analysis.records import Array, Records, load_records
-from benchmark.execution.solving import solved
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import Population, RunSpecification
+from benchmark.experiments.run import solved
 from envs import ZONES, InputError, Model
+from envs.model import kept_with_model
 
 RecordsOf = Callable[[Population], Records]  # of all its runs
 Floats = NDArray[np.float64]
@@ -50,10 +51,8 @@ def tables(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Returns the tables `runs` and `curves`, in the order of the groups and their runs.
 
-    They have all results that are recorded, or only these columns of them.
-
-    Raises:
-      InputError: A record is missing or damaged, or a learner does not learn the policy that counts.
+    They have all results that are recorded, or only these columns of them. A missing or damaged record, and
+    a learner that does not learn the policy that counts, are an InputError.
     """
     runs, curves = [], []
     for group in groups:
@@ -109,7 +108,7 @@ def _final(name: str, start: str, records: Records, policy: str) -> Floats:
     return _over_training(name, start, records, policy)[:, -1]
 
 
-@lru_cache(maxsize=128)
+@kept_with_model
 def _random_success(model: Model, horizon: int) -> float:
     """Returns how often the random policy succeeds, exactly."""
     return float(evaluate(model, uniform_policy(model), horizon).success)

@@ -71,11 +71,10 @@ def decide(x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: 
 
 
 def took(curves: pd.DataFrame, level: float) -> pd.DataFrame:
-    """Returns what the runs of a population took until they had learned.
+    """Returns what the runs of a population took until they had learned, a row for each.
 
-    Returns:
-      A row for each run: the keys of `SPENT`, infinite if it never learned; `success` at the
-      last evaluation; and, with the prefix `spent_`, what it had spent by then.
+    It has the keys of `SPENT`, infinite if the run never learned; `success` at the last evaluation; and, with
+    the prefix `spent_`, what the run had spent by then.
     """
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
     first, last = learned(success, steps, level, until=2), len(steps) - 1

@@ -2,18 +2,18 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.dynamic_programming import evaluate, every_cell, from_starts, solve
+from agents.dynamic_programming import evaluate, from_starts, solve
 from agents.policy import uniform_policy
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import RunSpecification
 from envs import ZONES, InputError, Model, compile_scenario
-from envs.model import PING
+from envs.model import PING, kept_with_model
 from envs.observations import compile_seen
 
 Array = NDArray[Any]
@@ -129,14 +129,13 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
     )
 
 
-@lru_cache(maxsize=128)
+@kept_with_model
 def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float, float]]:
     """Computes the exact returns of the random and of the optimal policy, from `"start"` or `"every_cell"`.
 
     `"grid_return"` is the sum of the grid's rewards alone, and `"scenario_return"` that with the issuer's.
     """
-    starts = every_cell(model) if start == "every_cell" else from_starts(model)
-    random = evaluate(model, uniform_policy(model), horizon, starts)
+    starts, random = from_starts(model, start), evaluate(model, uniform_policy(model), horizon, start)
     grid, both = (starts @ solve(model, 1.0, horizon, issuer_rewards=added).value for added in (False, True))
     return {
         "grid_return": (float(random.grid_return), float(grid)),

@@ -21,8 +21,6 @@ def parse_jobs(jobs: int | None) -> int:
 def parse_seeds(text: str | None) -> range | None:
     """Returns the seeds that `--seeds` names; None if the option is not given.
 
-    Another text, and too large seeds, raise an `InputError`.
-
     >>> list(parse_seeds("7-9"))
     [7, 8, 9]
     """

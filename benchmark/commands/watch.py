@@ -27,9 +27,6 @@ def specification(
     """Returns a run of an experiment, with any seed; the default observation is the variant's first.
 
     The scenario is one of the experiment, or else a shipped one or the path of a file.
-
-    Raises:
-      InputError: The experiment has no such run, or the scenario does not exist or is too large.
     """
     learners = {
         learner.observation: learner for learner in experiment.learners.values() if learner.variant == variant
@@ -47,11 +44,7 @@ def specification(
 
 
 def load_film(watched: RunSpecification, store: Store, learner: str) -> Film:
-    """Returns the film of a run of a learner with this title; a missing run is trained and stored.
-
-    Raises:
-      InputError: Training failed.
-    """
+    """Returns the film of a run of a learner with this title; a missing run is trained and stored."""
     title = f"{watched.scenario.name}: {learner}, seed {watched.seed}"
     store.discard_damaged([watched.digest])
     if pending([watched], store):

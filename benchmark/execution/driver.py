@@ -25,20 +25,13 @@ def run(
     """Executes the runs that have no valid record, and stores their records as they come.
 
     A failed run is stored with its error, and executed again next time. On an interrupt, executors end what
-    is running; the records of jobs that have finished by then are stored.
+    is running; the records of jobs that have finished by then are stored. A missing package is an InputError.
 
-    Args:
-      runs: The wanted runs.
-      store: Where records are stored.
-      jobs: How many jobs are submitted at a time.
-      on_progress: Called with the records of every job that has ended.
-      executor: Executes all jobs, and is cancelled at the end; by default, their placements decide.
+    `jobs` jobs are submitted at a time, to an executor that is cancelled at the end; by default, their
+    placements decide to which. `on_progress` gets the records of every job that has ended.
 
     Returns:
       The errors of the runs that failed.
-
-    Raises:
-      InputError: A package is missing that an algorithm needs.
     """
     todo = pending(runs, store)
     for algorithm in sorted({run.algorithm for run in todo}):

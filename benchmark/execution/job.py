@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import Schedule, Training, check_training, load_algorithm
-from agents.dynamic_programming import Evaluation, evaluate, every_cell, unseen_places
+from agents.dynamic_programming import Evaluation, evaluate
 from agents.policy import mask_policy, uniform_policy
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
-from benchmark.execution.solving import solved
 from benchmark.execution.store import VALUE_DECIMALS, Arrays, Record, evaluated
 from benchmark.experiments import RunSpecification
+from benchmark.experiments.run import solved
 from benchmark.packages import broken
 from envs import InputError, Model
 from envs.observations import compile_seen
@@ -93,9 +93,8 @@ def _train_and_evaluate(job: Job) -> Arrays:
     masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
     shape = training.greedy.shape[:2]  # (N, T)
     for start in first.evaluated_from:
-        starts = every_cell(model) if start == "every_cell" else None
-        greedy = evaluate(model, mask_policy(masks), first.horizon, starts)
-        stochastic = evaluate(model, training.stochastic, first.horizon, starts)
+        greedy = evaluate(model, mask_policy(masks), first.horizon, start)
+        stochastic = evaluate(model, training.stochastic, first.horizon, start)
         for name in (field.name for field in fields(Evaluation)):
             values = getattr(greedy, name)[where.ravel()]
             columns[evaluated(name, "greedy", start)] = values.reshape(*shape, *values.shape[1:])
@@ -121,7 +120,7 @@ def _train_until_solved(run: RunSpecification) -> Arrays:
         nonlocal policy
         policy = latest
         success.append(float(evaluate(model, policy, run.horizon).success))
-        return solved(success, schedule.evaluation_steps, enough).is_certain
+        return solved(success, schedule.evaluation_steps, enough)[1]
 
     def may_end(_: int, table: NDArray[np.float64]) -> bool:
         return is_over(mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table)
@@ -135,7 +134,7 @@ def _train_until_solved(run: RunSpecification) -> Arrays:
     success += [success[-1]] * (n_steps - len(success))
     unseen = np.empty((1, 0))
     if len(model.unseen_starts):
-        unseen = evaluate(model, policy, run.horizon, unseen_places(model)).success.reshape(1, 1)
+        unseen = evaluate(model, policy, run.horizon, "unseen").success.reshape(1, 1)
     columns = {"success": np.array([success]), "unseen_success": unseen}
     names = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
     return columns | {name: getattr(training, name) for name in names}

@@ -12,14 +12,8 @@ from benchmark.experiments.experiment import (
     load_experiment,
     title_of,
 )
-from benchmark.experiments.run import RunSpecification, evaluation_steps
-from benchmark.experiments.schema import (
-    DEFAULT_CONDITION,
-    EXPERIMENT_DIRECTORY,
-    Condition,
-    Reporting,
-    experiment_names,
-)
+from benchmark.experiments.run import RunSpecification
+from benchmark.experiments.schema import DEFAULT_CONDITION, EXPERIMENT_DIRECTORY, Reporting, experiment_names
 
 # The experiments whose results are published, the most important first, and whether each has a chapter on the
 # page of all results. The results of other experiments are ignored by git.
@@ -41,14 +35,12 @@ __all__ = [
     "DEFAULT_CONDITION",
     "EXPERIMENT_DIRECTORY",
     "PUBLISHED",
-    "Condition",
     "Experiment",
     "Learner",
     "Population",
     "Reporting",
     "RunSpecification",
     "all_specifications",
-    "evaluation_steps",
     "experiment_names",
     "interleaved",
     "load_experiment",

@@ -155,11 +155,7 @@ class Experiment:
         return {population.seeds for population in self.populations}
 
     def population(self, condition: str, scenario: str, learner: str) -> Population:
-        """Returns a population by its names; the scenario may be any other one, by name or path.
-
-        Raises:
-          InputError: There is no such scenario, or its runs would be too large.
-        """
+        """Returns a population by its names; the scenario may be any other one, by name or path."""
         names = condition, learner
         alike = [p for p in self.populations if (p.condition.name, p.learner.name) == names]
         name = Path(scenario).stem
@@ -174,10 +170,8 @@ class Experiment:
 def load_experiment(experiment: str | Path) -> Experiment:
     """Reads an experiment, and checks it together with the algorithms and scenarios that it names.
 
-    It is the name of a shipped experiment, or the path of a TOML file. Its report checks what it demands.
-
-    Raises:
-      InputError: A sentence for each mistake, which names file, key, value and what is accepted.
+    It is the name of a shipped experiment, or the path of a TOML file. Mistakes are an InputError with a
+    sentence for each. Its report checks what it demands.
     """
     return _Loading(*read_experiment(experiment)).experiment()
 
@@ -384,7 +378,8 @@ def check_size(run: RunSpecification) -> None:
     """Refuses, by an InputError, observations and records of a run that do not fit into memory."""
     scenario = seen_as(run.scenario, run.observation)
     if ENCODINGS[run.observation] == "one_hot":
-        check_one_hot(scenario.n_observations, scenario.one_hot_width)
+        widths = [width for _, width in scenario.observed_sizes.values()]
+        check_one_hot(scenario.n_observations, sum(widths))
     check_tiles(scenario.n_observations, getattr(run.settings, "n_tilings", 0))
     if run.record_size > LARGEST_RECORD:
         raise InputError(

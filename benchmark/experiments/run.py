@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -129,3 +129,24 @@ def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
         following = max(steps[-1] + every, math.ceil(steps[-1] * growth / every) * every)
         steps.append(min(following, budget))
     return steps
+
+
+def solved(
+    success: Sequence[float], steps: Sequence[int], enough: float, until: float = 2.0
+) -> tuple[int, bool]:
+    """Returns from which evaluation on success stays at or above a level, and whether that is certain.
+
+    It has to stay until so many times as many steps, or to the end of the curve so far. The first result is
+    an index among the `steps` of all evaluations, or the curve's length if it never stays.
+
+    >>> steps = [0, 100, 200, 300, 400, 500]
+    >>> solved([0, 1, 0, 1, 1], steps, 0.9), solved([0, 1, 1, 0], steps, 0.9)
+    ((3, False), (1, True))
+    """
+    first = 0
+    for i, value in enumerate(success):
+        if value < enough:
+            first = i + 1
+        elif i > first and steps[i] >= until * steps[first]:
+            return first, True
+    return first, False

@@ -32,7 +32,7 @@ def test_a_new_draw_is_the_scenario_with_that_draw() -> None:
         checked = load_scenario("Anywhere", {"issuer.places": 8, "draw": draw})
         assert few.drawn(draw) == checked
         assert few.drawn(draw).places == checked.places
-        np.testing.assert_array_equal(few.drawn(draw).starts, checked.starts)
+        np.testing.assert_array_equal(few.drawn(draw).every_start, checked.every_start)
 
 
 def test_no_episode_starts_in_an_unseen_place() -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Set
 from typing import ClassVar
 
-from envs.inputs import Table, parse
+from envs.inputs import Table, override, parse
 
 
 class Inner(Table):
@@ -26,3 +26,13 @@ def test_keys_added_later_are_written_only_if_they_differ_from_their_defaults() 
     assert changed.model_dump(mode="json") == {"inner": {"old": 1, "added": 3}}
     assert parse(Outer, changed.model_dump(mode="json"), "test") == changed
     assert parse(Outer, Outer().model_dump(mode="json"), "test") == Outer()
+
+
+def test_overrides_change_no_table_of_the_caller() -> None:
+    data, feedback = {"grid": {"rows": 3}}, {"kind": "noisy"}
+    changes = {"grid.rows": 4, "feedback": feedback, "feedback.noise": 1.0}
+    assert override(data, changes, "test") == {
+        "grid": {"rows": 4},
+        "feedback": {"kind": "noisy", "noise": 1.0},
+    }
+    assert (data, feedback) == ({"grid": {"rows": 3}}, {"kind": "noisy"})

@@ -110,7 +110,8 @@ def test_sizes_are_known_before_a_scenario_is_compiled(scenario: str, form: str)
     declared = seen_as(load_scenario(scenario, few_places(scenario)), form)
     model = compile_seen(declared, form)
     assert declared.n_observations >= model.n_observations
-    assert declared.one_hot_width == sum(component.width for component in model.components)
+    widths = {component.name: component.width for component in model.components}
+    assert {name: width for name, (_, width) in declared.observed_sizes.items()} == widths
     if declared.n_people == 1 or form.startswith(("nearest", "centre")):
         assert declared.n_observations == model.n_observations
 

@@ -1,11 +1,11 @@
 """Executors: where jobs run. `EXECUTORS` maps an algorithm's placement to one."""
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Final, Protocol
 
+from benchmark.execution import job as execution
 from benchmark.execution.executors.processes import Processes
-from benchmark.execution.executors.threads import Threads
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
 
@@ -25,6 +25,22 @@ class Executor(Protocol):
 
         Afterwards every future is done or cancelled, and nothing is submitted any more.
         """
+
+
+class Threads:
+    """Threads of this process: for jobs that release Python's global lock while they train."""
+
+    def __init__(self, jobs: int) -> None:
+        """Makes room for this many jobs at a time."""
+        self._pool = ThreadPoolExecutor(jobs)
+
+    def submit(self, job: Job) -> Future[list[Record]]:
+        """Executes a job in the next free thread."""
+        return self._pool.submit(execution.execute_job, job)
+
+    def cancel(self) -> None:
+        """Waits for the jobs that are running, which are short; a thread cannot be stopped."""
+        self._pool.shutdown(cancel_futures=True)
 
 
 # Each is called with the largest number of jobs that the executor will be given at a time.

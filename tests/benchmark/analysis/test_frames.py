@@ -7,7 +7,7 @@ import pytest
 
 from benchmark.analysis.frames import Group, by_population, by_step, tables
 from benchmark.execution.driver import run
-from benchmark.execution.executors.threads import Threads
+from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from envs import InputError
 from tests.benchmark.reports.conftest import experiment_of

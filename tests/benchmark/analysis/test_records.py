@@ -8,7 +8,7 @@ import pytest
 
 from benchmark.analysis.records import anchors, load_records, optimal_values, overlap
 from benchmark.execution.driver import run
-from benchmark.execution.executors.threads import Threads
+from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from envs import InputError

@@ -11,7 +11,7 @@ from benchmark.analysis.frames import keys_of, tables
 from benchmark.analysis.search import best_apart, chosen, finalists, outcomes, searched_measures
 from benchmark.analysis.stages import runs_of, stages
 from benchmark.execution import driver
-from benchmark.execution.executors.threads import Threads
+from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from tests.benchmark.reports.conftest import experiment_of

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import pytest
 
 from benchmark.execution.driver import run
-from benchmark.execution.executors.threads import Threads
+from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from benchmark.reports import draw
