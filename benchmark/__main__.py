@@ -6,7 +6,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -96,8 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _examine() -> None:
     """Refuses a package whose import fails or hangs and without which `doctor` itself cannot run."""
-    installed = [module for module in EXTRAS["reproduce"] if find_spec(module) is not None]
-    for sentence in packages.unusable(installed, os.cpu_count() or 1).values():
+    for sentence in packages.unusable(EXTRAS["reproduce"], os.cpu_count() or 1).values():
         raise InputError(sentence)
 
 
@@ -163,16 +161,14 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--seeds", "A-B", seeds)
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
-    about = "run all jobs on the workers of the Dask scheduler at this address"
-    _add(run, "--cluster", "tcp://HOST:PORT", about)
+    _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
     run.set_defaults(partial=False)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
     about = f"{named}; without one, only the texts of all results and the page are written"
     _add(report, "experiment", "EXPERIMENT", about, nargs="?")
     _add(report, "--seeds", "A-B", seeds)
-    about = "draw a comparison or map although runs are missing, into EXPERIMENT_partial"
-    _add(report, "--partial", "", about)
+    _add(report, "--partial", "", "draw a comparison or map though runs are missing, into EXPERIMENT_partial")
 
     summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
     verify = command("verify", summary)
@@ -201,10 +197,8 @@ def _parser() -> argparse.ArgumentParser:
     _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
     _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
     _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
-    about = (
-        "form of observation that the agent takes: index, one_hot or coordinates, or of people relative to "
-    )
-    about += "the agent: offset, nearest, two_nearest or centre, also with _one_hot or _coordinates"
+    about = "form of observation that the agent takes: index, one_hot or coordinates, or of people relative "
+    about += "to the agent: offset, nearest, two_nearest or centre, also with _one_hot or _coordinates"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
     about = "write results/leaderboard/NAME.toml, for the leaderboard; the next options are for it alone"

@@ -2,10 +2,11 @@
 
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from importlib.util import find_spec
 from itertools import chain
 from traceback import walk_tb
 from typing import Final
@@ -50,11 +51,12 @@ def _packages() -> dict[str, str]:
     return {name: name for name in _CORE}
 
 
-def unusable(modules: Sequence[str], jobs: int, limit_s: float = LIMIT_S) -> dict[str, str]:
-    """Imports each module in a process of its own; returns sentences on those that cannot be imported."""
+def unusable(modules: Iterable[str], jobs: int, limit_s: float = LIMIT_S) -> dict[str, str]:
+    """Imports each installed module in a process of its own; returns sentences on those that fail."""
+    installed = [module for module in modules if find_spec(module) is not None]
     with ThreadPoolExecutor(jobs) as pool:
-        reasons = pool.map(partial(_reason, limit_s=limit_s), modules)
-        named = zip(modules, reasons, strict=True)
+        reasons = pool.map(partial(_reason, limit_s=limit_s), installed)
+        named = zip(installed, reasons, strict=True)
         return {name: _sentence(_packages()[name], reason) for name, reason in named if reason}
 
 

@@ -1,7 +1,8 @@
 """Proxemic scenarios as Gymnasium environments.
 
 Importing this package registers an id for every TOML file in `envs/scenarios`, for example `Proxemic/S1-v0`,
-with a time limit of 200 steps.
+with a time limit of 200 steps. `make("proxemic_benchmark:Proxemic/S1-v0")` imports it, too, and says so if
+another package `envs` is found in its place.
 
 >>> import gymnasium
 >>> env = gymnasium.make("envs:Proxemic/S1-v0", observation="coordinates")

@@ -19,6 +19,7 @@ from envs.packages import EXTRAS, PACKAGES, needed_by
 from tests.support import PROJECT, ROOT, install, requirements
 
 LAYERS: Final = ("agents", "benchmark", "envs")
+ALIAS: Final = "import gymnasium; print(gymnasium.make('proxemic_benchmark:Proxemic/S1-v0').reset(seed=0)[0])"
 BOUNDED: Final = {"pandas"}  # which reproduce brings, and deep only gives a bound
 
 
@@ -116,6 +117,15 @@ for what in ("agents.load_algorithm('sarsa')", "__import__('benchmark.assessment
     assert "No module named 'numba'; pip install 'proxemic-benchmark[reproduce]'" in algorithm
     assert re.fullmatch(needs("benchmark.assessment", r"\w+", "reproduce", r"\.base"), assessment)
     assert python(installed, "-m", "benchmark", "--help", cwd=tmp_path).returncode == 0
+
+
+def test_environments_have_a_name_that_nothing_hides(installed: Path, tmp_path: Path) -> None:
+    assert python(installed, "-c", ALIAS, cwd=tmp_path).stdout == "0\n"
+    (tmp_path / "envs").mkdir()
+    (tmp_path / "envs" / "__init__.py").touch()
+    *_, last = python(installed, "-c", ALIAS, cwd=tmp_path).stderr.splitlines()
+    assert re.fullmatch(r"ImportError: <module 'envs' from '.*'> hides .* elsewhere\.", last)
+    assert str(tmp_path / "envs") in last
 
 
 def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None:

@@ -81,8 +81,7 @@ def _installation() -> Iterator[Finding]:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
     print("importing every package ...", file=sys.stderr)
     optional = [module for extra, modules in EXTRAS.items() if extra != "reproduce" for module in modules]
-    installed = [module for module in optional if find_spec(module) is not None]
-    for sentence in dict.fromkeys(packages.unusable(installed, usable_cores()).values()):
+    for sentence in dict.fromkeys(packages.unusable(optional, usable_cores()).values()):
         yield Finding("problem", "packages", sentence.removesuffix("."))
     complete = [extra for extra, modules in EXTRAS.items() if all(map(find_spec, modules))]
     others = [extra for extra in EXTRAS if extra not in complete]

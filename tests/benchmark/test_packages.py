@@ -1,6 +1,7 @@
-"""Packages that are there and cannot be imported: every command says which, and what repairs them."""
+"""Packages that cannot be imported, or hide ours: every command says which, and what repairs that."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -51,6 +52,31 @@ def test_commands_name_a_broken_package(
     assert done.stderr.endswith(f"); {after}\n")
     assert done.stderr.count("\n") == 1
     assert done.returncode == 2
+
+
+def hides(folder: Path) -> str:
+    advice = "rename it, start Python elsewhere, or, if pip installed it, use another environment"
+    return f"{folder} is found in place of this project's package {folder.name}; {advice}.\n"
+
+
+@pytest.mark.parametrize("package", ["agents", "envs"])
+def test_commands_name_a_package_that_hides_ours(tmp_path: Path, package: str) -> None:
+    done = benchmark(tmp_path, package, "raise SystemError('planted')", "doctor")
+    assert (done.stderr, done.returncode) == (f"error: {hides(tmp_path / package)}", 2)
+
+
+@pytest.mark.parametrize("content", ["from agents.agent import Agent\n", None])
+def test_import_names_a_package_that_was_installed_over_ours(tmp_path: Path, content: str | None) -> None:
+    """Or one that was, until it was uninstalled."""
+    for package in ("agents", "benchmark", "envs"):
+        (tmp_path / package).mkdir()
+        shutil.copy(ROOT / package / "__init__.py", tmp_path / package)
+    file = tmp_path / "agents" / "__init__.py"
+    file.unlink() if content is None else file.write_text(content, encoding="utf-8")
+    command = [sys.executable, "-P", "-c", "import benchmark"]
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.stderr.endswith(f"\nImportError: {hides(tmp_path / 'agents')}")
 
 
 def test_run_names_the_package_that_a_worker_cannot_import(tmp_path: Path) -> None:
