@@ -313,13 +313,10 @@ class Scenario(Table):
         parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
         return hashlib.sha256(json.dumps([self.draw, *parts]).encode()).digest()
 
-    @property
-    def draws(self) -> bool:
-        """Whether `draw` makes a difference."""
-        return self.issuer.places is not None or self.issuer.permuted > 0
-
     def drawn(self, draw: int) -> Self:
-        """Returns the scenario with another draw, which needs no checks."""
+        """Returns the scenario with another draw, which needs no checks; itself if it draws nothing."""
+        if self.issuer.places is None and not self.issuer.permuted:
+            return self
         return self._changed({"draw": draw}, "_ways", "_zones", "_is_start")
 
     def seen_as(self, relative: str) -> Self:
