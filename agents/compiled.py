@@ -23,7 +23,9 @@ _ROOT = Path(__file__).parents[1]
 def compiled(function: _Function) -> _Function:
     """Makes a function that is compiled when it is first called, and that releases Python's global lock."""
     dispatcher: Any = numba.njit(nogil=True)(function)
-    dispatcher._cache = _Cache(function)
+    dispatcher._cache = cached = FunctionCache(function)
+    base, stamp = cached._impl.filename_base, cached._impl.locator.get_source_stamp()
+    cached._cache_file = _Files(cached._cache_path, base, stamp)
     return dispatcher  # type: ignore[no-any-return]
 
 
@@ -66,12 +68,3 @@ def _digest_of_sources() -> str:
     """Returns the digest of all modules that have compiled code, or what compiled code calls."""
     paths = [*sorted((_ROOT / "agents").rglob("*.py")), _ROOT / "envs" / "model.py"]
     return hashlib.sha256(b"\0".join(path.read_bytes() for path in paths)).hexdigest()
-
-
-class _Cache(FunctionCache):  # type: ignore[misc]
-    """numba's cache of one function, in checked files."""
-
-    def __init__(self, function: Callable[..., object]) -> None:
-        super().__init__(function)
-        stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)

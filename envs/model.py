@@ -381,8 +381,7 @@ def _relative(
         columns = 2 * int(farthest[1]) + 1
     elif n > 1:
         order = (offset**2).sum(axis=3).argsort(axis=2, kind="stable")
-        nearest = {"nearest": 1, "two_nearest": 2}.get(name, n)
-        offset = np.take_along_axis(offset, order[:, :, :nearest, None], axis=2)
+        offset = np.take_along_axis(offset, order[:, :, : scenario.n_seen, None], axis=2)
     index = (offset + farthest) @ (columns, 1)  # (J * P, C, people)
     size, n_seen = (2 * int(farthest[0]) + 1) * columns, index.shape[2]
     values, of_cell = np.arange(size)[:, None], index[:, :, 0]

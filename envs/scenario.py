@@ -313,13 +313,10 @@ class Scenario(Table):
         parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
         return hashlib.sha256(json.dumps([self.draw, *parts]).encode()).digest()
 
-    @property
-    def draws(self) -> bool:
-        """Whether `draw` makes a difference."""
-        return self.issuer.places is not None or self.issuer.permuted > 0
-
     def drawn(self, draw: int) -> Self:
-        """Returns the scenario with another draw, which needs no checks."""
+        """Returns the scenario with another draw, which needs no checks; itself if it draws nothing."""
+        if self.issuer.places is None and not self.issuer.permuted:
+            return self
         return self._changed({"draw": draw}, "_ways", "_zones", "_is_start")
 
     def seen_as(self, relative: str) -> Self:
@@ -352,7 +349,7 @@ class Scenario(Table):
 
         is_hidden = {
             "agent's cell" if is_relative else "issuer": n_values(*seen, 0) > n_values(*seen),
-            "rest of the group": is_relative and n_people > self._n_seen,
+            "rest of the group": is_relative and n_people > self.n_seen,
             "phase": n_values(*seen, 1) > n_values(*seen),
             "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
             "clock": len(self.ticks) > len(self.stages) > 1,
@@ -366,7 +363,8 @@ class Scenario(Table):
         return self.group.people if self.group else 1
 
     @property
-    def _n_seen(self) -> int:  # people whose offsets are observed
+    def n_seen(self) -> int:
+        """How many people's offsets are observed, if any are; the centre of all counts as one."""
         return min({"nearest": 1, "centre": 1, "two_nearest": 2}.get(self.observe[0], 6), self.n_people)
 
     @cached_property
@@ -375,7 +373,7 @@ class Scenario(Table):
         (n_places, n_phases, n), n_cells = self.standing.shape, len(self.grid.position)
         n_offsets = math.prod(2 * length - 1 for length in self.grid.size)
         n_centres = math.prod(2 * n * (length - 1) + 1 for length in self.grid.size)
-        n_seen, most = self._n_seen, n_offsets
+        n_seen, most = self.n_seen, n_offsets
         if n_seen > 1:
             most = min(n_offsets**n_seen, n_places * n_phases * n_cells)
         sizes = {

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
+from functools import cache, partial
 from itertools import islice
 
 from agents import load_algorithm
@@ -13,6 +14,7 @@ from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import versions
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification
+from envs.inputs import check_all
 
 
 def run(
@@ -34,8 +36,8 @@ def run(
       The errors of the runs that failed.
     """
     todo = pending(runs, store)
-    for algorithm in sorted({run.algorithm for run in todo}):
-        versions(algorithm)  # refuses a missing package before any work
+    # Missing packages are refused before any work.
+    check_all(*(partial(versions, name) for name in sorted({run.algorithm for run in todo})))
     waiting = iter(plan(todo))
     under_way: dict[Future[list[Record]], tuple[Job, float]] = {}  # with the time when it was submitted
     errors: list[str] = []
@@ -48,11 +50,19 @@ def run(
         del under_way[future]  # or its arrays would stay in memory
 
     try:
-        with _Executors(jobs, executor) as executors:
+        with ExitStack() as stack:
+
+            @cache
+            def executor_of(placement: str) -> Executor:
+                made = executor or EXECUTORS[placement](jobs)
+                stack.callback(made.cancel)
+                return made
+
             done: set[Future[list[Record]]] = set()
             while True:
                 for job in islice(waiting, jobs - len(under_way) + len(done)):
-                    under_way[executors.of(job).submit(job)] = job, time.perf_counter()
+                    used = executor_of(load_algorithm(job[0].algorithm).placement)
+                    under_way[used.submit(job)] = job, time.perf_counter()
                 for future in done:
                     keep(future)
                 if not under_way:
@@ -63,23 +73,6 @@ def run(
             if future.done() and not future.cancelled() and future.exception() is None:
                 keep(future)
         raise
-
-
-class _Executors(ExitStack):
-    """The executors of jobs, each made when it is first needed; they are cancelled at the end."""
-
-    def __init__(self, jobs: int, given: Executor | None) -> None:
-        super().__init__()
-        self._jobs, self._given = jobs, given
-        self._made: dict[str, Executor] = {}
-
-    def of(self, job: Job) -> Executor:
-        placement = load_algorithm(job[0].algorithm).placement
-        if placement not in self._made:
-            executor = self._given or EXECUTORS[placement](self._jobs)
-            self._made[placement] = executor
-            self.callback(executor.cancel)
-        return self._made[placement]
 
 
 def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:

@@ -77,15 +77,13 @@ _OBSERVED: Final = {
     "centre_coordinates": " on the centre's coordinates",
 }
 # A table has a row for each observation, in whatever form it is given; so has a planner.
-_ROWS: Final = {"index": "", "one_hot": ""} | {
-    f"{relative}{suffix}": f" of {what}"
-    for relative, what in {
-        "offset": "offsets",
-        "nearest": "the nearest offset",
-        "two_nearest": "the two nearest offsets",
-        "centre": "the centre's offset",
-    }.items()
-    for suffix in ("", "_one_hot")
+_ROWS: Final = {
+    "index": "",
+    "one_hot": "",
+    "offset": " of offsets",
+    "nearest": " of the nearest offset",
+    "two_nearest": " of the two nearest offsets",
+    "centre": " of the centre's offset",
 }
 
 
@@ -95,8 +93,8 @@ def title_of(variant: str, observation: str, family: str) -> str:
     >>> title_of("Q-learning table", "offset", "tabular"), title_of("tile coding", "coordinates", "linear")
     ('Q-learning table of offsets', 'tile coding on coordinates')
     """
-    phrases = _OBSERVED if family in ("linear", "deep") else _OBSERVED | _ROWS
-    return variant + phrases.get(observation, f" on {observation}")
+    observed, row = _OBSERVED.get(observation, f" on {observation}"), observation.removesuffix("_one_hot")
+    return variant + (observed if family in ("linear", "deep") else _ROWS.get(row, observed))
 
 
 @dataclass(frozen=True, eq=False)

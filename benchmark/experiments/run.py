@@ -101,7 +101,7 @@ class RunSpecification:
     @property
     def drawn_scenario(self) -> Scenario:
         """The scenario of this run alone: what a scenario draws is drawn anew for every seed."""
-        return self.scenario.drawn(self.seed) if self.scenario.draws else self.scenario
+        return self.scenario.drawn(self.seed)
 
     @property
     def seed_sequence(self) -> np.random.SeedSequence:
