@@ -55,7 +55,12 @@ _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"
 # Of the gallery
 _COLUMNS, _MOST_MAPS, _CHARACTERS = 5, 4, 17  # in a row, of a scenario, in a line of names
 _WIDTH, _ROW, _LEGEND, _POINTS = 7.9, 1.65, 0.7, 8.5  # three in inches; the size of texts
-_NOT_ON_A_MAP: Final = {"name": True, "description": True, "observe": True, "issuer": {"feedback"}}
+_NOT_ON_A_MAP: Final[dict[str, Any]] = {
+    "name": True,
+    "description": True,
+    "observe": True,
+    "issuer": {"feedback"},
+}
 
 
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
