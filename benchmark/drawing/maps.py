@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from benchmark.drawing.style import figure_of
 from envs import ACTIONS, Model, compile_scenario, load_scenario, scenario_names
 from envs.model import MOVES, PING
-from envs.people import FEEDBACK
 from envs.regions import Loop, outlines
 from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, DIVERGING, TRIANGLES, Scene, scene_of
 
@@ -54,8 +53,14 @@ _ON_WHITE: Final[Style] = {
 _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
 
 # Of the gallery
-_COLUMNS, _MOST_MAPS, _CHARACTERS = 6, 4, 28  # in a row, of a scenario, in a line of text below a map
-_WIDTH, _ROW, _LEGEND = 8.65, 2.2, 0.65  # inches
+_COLUMNS, _MOST_MAPS, _CHARACTERS = 5, 4, 17  # in a row, of a scenario, in a line of names
+_WIDTH, _ROW, _LEGEND, _POINTS = 7.9, 1.65, 0.7, 8.5  # three in inches; the size of texts
+_NOT_ON_A_MAP: Final[dict[str, Any]] = {
+    "name": True,
+    "description": True,
+    "observe": True,
+    "issuer": {"feedback"},
+}
 
 
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
@@ -134,7 +139,10 @@ def region_legend(
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
     ]
-    person, bystander, start = (Line2D([], [], label=kind, **style) for kind, style in _GLYPHS.items())
+    labels = "person", "bystander", "start"
+    person, bystander, start = (
+        Line2D([], [], label=label, **style) for label, style in zip(labels, _GLYPHS.values(), strict=True)
+    )
     handles = [person, *borders, start, *more]
     if any(scene.circle for scene in scenes):
         label = "circle on which people talk"
@@ -145,43 +153,39 @@ def region_legend(
 
 
 def shipped() -> Figure:
-    """Draws the shipped scenarios, each with people in one of their places, and describes them."""
+    """Draws the shipped scenarios, each with people in one of their places."""
     scenarios = [load_scenario(name) for name in scenario_names()]
     # One place alone is compiled in no time.
     places = [scenario.places[len(scenario.places) // 2] for scenario in scenarios]
     changes = [{"issuer.position": place if len(place) > 1 else place[0]} for place in places]
-    return gallery([*map(compile_scenario, map(load_scenario, scenarios, changes))], is_described=True)
+    return gallery([*map(compile_scenario, map(load_scenario, scenarios, changes))])
 
 
-def gallery(models: Sequence[Model], *, is_described: bool = False) -> Figure:
-    """Draws maps of scenarios, with their names above, and cells, observations and what is hidden below.
+def gallery(models: Sequence[Model]) -> Figure:
+    """Draws maps of scenarios, with their names above.
 
-    Scenarios that differ only in what is observed share their maps. If the issuer has several positions or
-    phases, up to four maps are shown. What is below can be descriptions instead; then a walk has one map.
+    Scenarios that differ only in what is observed or in feedback share their maps. If the issuer has several
+    positions or phases, which are then named below, up to four maps are shown.
     """
-    groups: dict[object, list[Model]] = {}
+    groups: dict[str, list[Model]] = {}
     for model in models:
-        same = {"name": "", "description": "", "observe": ("agent",)}
-        groups.setdefault(model.scenario.model_copy(update=same), []).append(model)
+        groups.setdefault(model.scenario.model_dump_json(exclude=_NOT_ON_A_MAP), []).append(model)
     maps = []
     for group in groups.values():
         n_contexts = group[0].n_places * len(group[0].scenario.stages)
-        most = 1 if is_described and group[0].scenario.moves else _MOST_MAPS
-        step = math.ceil(n_contexts / most)
-        maps += [(group, context) for context in range(0, n_contexts, step)]
+        maps += [(group, context) for context in range(0, n_contexts, math.ceil(n_contexts / _MOST_MAPS))]
     n_rows = math.ceil(len(maps) / _COLUMNS)
     with figure_of(n_rows, _COLUMNS, (_WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
+        figure.set_layout_engine("constrained", h_pad=0.1)
         for axis in axes.flat[len(maps) :]:
             axis.set_axis_off()
         for axis, (group, context) in zip(axes.flat, maps, strict=False):
             _draw_zones(axis, group[0], context)
-            names = [] if context else [model.scenario.name for model in group]
-            axis.set_title(
-                (",\n" if is_described else ", ").join(names), loc="left", weight="bold", size=8, pad=3
-            )
+            names = [] if context else wrap(", ".join(model.scenario.name for model in group), _CHARACTERS)
+            axis.set_title("\n".join(names), loc="left", weight="bold", size=_POINTS, pad=3)
             axis.annotate(
-                _about(group, context, is_described), (0, 0), (0, -4), xycoords="axes fraction",
-                textcoords="offset points", va="top", size=6.5, linespacing=1.25,
+                _which(group[0], context), (0, 0), (0, -3), xycoords="axes fraction",
+                textcoords="offset points", va="top", size=_POINTS,
             )  # fmt: skip
         region_legend(
             figure,
@@ -194,27 +198,13 @@ def gallery(models: Sequence[Model], *, is_described: bool = False) -> Figure:
     return figure
 
 
-def _about(group: Sequence[Model], context: int, is_described: bool) -> str:
-    """Returns the text below a map: its position and phase, and below the first, what the scenarios are."""
-    model, scenario = group[0], group[0].scenario
-    lines = []
-    if model.n_places > 1:
-        lines.append(f"place {context // len(scenario.stages) + 1} of {model.n_places}")
-    if (phase := scene_of(model, context).phase) and not (is_described and scenario.moves):
-        lines.append(f"phase: {phase}")
-    if context == 0 and is_described:
-        for model in group:
-            name = f"{model.scenario.name}: " if len(group) > 1 else ""
-            lines.append(f"{name}{model.scenario.description}")
-    elif context == 0:
-        kinds = {scenario.issuer.feedback.kind}
-        kinds |= {person.feedback.kind for person in scenario.others if person.feedback}
-        feedback = " and ".join(sorted(FEEDBACK[kind] for kind in kinds))
-        lines.append(f"{scenario.grid.rows * scenario.grid.columns} cells, {feedback}")
-        for model in group:
-            hidden = in_words(model.scenario.hidden) or "nothing"
-            lines.append(f"{model.scenario.name}: {model.n_observations:,} observations; hidden: {hidden}")
-    return "\n".join(part for line in lines for part in wrap(line, _CHARACTERS))
+def _which(model: Model, context: int) -> str:
+    """Returns which of a scenario's positions and phases a map shows."""
+    place = f"place {context // len(model.scenario.stages) + 1} of {model.n_places}"
+    phase = scene_of(model, context).phase
+    if model.scenario.moves:
+        phase = f"phase {phase} of {len(model.scenario.stages)}"
+    return ", ".join([place] * (model.n_places > 1) + [phase] * bool(phase))
 
 
 def in_words(parts: Sequence[str]) -> str:

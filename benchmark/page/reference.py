@@ -13,7 +13,7 @@ from benchmark.experiments.schema import Declaration, Extension
 from benchmark.page.build import published
 from benchmark.reports import REPORTS, load_report
 from benchmark.reports.document import Document
-from envs import Scenario, load_scenario, scenario_names
+from envs import Scenario
 from envs.inputs import Table
 
 Schema: TypeAlias = Mapping[str, Any]
@@ -71,9 +71,7 @@ def accepted(schema: Schema) -> str:
 
 def scenarios() -> str:
     """Returns the reference of scenario files."""
-    shipped = [(f"`{name}`", load_scenario(name).description) for name in scenario_names()]
-    grid = tabulate(shipped, ["scenario", "description"], "github")
-    return "\n\n".join(["## Shipped scenarios", grid, "## Every key", keys(Scenario)])
+    return f"## Every key\n\n{keys(Scenario)}"
 
 
 def experiments() -> str:

@@ -1,10 +1,9 @@
 """Builds the site: `python -m benchmark.page.site RESULTS SITE [PACKAGE ...]`, or `make docs`.
 
-The page, this project's documents, the references of files and columns, the tour and the API are laid out as
-in the repository. pdoc writes all but the page: to it, a document is a module that has nothing but a text.
+The page, this project's documents, the references of files and columns and the API are laid out as in the
+repository. pdoc writes all but the page: to it, a document is a module that has nothing but a text.
 """
 
-import json
 import re
 import shutil
 import sys
@@ -23,14 +22,13 @@ from envs import InputError
 
 ROOT: Final = Path(__file__).parents[2]
 PACKAGES: Final = ("envs", "agents", "benchmark")
-TOUR: Final = ROOT / "benchmark" / "tour.ipynb"
 _GUIDES: Final = {  # in the navigation, by their names on the site
     "README": "Overview",
-    "benchmark.tour": "Tour in ten cells",
+    "benchmark.guide": "Your scene in ten minutes",
+    "agents.README": "Your own learner",
     "benchmark.commands.README": "Running experiments",
     "envs.scenarios.README": "Scenario files",
     "benchmark.experiments.README": "Experiment files",
-    "agents.README": "Algorithms",
     "benchmark.reports.README": "Reports",
     "columns": "Columns of tables",
     "CONTRIBUTING": "Contributing",
@@ -90,7 +88,7 @@ def _modules(package: str) -> list[str]:
 
 
 def _documents(results: Path) -> dict[str, str]:
-    made = {"benchmark.tour": tour(), "columns": reference.columns(results)}
+    made = {"columns": reference.columns(results)}
     files = {name: ROOT / f"{name.replace('.', '/')}.md" for name in _GUIDES if name not in made}
     files["results.README"] = results / "README.md"
     folders = [*build.published(results), *(path.parent for path in results.glob("leaderboard/README.md"))]
@@ -99,15 +97,6 @@ def _documents(results: Path) -> dict[str, str]:
     texts["envs.scenarios.README"] += f"\n{reference.scenarios()}"
     texts["benchmark.experiments.README"] += f"\n{reference.experiments()}"
     return texts
-
-
-def tour() -> str:
-    """Returns the notebook as Markdown."""
-    texts = []
-    for cell in json.loads(TOUR.read_text(encoding="utf-8"))["cells"]:
-        text = "".join(cell["source"])
-        texts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
-    return "\n\n".join([*texts, f"[Download the notebook]({TOUR.name})"])
 
 
 def _link(path: Path, site: Path) -> None:

@@ -3,7 +3,6 @@
 import json
 import linecache
 import os
-import re
 import runpy
 import subprocess
 import sys
@@ -157,13 +156,3 @@ def test_module_beside_the_experiment_is_found_and_digested(
     before = digest_of_source("beside_mine")
     (tmp_path / "beside_mine.py").write_text(f"{BESIDE}# changed", encoding="utf-8")
     assert "" != before != digest_of_source("beside_mine")
-
-
-def test_the_example_of_the_guide_runs(tmp_path: Path) -> None:
-    text = (ROOT / "agents" / "README.md").read_text(encoding="utf-8")
-    for name, content in re.findall(r"```(?:python|toml)\n# (\w+\.\w+)\n(.*?)```", text, re.DOTALL):
-        (tmp_path / name).write_text(content, encoding="utf-8")
-    command = [sys.executable, "-m", "benchmark", "run", "mine.toml", "--seeds", "0-1", "--results", "."]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (0, "mine: 4 runs done, 0 were done already.\n"), done.stderr
