@@ -9,6 +9,7 @@ from benchmark.analysis.looks import compared
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.schema import is_number
 from benchmark.reports.map.crossings import leading, ranked, steps_grids
+from benchmark.reports.map.results import name_of
 from envs import InputError, Scenario, compile_scenario
 
 
@@ -57,6 +58,28 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
         for name in panel.learners:
             if name not in shown:
                 yield f"report.panels: {name}: accepted: learners of the grid {where}: {', '.join(shown)}."
+    yield from _mistakes_of_answer(experiment)
+
+
+def _mistakes_of_answer(experiment: Experiment) -> Iterator[str]:
+    assert experiment.report is not None
+    grids, answer = dict[str, dict[str, list[str]]](), experiment.report.answer
+    for population in experiment.populations:
+        if population.scenario.issuer.unseen:
+            grid, point = name_of(population).values()
+            grids.setdefault(grid, {}).setdefault(point, []).append(population.learner.name)
+    if answer is not None:
+        at = grids.get(answer.grid, {})
+        learners = at.get(answer.point, [])
+        if not learners:
+            accepted = "; ".join(
+                f"grid = {grid}, point = {' or '.join(points)}" for grid, points in grids.items()
+            )
+            where = f"report.answer: grid = {answer.grid}, point = {answer.point}"
+            yield f"{where}: accepted: {accepted or 'none, as nowhere are there unseen places'}."
+        for name in answer.learners if learners else ():
+            if name not in learners:
+                yield f"report.answer.learners: {name}: accepted: {', '.join(learners)}."
 
 
 def _mistakes_of_sides(

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation
+from matplotlib.text import Annotation, Text
+from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER
@@ -41,6 +42,7 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
 }
 _SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "neither"}  # verdicts without a ratio
 _FIXED: Final = "\N{NO-BREAK SPACE}"
+_NEVER: Final = "never learns"
 _LABELS: Final = {
     "places": "places in which the person may stand",
     "groups": "ways in which people may stand",
@@ -49,6 +51,53 @@ _LABELS: Final = {
     "cost": "cost of a wrong PING",
 }
 Cell = tuple[str, str]  # a point of a grid; a gap between grids has empty names
+
+
+@drawing(
+    "answer",
+    "the answer: at one point, the steps that learners need, and their success in unseen places",
+    "Median steps until a run has learned, and mean success with the person in places that did not occur in "
+    "training, with 95 % intervals; hollow, at the budget: most runs never learn.",
+)
+def answer(tables: Frames, experiment: Experiment) -> Figure | None:
+    """Draws the declared point, if there is one, so that it can be read on a phone."""
+    if experiment.report is None or (declared := experiment.report.answer) is None:
+        return None
+    cells = tables["cells"].set_index(["grid", "point"]).loc[[(declared.grid, declared.point)]]
+    cells = cells.set_index(cells["algorithm"] + ", " + cells["observation"])
+    rows = cells.loc[[name for name in declared.learners if name in cells.index]]
+    texts = [_NEVER if np.isinf(steps) else f"{steps:,.0f}" for steps in rows["steps"]]
+    unseen = rows[[f"unseen_success{end}" for end in ("", "_low", "_high")]]
+    with figure_of(1, 2, (5.8, 3.4)) as (figure, axes):
+        left, right = axes[0]
+        _dots(left, _shown(rows), texts, experiment)
+        left.set_title("Steps until it\nhas learned", loc="left", fontweight="bold")
+        left.set(xlabel="← fewer is better")
+        left.tick_params(labelleft=True)
+        left.set_yticklabels([declared.learners[name] for name in rows.index])
+        _dots(right, unseen, [f"{value:.2f}" for value in unseen["unseen_success"]], experiment)
+        right.set_title("Success where the\nperson never stood\nin training", loc="left", fontweight="bold")
+        right.set(xlabel="more is better →")
+        for text in figure.findobj(Text):
+            text.set(fontsize=13)  # of 420 points: large enough on a phone
+    return figure
+
+
+def _dots(axis: Axes, rows: pd.DataFrame, texts: Sequence[str], experiment: Experiment) -> None:
+    """Draws a row for each learner: a value and its text, with its interval; hollow if it never learns."""
+    most = max(1.0, rows.to_numpy().max())
+    for y, (name, (value, low, high)) in enumerate(rows.iterrows()):
+        colour = style_of(str(name), experiment, observation="")["color"]
+        axis.plot([0, value], [y, y], color=colour, lw=1.5)
+        axis.plot([low, high], [y, y], color=colour, lw=6, alpha=0.35, solid_capstyle="round")
+        axis.plot(value, y, "o", ms=10, mec=colour, mfc="white" if texts[y] == _NEVER else colour, mew=2)
+        side = "left" if value < most / 4 else "right" if value > 0.75 * most else "center"
+        axis.annotate(texts[y], (value, y), (0, 8), textcoords="offset points", ha=side)
+    axis.set(xlim=(0, 1.08 * most), ylim=(len(rows) - 0.5, -0.8), yticks=range(len(rows)))
+    axis.xaxis.set(
+        major_locator=MaxNLocator(3, steps=[1, 2, 5, 10]), major_formatter=StrMethodFormatter("{x:,g}")
+    )
+    axis.tick_params(left=False, labelleft=False)
 
 
 @drawing(

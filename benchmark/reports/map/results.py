@@ -139,7 +139,7 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts verdicts; a point of two grids counts in both."""
     decided = pd.DataFrame(
-        _name(contrast.x) | _sides(contrast) | {"verdict": contrast.decision.verdict}
+        name_of(contrast.x) | _sides(contrast) | {"verdict": contrast.decision.verdict}
         for contrast in _contrasts(experiment, curves)
     )
     for (grid, x, y), ended in decided.groupby(["grid", "x", "y"], sort=False)["verdict"]:
@@ -236,7 +236,7 @@ def success(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None
 def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates the runs of each contrast; steps are empty where a run does not learn."""
     return _numbered(
-        (_name(contrast.x) | _sides(contrast), pd.DataFrame({"steps_x": x["steps"], "steps_y": y["steps"]}))
+        (name_of(contrast.x) | _sides(contrast), pd.DataFrame({"steps_x": x["steps"], "steps_y": y["steps"]}))
         for contrast in _contrasts(experiment, curves)
         for x, y in [contrast.took]
     )
@@ -246,7 +246,7 @@ def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
 def runs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
     return _numbered(
-        (_name(population) | {"learner": population.learner.name}, took[["steps", "disagreements"]])
+        (name_of(population) | {"learner": population.learner.name}, took[["steps", "disagreements"]])
         for population, took in _took(experiment, curves).items()
     )
 
@@ -255,7 +255,7 @@ def runs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
 def unseen(runs: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates all runs of the points that have unseen places."""
     return _numbered(
-        (_name(population) | {"learner": population.learner.name}, rows[["unseen_success"]])
+        (name_of(population) | {"learner": population.learner.name}, rows[["unseen_success"]])
         for population, rows in rules.rows_of(experiment, runs).items()
         if population.scenario.issuer.unseen
     )
@@ -312,7 +312,7 @@ def _counted(ended: Sequence[str]) -> dict[str, int]:
     return {verdict: ended.count(verdict) for verdict in VERDICTS}
 
 
-def _name(population: Population) -> dict[str, str]:
+def name_of(population: Population) -> dict[str, str]:
     """Returns the columns that name a point: its grid, and its name there."""
     axes = {axis: value for axis, value in population.condition.axes.items() if axis != "reading"}
     return {"grid": axes.pop("grid"), "point": ", ".join(f"{axis} {axes[axis]}" for axis in axes)}
@@ -321,7 +321,7 @@ def _name(population: Population) -> dict[str, str]:
 def _point(population: Population) -> dict[str, object]:
     """Returns the same, and what the scenario is there."""
     scenario, issuer = population.scenario, population.scenario.issuer
-    return _name(population) | {
+    return name_of(population) | {
         "rows": scenario.grid.rows,
         "columns": scenario.grid.columns,
         "places": len(scenario.places) - issuer.unseen,

@@ -47,6 +47,9 @@ settings = { budget = 30000, time_limit = 60, record_every = 30000, epsilon = 0.
 kind = "map"
 contrasts = [["shared, offset", "table, index"]]
 looks = [12, 16]
+answer.grid = "unseen"
+answer.point = "places 8"
+answer.learners = { "table, index" = "mine", "shared, offset" = "shared" }
 
 [grids.places]
 question = "What does each further place cost?"
@@ -222,7 +225,7 @@ def by_hand(folder: Path, curve_of: Callable[[Population], Mapping[float, float]
             spent = {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
             curve = pd.DataFrame(keys_of(population) | {"step": step, "success": success, **spent})
             curves += [curve.assign(seed=seed) for seed in range(12)]
-            runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), "unseen_success": np.nan}))
+            runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), "unseen_success": 0.25}))
     made = {"runs": pd.concat(runs), "curves": pd.concat(curves), "experiment": experiment}
     return cast("Data", SimpleNamespace(**made, records=None, is_partial=False))
 
@@ -248,13 +251,34 @@ def test_verdicts_and_ratios_by_hand(
         assert found.tolist() == pytest.approx([ratio] * 3, nan_ok=True)
     for item in REPORT.items:  # figures can be drawn without a difference, too
         item.save(data, tables, tmp_path)
-    assert {path.stem for path in tmp_path.glob("*.[sp][vn]g")} == {"map", "grids", "verdicts", "success"}
+    assert {path.stem for path in tmp_path.glob("*.[sp][vn]g")} == {
+        "answer",
+        "map",
+        "grids",
+        "verdicts",
+        "success",
+    }
     picture = verdicts.picture(data, tables)
     assert picture is not None
     texts = [text.get_text() for text in picture.axes[0].texts]
     assert texts.count(sign) == len(tables["contrasts"]) == 9
     titles = {"places", "rooms: room, places", "code: permuted", "unseen: places"}
     assert {text.replace("\n", " ") for text in texts} - {sign} == titles
+
+
+def test_the_answer_by_hand(tmp_path: Path) -> None:
+    steps = {"shared": 7000, "table": np.inf}
+    data = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
+    left, right = cast("Any", figures.answer.picture(data, tables_of(REPORT.items, data))).axes
+    assert [label.get_text() for label in left.get_yticklabels()] == ["mine", "shared"]
+    for axis, texts, values in (
+        (left, ["never learns", "7,000"], [100_000, 7000]),
+        (right, ["0.25"] * 2, [0.25] * 2),
+    ):
+        assert [text.get_text() for text in axis.texts] == texts
+        dots = [line for line in axis.lines if line.get_marker() == "o"]
+        assert [float(dot.get_xdata()[0]) for dot in dots] == values
+        assert [dot.get_markerfacecolor() == "white" for dot in dots] == [text[0] == "n" for text in texts]
 
 
 def test_levels_by_hand(tmp_path: Path) -> None:
@@ -483,6 +507,9 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
          "report.panels: dqn, index: accepted: learners of the grid places: shared, o"),
         ("[report]", '[report]\npanels = [{ grid = "code", title = "All", learners = ["table, index"] }]',
          "report.panels: grid = code: accepted: places."),
+        ('grid = "unseen"', 'grid = "rooms"',
+         "report.answer: grid = rooms, point = places 8: accepted: grid = unseen, point = places 8."),
+        ('"table, index" = "m', '"dqn, index" = "m', "report.answer.learners: dqn, index: accepted: sha"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["check, index"] }]',
          "report.panels: check, index: accepted: learners of the grid places"),
     ],
