@@ -32,7 +32,6 @@ REPORT: Final = Report(
         figures.answer,
         figures.picture,
         results.cells,
-        figures.others,
         results.contrasts,
         results.verdicts,
         results.looks,

@@ -62,24 +62,18 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
 
 
 def _mistakes_of_answer(experiment: Experiment) -> Iterator[str]:
-    assert experiment.report is not None
-    grids, answer = dict[str, dict[str, list[str]]](), experiment.report.answer
+    ran = dict[tuple[str, ...], list[str]]()  # the learners at each point with unseen places
     for population in experiment.populations:
         if population.scenario.issuer.unseen:
-            grid, point = name_of(population).values()
-            grids.setdefault(grid, {}).setdefault(point, []).append(population.learner.name)
-    if answer is not None:
-        at = grids.get(answer.grid, {})
-        learners = at.get(answer.point, [])
+            ran.setdefault(tuple(name_of(population).values()), []).append(population.learner.name)
+    if experiment.report and (answer := experiment.report.answer):
+        learners = ran.get((answer.grid, answer.point), ())
         if not learners:
-            accepted = "; ".join(
-                f"grid = {grid}, point = {' or '.join(points)}" for grid, points in grids.items()
-            )
-            where = f"report.answer: grid = {answer.grid}, point = {answer.point}"
-            yield f"{where}: accepted: {accepted or 'none, as nowhere are there unseen places'}."
-        for name in answer.learners if learners else ():
-            if name not in learners:
-                yield f"report.answer.learners: {name}: accepted: {', '.join(learners)}."
+            accepted = "; ".join(f'grid = "{grid}", point = "{point}"' for grid, point in ran)
+            where = f'report.answer: grid = "{answer.grid}", point = "{answer.point}"'
+            yield f"{where}: accepted: {accepted or 'none, since no point has unseen places'}."
+        for name in [name for name in answer.learners if learners and name not in learners]:
+            yield f"report.answer.learners: {name}: accepted: {', '.join(learners)}."
 
 
 def _mistakes_of_sides(
