@@ -45,7 +45,6 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "": "blank: not compared",
 }
 _SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "–"}  # verdicts without a ratio
-_FIXED: Final = "\N{NO-BREAK SPACE}"
 _NEVER: Final = "never learns"
 _LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
 _WHAT: Final = {
@@ -165,7 +164,7 @@ def who(tables: Frames, experiment: Experiment) -> Figure:
             names = [[fill(experiment.learners[side].title, _LONG) for side in pair] for pair in rows]
             axis.set_yticks(range(len(rows)), [" vs\n".join(pair) for pair in names])
         signs = [text for sign, text in _SIGNS.items() if sign in used]
-        figure.supxlabel(fill("; ".join(text.replace(" ", _FIXED) for text in signs), 110))
+        figure.supxlabel(fill("; ".join(text.replace(" ", "\N{NO-BREAK SPACE}") for text in signs), 110))
         _sized(figure, _SMALL)
     return figure
 
@@ -185,15 +184,10 @@ def _packed(contrasts: pd.DataFrame) -> list[list[Cell]]:
 
 
 def _draw_cells(
-    axis: Axes,
-    contrasts: pd.DataFrame,
-    pairs: pd.DataFrame,
-    rows: Sequence[Cell],
-    columns: Sequence[Cell],
-    used: set[str],
+    axis: Axes, own: pd.DataFrame, pairs: pd.DataFrame, rows: list[Cell], columns: list[Cell], used: set[str]
 ) -> None:
     colours = np.full((len(rows), len(columns)), np.nan)
-    for _, row in contrasts.iterrows():
+    for _, row in own.iterrows():
         index = rows.index((row["x"], row["y"])), columns.index((row["grid"], row["point"]))
         text, colours[index] = _sign(row, pairs)
         used.update([text, text[:1]])

@@ -19,7 +19,6 @@ from envs.people import NoisyFeedback
 Row = Mapping[str, object]
 
 _LABELS: Final = {
-    "cpu_time_s": "CPU seconds",
     "disagreements": "median wrong PINGs",
     "faster": "probability that x is faster",
     "n": "runs",
@@ -99,11 +98,7 @@ def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> I
 
 
 @_item(
-    "cpu",
-    "measured: median CPU seconds of training until a run has learned",
-    _columns("grid point learner n cpu_time_s"),
-    is_measured=True,
-    where=no_rows,
+    "cpu", "measured: median CPU seconds of training until a run has learned", is_measured=True, where=no_rows
 )
 def cpu(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the time of training alone: no evaluation counts."""
@@ -131,11 +126,7 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         }
 
 
-@_item(
-    "verdicts",
-    "how many verdicts each contrast has, over the points of a grid",
-    {"grid": "", "x": "", "y": "", "n": "points", **_COUNTED},
-)
+@_item("verdicts", "how many verdicts each contrast has, over the points of a grid", where=no_rows)
 def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts verdicts; a point of two grids counts in both."""
     decided = pd.DataFrame(
