@@ -231,7 +231,7 @@ class Margins(Table):
 
 
 class Panel(Table):
-    """A panel of a map's first figure."""
+    """A panel of a map."""
 
     omitted_at_default: ClassVar[Set[str]] = {"grid"}
 
