@@ -231,7 +231,7 @@ class Margins(Table):
 
 
 class Panel(Table):
-    """A panel of a map's first figure."""
+    """A panel of a map."""
 
     omitted_at_default: ClassVar[Set[str]] = {"grid"}
 
@@ -243,12 +243,25 @@ class Panel(Table):
     """Names of the learners that it shows."""
 
 
+class Answer(Table):
+    """A map's answer at one point: steps until learners have learned, and success in unseen places."""
+
+    grid: str
+    """The grid with the point."""
+    point: str
+    """The point, as in tables: "places 64". The person must have unseen places there."""
+    learners: Annotated[dict[str, Line], Field(min_length=1)]
+    """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
+
+
 class Reporting(Table):
     """What is drawn of an experiment, and what a comparison decides and how, declared before its runs.
 
     A side of a contrast or effect names a learner, such as "dqn, one_hot", a scenario, or a condition; two or
     three of these are joined by " @ ". What it leaves open is varied on both sides together.
     """
+
+    omitted_at_default: ClassVar[Set[str]] = {"answer"}
 
     kind: str
     """What kind of report: one of those below, or `module:attribute` of any other."""
@@ -272,6 +285,8 @@ class Reporting(Table):
     """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
     panels: tuple[Panel, ...] = ()
     """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
+    answer: Answer | None = None
+    """What the figure of a map's answer shows; without it, there is none."""
     effects: tuple[tuple[str, str, Annotated[Line, Field(min_length=1)]], ...] = ()
     """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
 

@@ -132,6 +132,8 @@ class Document:
 def front(results: Path) -> str:
     """Returns the README of the repository, whose numbers and verdicts are those of published tables.
 
+    Its template has all lookups of texts by folder, as in `of.when.number(...)`.
+
     Raises:
       InputError: A folder of results is damaged, lacks what README cites, or does not show what is claimed.
     """
@@ -144,8 +146,13 @@ def front(results: Path) -> str:
 
     for name in PUBLISHED:
         prose.written(Folder(results / name))  # also of those that README does not cite
+    of = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
+    template = templates_in(_FRONT.parent).get_template(_FRONT.name)
     with Folder(results / next(iter(PUBLISHED))).reading():
-        return templates_in(_FRONT.parent).get_template(_FRONT.name).render(figure=figure, text=text)
+        rendered = template.render(figure=figure, text=text, of=of)
+    if failed := [claim for lookups in of.values() for claim in lookups.failed]:
+        raise prose.ClaimError(*(f"README: tables do not show that {claim}." for claim in failed))
+    return rendered
 
 
 def write(path: Path) -> None:

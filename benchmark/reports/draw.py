@@ -93,7 +93,8 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
     missing = [package for package in report.packages if find_spec(package) is None]
     if is_drawn and missing:
         raise missing_package(f"{experiment.name}: its report", missing[0])
-    of_maps = {"solved": experiment.declared.solved, "looks": declared.looks, "panels": declared.panels}
+    of_maps = {"solved": experiment.declared.solved}
+    of_maps |= {key: getattr(declared, key) for key in ("looks", "panels", "answer")}
     for key, value in of_maps.items():
         if value and not report.reads_curves:
             accepted = "kind = map" + " or search" * (key == "solved")

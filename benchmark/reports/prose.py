@@ -40,8 +40,8 @@ def written(folder: Folder) -> str | None:
     if not is_as_declared or not path.is_file():
         return None
     with folder.reading():
-        lookups = _Lookups(folder)
-        functions = {name: getattr(lookups, name) for name in vars(_Lookups) if name[0] != "_"}
+        lookups = Lookups(folder)
+        functions = {name: getattr(lookups, name) for name in vars(Lookups) if name[0] != "_"}
         text = templates_in(path.parent).get_template(path.name).render(functions)
     if lookups.failed:
         where = f"{folder.path}: its tables do not show, as {path.name} claims,"
@@ -57,7 +57,7 @@ def paragraphs(folder: Folder, title: str = "") -> str:
     return " ".join(({"": first} | titled)[title].split())
 
 
-class _Lookups:
+class Lookups:
     """The functions that a text has. A learner is given by its name, as in "ppo, coordinates"."""
 
     def __init__(self, folder: Folder) -> None:
@@ -72,6 +72,7 @@ class _Lookups:
         return frame
 
     def row(self, table: str, **where: object) -> pd.Series:
+        """Returns the only row of a table with these values."""
         rows = self.rows(table, **where)
         if len(rows) != 1:
             raise ValueError(f"{table}.csv has {len(rows)} rows with {where}, not one")
@@ -84,6 +85,7 @@ class _Lookups:
         return tables.link(text, table, row)
 
     def interval(self, table: str, column: str, **where: object) -> str:
+        """Returns a number with its interval."""
         low, high = (self.row(table, **where)[f"{column}_{end}"] for end in ("low", "high"))
         return f"{self.number(table, column, '.2f', **where)} [{low:.2f}, {high:.2f}]"
 

@@ -29,9 +29,9 @@ REPORT: Final = Report(
     question="When does a net earn its keep over a table?",
     check=check,
     items=(
+        figures.answer,
         figures.picture,
         results.cells,
-        figures.others,
         results.contrasts,
         results.verdicts,
         results.looks,
@@ -46,7 +46,7 @@ REPORT: Final = Report(
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
-    lead="map",
+    lead="answer",
     reads_curves=True,
     can_be_partial=True,
 )

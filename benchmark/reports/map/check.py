@@ -9,6 +9,7 @@ from benchmark.analysis.looks import compared
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.schema import is_number
 from benchmark.reports.map.crossings import leading, ranked, steps_grids
+from benchmark.reports.map.results import name_of
 from envs import InputError, Scenario, compile_scenario
 
 
@@ -57,6 +58,22 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
         for name in panel.learners:
             if name not in shown:
                 yield f"report.panels: {name}: accepted: learners of the grid {where}: {', '.join(shown)}."
+    yield from _mistakes_of_answer(experiment)
+
+
+def _mistakes_of_answer(experiment: Experiment) -> Iterator[str]:
+    ran = dict[tuple[str, ...], list[str]]()  # the learners at each point with unseen places
+    for population in experiment.populations:
+        if population.scenario.issuer.unseen:
+            ran.setdefault(tuple(name_of(population).values()), []).append(population.learner.name)
+    if experiment.report and (answer := experiment.report.answer):
+        learners = ran.get((answer.grid, answer.point), ())
+        if not learners:
+            accepted = "; ".join(f'grid = "{grid}", point = "{point}"' for grid, point in ran)
+            where = f'report.answer: grid = "{answer.grid}", point = "{answer.point}"'
+            yield f"{where}: accepted: {accepted or 'none, since no point has unseen places'}."
+        for name in [name for name in answer.learners if learners and name not in learners]:
+            yield f"report.answer.learners: {name}: accepted: {', '.join(learners)}."
 
 
 def _mistakes_of_sides(

@@ -1,23 +1,23 @@
 """Figures of a map, drawn from its tables."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from textwrap import fill
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation
-from numpy.typing import NDArray
+from matplotlib.text import Annotation, Text
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import ScaledTranslation
 
 from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER
 from benchmark.drawing.style import INK, figure_of
 from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment
-from benchmark.reports.comparison.figures import curve_panels, labelled, style_of
+from benchmark.reports.comparison.figures import style_of
 from benchmark.reports.item import Frames, drawing
 from benchmark.reports.map import results
 from benchmark.reports.map.crossings import axis_of, kinds_of, leading, ranked
@@ -26,110 +26,123 @@ _COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; numbers for x are bold, t
 _LOWEST: Final = 100  # steps that are drawn
 _DARK: Final = 0.62  # share of the scale from which on ink is white
 _MOST: Final = float(np.log(16.0))  # logarithm of the ratio from which on colours do not differ
-_HEIGHT, _LINE = 265.0, 11.0  # of an axis, and of a line of text, in points
-_WIDTH: Final = 18  # characters of a line of a label
-_PANELS: Final = 6  # of success over training
+_SMALL: Final = 8.5  # size of a font
+_HEIGHT, _LINE = 160.0, 9.5  # of an axis, and of a line of text, in points
+_WIDTH, _LONG = 18, 37  # characters of a line of a name
+_BESIDE: Final = 13  # points from a point to a name
+_ROOM: Final = 0.6  # for names at the right of lines, as a share of their width
 _APART: Final = 0.07  # smallest distance of the texts of two ticks, as a share of a logarithmic axis
-_COLUMNS: Final = 30  # points in a line of verdicts
+_COLUMNS: Final = 15  # points in a line of verdicts
 _SIGNS: Final = {  # of a ratio, in the order of their legend
+    "+": "orange and bold: the first learner needs fewer steps",
+    "-": "purple: the second does",
+    ">": "number: how many times as many the other one needs",
     "≥": "≥ at least",
     "=": "= equally fast",
     "!": "! decided, but without a ratio",
-    "neither": "neither: most runs of both fail",
+    "–": "– most runs of neither learn",
     "?": "? undecided",
     "": "blank: not compared",
 }
-_SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "neither"}  # verdicts without a ratio
-_FIXED: Final = "\N{NO-BREAK SPACE}"
-_LABELS: Final = {
-    "places": "places in which the person may stand",
-    "groups": "ways in which people may stand",
-    "room": "cells of the room",
-    "noise": "noise of feedback",
-    "cost": "cost of a wrong PING",
+_SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "–"}  # verdicts without a ratio
+_NEVER: Final = "never learns"
+_LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
+_WHAT: Final = {
+    "steps": "steps until it has learned\n(fewer is better)",
+    "unseen_success": "success in unseen places\n(more is better)",
 }
 Cell = tuple[str, str]  # a point of a grid; a gap between grids has empty names
+Panel = tuple[str, str, list[pd.DataFrame]]  # grid, title, and rows of each learner
+
+
+@drawing(
+    "answer",
+    "the answer: at one point, the steps that learners need, and their success in unseen places",
+    "Median steps until a run has learned, and mean success with the person in places that did not occur in "
+    "training, with 95 % intervals; hollow, at the budget: most runs never learn.",
+)
+def answer(tables: Frames, experiment: Experiment) -> Figure | None:
+    """Draws the declared point, if there is one, so that it can be read on a phone."""
+    assert experiment.report is not None
+    declared, cells = experiment.report.answer, tables["cells"]
+    if declared is None:
+        return None
+    cells = cells[(cells["grid"] == declared.grid) & (cells["point"] == declared.point)]
+    cells = cells.set_index(cells["algorithm"] + ", " + cells["observation"])
+    rows = cells.loc[[name for name in declared.learners if name in cells.index]]
+    if rows.empty:
+        return None
+    unseen = rows[[f"unseen_success{end}" for end in ("", "_low", "_high")]]
+    scenes = {x.condition.axes.get("grid"): x.scenario for x in experiment.populations}
+    who = "people" if scenes[declared.grid].group else "the person"
+    with figure_of(1, 2, (5.8, 3.4)) as (figure, (axes,)):
+        texts = [_NEVER if np.isinf(steps) else f"{steps:,.0f}" for steps in rows["steps"]]
+        _dots(axes[0], _shown(rows), texts, experiment)
+        _dots(axes[1], unseen, [f"{value:.2f}" for value in unseen["unseen_success"]], experiment)
+        axes[0].set(title="Steps until it\nhas learned", xlabel="← fewer is better")
+        axes[1].set(title=fill(f"Success where {who} never stood in training", 19), xlabel="more is better →")
+        axes[0].tick_params(labelleft=True)
+        axes[0].set_yticklabels([declared.learners[name] for name in rows.index])
+        _sized(figure, 13.0)  # at a width of 420: large enough on a phone
+    return figure
+
+
+def _dots(axis: Axes, rows: pd.DataFrame, texts: Sequence[str], experiment: Experiment) -> None:
+    """Draws a row for each learner: a value and its text, with its interval; hollow if it never learns."""
+    most = max(1.0, rows.to_numpy().max())
+    for y, (name, (value, low, high)) in enumerate(rows.iterrows()):
+        colour = style_of(str(name), experiment, observation="")["color"]
+        axis.plot([0, value], [y, y], color=colour, lw=1.5)
+        axis.plot([low, high], [y, y], color=colour, lw=6, alpha=0.35, solid_capstyle="round")
+        axis.plot(value, y, "o", ms=10, mec=colour, mfc="white" if texts[y] == _NEVER else colour, mew=2)
+        side = "left" if value < most / 4 else "right" if value > 0.75 * most else "center"
+        axis.annotate(texts[y], (value, y), (0, 8), textcoords="offset points", ha=side)
+    axis.set(xlim=(0, 1.08 * most), ylim=(len(rows) - 0.5, -0.8), yticks=range(len(rows)))
+    axis.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+    axis.xaxis.set_major_formatter("{x:,g}")
+    axis.tick_params(left=False, labelleft=False)
+
+
+def _sized(figure: Figure, size: float) -> None:
+    """Gives all texts the same size, in points, and puts titles at the left."""
+    for axis in figure.axes:
+        axis.set_title(axis.get_title(), loc="left", fontweight="bold")
+        axis.set_title("")
+    for text in figure.findobj(Text):
+        text.set(fontsize=size)
 
 
 @drawing(
     "map",
     "the map: steps that learners need",
-    "Median steps of each learner until a run has learned, with 95 % intervals; hollow, drawn at the budget: "
-    "most runs do not learn.",
+    "Median steps of each learner until a run has learned, with 95 % intervals; hollow: most runs never "
+    "learn.",
 )
 def picture(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws grids about steps, by default the first one, in the declared panels or in one."""
-    panels = [panel for panel in _panels(experiment) if _lines(tables, experiment, panel[0])]
-    if not panels:
-        return None
-    steps = _shown(
-        pd.concat(rows for grid, *_ in panels for rows in _lines(tables, experiment, grid).values())
+    assert experiment.report is not None
+    first = leading(experiment)
+    panels = [(panel.grid or first, panel.title, panel.learners) for panel in experiment.report.panels]
+    panels = panels or [(first, experiment.declared.grids[first].question, ())] * bool(first)
+    return _lines(
+        experiment,
+        [(grid, title, _rows(tables, experiment, grid, own)) for grid, title, own in panels],
+        "steps",
     )
-    with figure_of(1, len(panels), (max(4.4 * len(panels), 7.0), 4.9)) as (figure, axes):
-        for axis, (grid, title, learners) in zip(axes[0], panels, strict=True):
-            _draw_lines(axis, tables, experiment, grid, learners, steps)
-            axis.set_title(fill(title, 42), loc="left", fontweight="bold")
-            axis.label_outer()
-    return figure
 
 
-def _panels(experiment: Experiment) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Returns grid, title and learners of each panel of the map, all learners if there are none."""
-    report, first = experiment.report, leading(experiment)
-    assert report is not None
-    declared = [(panel.grid or first, panel.title, panel.learners) for panel in report.panels]
-    return declared or [(first, experiment.declared.grids[first].question, ())] * bool(first)
-
-
-@drawing(
-    "grids",
-    "the other grids with one axis",
-    "The other grids. For unseen places: success in them; for permuted coordinates: success at the end of "
-    "training. Bars: 95 % intervals.",
+@results.unseen.figure(
+    "Mean success of each learner with the person in places that did not occur in training, by the number of "
+    "places in training, with 95 % intervals."
 )
-def others(tables: Frames, experiment: Experiment) -> Figure | None:
-    """Draws what the map does not show of grids with one axis."""
-    kinds, drawn = kinds_of(experiment), {grid for grid, *_ in _panels(experiment)}
-    grids = [grid for grid in kinds if grid not in drawn and _lines(tables, experiment, grid)]
-    widths = [6.0 if kinds[grid] == "steps" else 3.0 for grid in grids]
-    if not grids:
-        return None
-    n_named = max(len(_lines(tables, experiment, grid)) for grid in grids)  # below panels of success
-    with figure_of(1, 1, (sum(widths), 4.3 + 0.2 * n_named)) as (figure, axes):
-        axes[0, 0].remove()
-        parts = figure.subfigures(1, len(grids), width_ratios=widths, squeeze=False)[0]
-        for part, grid, width in zip(parts, grids, widths, strict=True):
-            axis, draw = part.subplots(), _draw_lines if kinds[grid] == "steps" else _draw_success
-            draw(axis, tables, experiment, grid)
-            question = fill(experiment.declared.grids[grid].question, round(9 * width))
-            axis.set_title(question, loc="left", fontweight="bold")
-    return figure
-
-
-@results.success.figure(
-    "Success over training at some points of the map, mean over runs, with 95 % intervals. A run that "
-    "has learned may end; from then on, it is counted with its last evaluation."
-)
-def training(table: pd.DataFrame, experiment: Experiment) -> Figure:
-    """Draws at most six points of the map's grids, as many of each, or of the first grid."""
-    grids = [*dict.fromkeys(grid for grid, *_ in _panels(experiment))] or [table["grid"].iloc[0]]
-    parts = []
-    for grid in grids:
-        rows = table[table["grid"] == grid]
-        points = rows["point"].unique()
-        spread = np.linspace(len(points) - 1, 0, max(_PANELS // len(grids), 1))
-        rows = rows[rows["point"].isin(points[np.unique(spread.round().astype(int))])]
-        parts.append(rows.assign(scenario=rows["point"] if len(grids) == 1 else f"{grid}: " + rows["point"]))
-    rows = labelled(pd.concat(parts))
-    names = (
-        ranked(experiment) if len(grids) == 1 else [name for *_, own in _panels(experiment) for name in own]
-    )
-    drawn = dict.fromkeys((name for name in names if name in {*rows["learner"]}), ())
-    with curve_panels(rows, {"": drawn}, experiment, "success", "success") as (figure, axes):
-        figure.set_size_inches(13.0, 4.4)
-        for axis in axes:
-            axis.set_xscale("log")
-    return figure
+def unseen(tables: Frames, experiment: Experiment) -> Figure | None:
+    """Draws the learners of the answer, or all, in the grids about unseen places that have them."""
+    assert experiment.report is not None
+    answer, grids = experiment.report.answer, experiment.declared.grids
+    learners = tuple(answer.learners) if answer else ()
+    about = [grid for grid, kind in kinds_of(experiment).items() if kind == "unseen"]
+    panels = [(grid, grids[grid].question, _rows(tables, experiment, grid, learners)) for grid in about]
+    return _lines(experiment, [panel for panel in panels if len(panel[2]) >= len(learners)], "unseen_success")
 
 
 @results.verdicts.figure(
@@ -138,17 +151,21 @@ def training(table: pd.DataFrame, experiment: Experiment) -> Figure:
 )
 def who(tables: Frames, experiment: Experiment) -> Figure:
     """Draws all contrasts; grids share a line while there is room."""
-    contrasts, used = tables["contrasts"], {""}
-    rows = [*dict.fromkeys(zip(contrasts["x"], contrasts["y"], strict=True))]
-    names = [" against\n".join(experiment.learners[side].title for side in sides) for sides in rows]
+    contrasts, used = tables["contrasts"], {*"+->", ""}
     lines = _packed(contrasts)
-    n_columns, height = max(map(len, lines)), 0.36 * len(rows) + 1.1
-    with figure_of(len(lines), 1, (0.4 * n_columns + 2.6, height * len(lines) + 1.1)) as (figure, axes):
-        for axis, columns in zip(axes.flat, lines, strict=True):
-            image = _draw_cells(axis, tables, rows, columns, used)
-            axis.set_xlim(-0.5, n_columns - 0.5)
-            axis.set_yticks(range(len(rows)), names, fontsize="small")
-        _draw_legend(figure, axes, image, used)
+    parts = [contrasts[contrasts["grid"].isin({grid for grid, _ in columns})] for columns in lines]
+    sides = [[*dict.fromkeys(zip(own["x"], own["y"], strict=True))] for own in parts]
+    height = 0.34 * sum(map(len, sides)) + 0.7 * len(lines) + 1.5
+    with figure_of(len(lines), 1, (7.9, height)) as (figure, axes):
+        axes[0, 0].get_gridspec().set_height_ratios([*map(len, sides)])
+        for axis, own, rows, columns in zip(axes.flat, parts, sides, lines, strict=True):
+            _draw_cells(axis, own, tables["pairs"], rows, columns, used)
+            axis.set_xlim(-0.5, max(map(len, lines)) - 0.5)
+            names = [[fill(experiment.learners[side].title, _LONG) for side in pair] for pair in rows]
+            axis.set_yticks(range(len(rows)), [" vs\n".join(pair) for pair in names])
+        signs = [text for sign, text in _SIGNS.items() if sign in used]
+        figure.supxlabel(fill("; ".join(text.replace(" ", "\N{NO-BREAK SPACE}") for text in signs), 110))
+        _sized(figure, _SMALL)
     return figure
 
 
@@ -167,27 +184,26 @@ def _packed(contrasts: pd.DataFrame) -> list[list[Cell]]:
 
 
 def _draw_cells(
-    axis: Axes, tables: Frames, rows: Sequence[Cell], columns: Sequence[Cell], used: set[str]
-) -> QuadMesh:
-    colours, contrasts = np.full((len(rows), len(columns)), np.nan), tables["contrasts"]
-    own = contrasts[contrasts["grid"].isin({grid for grid, _ in columns})]
+    axis: Axes, own: pd.DataFrame, pairs: pd.DataFrame, rows: list[Cell], columns: list[Cell], used: set[str]
+) -> None:
+    colours = np.full((len(rows), len(columns)), np.nan)
     for _, row in own.iterrows():
         index = rows.index((row["x"], row["y"])), columns.index((row["grid"], row["point"]))
-        text, colours[index] = _sign(row, tables["pairs"])
+        text, colours[index] = _sign(row, pairs)
         used.update([text, text[:1]])
         is_dark = abs(np.nan_to_num(colours[index])) > _DARK * _MOST
         ink = "black" if np.isnan(colours[index]) else INK[int(is_dark)]
         label = axis.text(index[1], index[0], text, ha="center", va="center", color=ink)
-        weight = "bold" if colours[index] > 0 else "normal"
-        label.set(fontsize="x-small" if text in _SIGNS else "small", fontweight=weight)
+        label.set_fontweight("bold" if colours[index] > 0 else "normal")
     edges = np.arange(len(columns) + 1) - 0.5, np.arange(len(rows) + 1) - 0.5
     norm = Normalize(-_MOST, _MOST)
-    image = axis.pcolormesh(*edges, colours, cmap=_COLOUR_MAP, norm=norm, edgecolors="white", linewidth=0.8)
+    axis.pcolormesh(*edges, colours, cmap=_COLOUR_MAP, norm=norm, edgecolors="white", linewidth=0.8)
     for grid in dict.fromkeys(grid for grid, _ in columns if grid):
         points = [point for name, point in columns if name == grid]
-        axes = ", ".join(part.split()[0] for part in points[0].split(", "))
-        title = fill(grid if grid == axes else f"{grid}: {axes}".replace("_", " "), max(4 * len(points), 10))
-        axis.text(columns.index((grid, points[0])) - 0.5, -0.6, title, va="bottom", fontweight="bold")
+        axes = ", ".join(_LABELS.get(part.split()[0], part.split()[0]) for part in points[0].split(", "))
+        title = axes if axes.startswith(grid) else f"{grid}: {axes}".replace("_", " ")
+        title, x = fill(title, max(5 * len(points), 10)), columns.index((grid, points[0])) - 0.5
+        axis.text(x, -0.6, title, va="bottom", fontweight="bold")
     at = [i for i, (grid, _) in enumerate(columns) if grid]
     labels = [", ".join(part.split()[1] for part in columns[i][1].split(", ")) for i in at]
     axis.set_xticks(at, [label.replace("x", "×") for label in labels])
@@ -195,95 +211,101 @@ def _draw_cells(
     axis.tick_params(axis="x", rotation=90 if max(map(len, labels)) > 4 else 0)
     axis.spines[:].set_visible(False)
     axis.invert_yaxis()
-    return image
 
 
-def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.DataFrame]:
-    """Returns the rows of each learner but references in a grid with one axis, whose numbers are in `at`."""
+def _rows(tables: Frames, experiment: Experiment, grid: str, learners: Sequence[str]) -> list[pd.DataFrame]:
+    """Returns rows of learners, by default all but references, whose values of the only axis are in `at`."""
     cells, (axis, values, _) = tables["cells"], axis_of(experiment, grid)
     at = {f"{axis} {name}": value for name, value in values.items()}
     rows = cells[cells["grid"] == grid]
     rows = rows.assign(learner=rows["algorithm"] + ", " + rows["observation"], at=rows["point"].map(at))
-    return {
-        str(name): of_learner.sort_values("at")
-        for name, of_learner in rows.groupby("learner", sort=False)
-        if not experiment.learners[str(name)].reference_for
-    }
+    own = dict([*rows.sort_values("at").groupby("learner")])
+    return [own[name] for name in learners or ranked(experiment) if name in own]
 
 
-def _draw_lines(
-    axis: Axes,
-    tables: Frames,
-    experiment: Experiment,
-    grid: str,
-    learners: Collection[str] = (),
-    steps: pd.DataFrame | None = None,
-) -> None:
-    """Draws learners, by default all, with what they need with the second and third best settings.
+def _lines(experiment: Experiment, panels: Sequence[Panel], column: str) -> Figure | None:
+    """Draws steps or success against the axis of a grid, in rows of two panels, with the same heights."""
+    panels = [panel for panel in panels if panel[2]]
+    if not panels:
+        return None
+    every = pd.concat(rows for *_, lines in panels for rows in lines)
+    lowest, budget = _shown(every, column).min().min(), every["budget"].max()
+    n_rows, n_columns = -(-len(panels) // 2), min(len(panels), 2)
+    with figure_of(n_rows, n_columns, (3.95 * n_columns, 3.0 * n_rows)) as (figure, axes):
+        for axis in axes.flat[len(panels) :]:
+            axis.remove()
+        for axis, (grid, title, lines) in zip(axes.flat, panels, strict=False):
+            if column == "steps":
+                first, last = lines[0]["at"].iloc[[0, -1]]
+                axis.set(yscale="log", ylim=(lowest / 1.3, 2.2 * budget))
+                axis.hlines(budget, first, last, color="0.6", lw=0.8, zorder=0)
+                axis.annotate(_NEVER, (first, budget), (0, 5), textcoords="offset points")
+                axis.yaxis.set_major_formatter("{x:,.0f}")
+            else:
+                axis.set(ylim=(0, 1.04))
+            _set_horizontal(axis, *axis_of(experiment, grid))
+            _apart(axis, [_curve(axis, rows, column, experiment, 2.0 * i) for i, rows in enumerate(lines)])
+            axis.set(title=fill(title, 44), ylabel=_WHAT[column] if axis in axes[:, 0] else "")
+            axis.tick_params(labelleft=axis in axes[:, 0])
+        _sized(figure, _SMALL)
+    return figure
 
-    Heights are those of `steps`, by default of all learners of the grid.
-    """
-    ranks, (name, numbers, texts) = ranked(experiment), axis_of(experiment, grid)
-    values, every = [*numbers.values()], _lines(tables, experiment, grid)
-    lines = {learner: every[learner] for learner in learners or ranks if learner in every}
-    is_positive = min(values) > 0
-    axis.set_yscale("log")
-    drawn = _shown(pd.concat(every.values())) if steps is None else steps
-    axis.set_ylim(drawn["steps"].min() / 1.6, drawn["steps_high"].max() * 1.3)
-    labels = []
-    for learner, rows in lines.items():
-        labels.append(_curve(axis, rows, experiment))
-        colour = style_of(learner, experiment)["color"]
-        for other in (every[other] for other in ranks[learner] if other in every):
-            axis.plot(other["at"], _shown(other)["steps"], color=colour, lw=0.8, ls=(0, (5, 3)))
-    _apart(axis, labels)
-    if is_positive:
-        axis.set_xscale("log")
-    axis.set_xlim(values[0] / 1.15 if is_positive else 0, values[-1] * (9 if is_positive else 2))
-    shown, apart = [0], (np.divide(*axis.get_xlim()[::-1])) ** _APART if is_positive else 0.0
-    for i in range(1, len(values)):  # only texts that do not cover each other
-        if not is_positive or values[i] / values[shown[-1]] > apart:
-            shown.append(i)
-    axis.set_xticks(values, [text if i in shown else "" for i, text in enumerate(texts)])
+
+def _set_horizontal(axis: Axes, name: str, numbers: Mapping[str, float], texts: Sequence[str]) -> None:
+    """Sets the horizontal axis, with as much room for names at the right as lines have."""
+    values = [*numbers.values()]
+    if values[0] > 0:
+        span = max(values[-1] / values[0], 4.0)
+        axis.set(xscale="log", xlim=(values[0] / span**0.04, values[-1] * span**_ROOM))
+    else:
+        axis.set_xlim(0, values[-1] * (1 + _ROOM))
+    shares = (axis.transScale + axis.transLimits).transform([(value, 1) for value in values])[:, 0]
+    labels, last = list[str](), -1.0
+    for share, text in zip(shares, texts, strict=True):  # only texts that do not cover each other
+        labels.append(text if share - last > _APART else "")
+        last = share if labels[-1] else last
+    axis.set_xticks(values, labels)
     axis.minorticks_off()
-    axis.set_xlabel(_LABELS.get(name, name))
-    axis.set_ylabel("steps until a run has learned")
+    axis.set_xlabel(f"number of {_LABELS.get(name, name)}")
 
 
-def _curve(axis: Axes, rows: pd.DataFrame, experiment: Experiment) -> Annotation:
-    """Draws a learner's median steps, hollow at the budget where most runs never solve; returns its label."""
+def _curve(axis: Axes, rows: pd.DataFrame, column: str, experiment: Experiment, beside: float) -> Annotation:
+    """Draws a learner's line, with hollow markers where most runs never learn; returns its name.
+
+    It is some points beside its place, so that intervals do not cover each other.
+    """
     learner = experiment.learners[rows["learner"].iloc[0]]
     style, values = style_of(learner.name, experiment), rows["at"].to_numpy()
-    shown, low, high = _shown(rows).to_numpy().T
-    axis.plot(values, shown, color=style["color"], ls=style["ls"], lw=1.6)
-    axis.fill_between(values, low, high, color=style["color"], alpha=0.15, lw=0)
-    is_known = np.isfinite(rows["steps"].to_numpy())
+    shown, low, high = _shown(rows, column).to_numpy().T
+    moved = axis.transData + ScaledTranslation(beside / 72, 0, axis.figure.dpi_scale_trans)
+    axis.plot(values, shown, color=style["color"], ls=style["ls"], lw=1.6, transform=moved)
+    axis.vlines(values, low, high, color=style["color"], lw=2.5, alpha=0.35, transform=moved)
+    is_known = np.isfinite(rows[column].to_numpy())
     for chosen, filling in ((is_known, style["color"]), (~is_known, "white")):
         mark = {"marker": style["marker"], "mec": style["color"], "mfc": filling, "ls": ""}
-        axis.plot(values[chosen], shown[chosen], ms=6, **mark)
+        axis.plot(values[chosen], shown[chosen], ms=6, transform=moved, **mark)
     end = values[-1], shown[-1]
-    label = axis.annotate(fill(learner.title, _WIDTH), end, (8, 0), textcoords="offset points")
+    label = axis.annotate(fill(learner.title, _WIDTH), end, (_BESIDE, 0), textcoords="offset points")
     # The colour of a name does not become lighter with what the learner observes.
     ink = style_of(learner.name, experiment, observation="")["color"]
-    label.set(va="center", fontsize="small", color=ink)
+    label.set(va="center", color=ink, linespacing=1.0)
     return label
 
 
-def _shown(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns median steps and their intervals as they are drawn: at the budget where they are infinite."""
-    columns = rows[["steps", "steps_low", "steps_high"]]
-    return columns.clip(lower=_LOWEST, upper=rows["budget"], axis=0)
+def _shown(rows: pd.DataFrame, column: str = "steps") -> pd.DataFrame:
+    """Returns values and their intervals as they are drawn: steps at the budget where they are infinite."""
+    columns = rows[[column, f"{column}_low", f"{column}_high"]]
+    return columns.clip(_LOWEST, rows["budget"], axis=0) if column == "steps" else columns
 
 
 def _apart(axis: Axes, labels: Iterable[Annotation]) -> None:
-    """Moves the names at the ends of lines down, so that none covers another one or the title above."""
-    low, high = np.log10(axis.get_ylim())
-    scale = _HEIGHT / (high - low)  # points of a power of ten
-    end = high * scale
+    """Moves the names at the ends of lines, so that none covers another one or the title above."""
+    end = _HEIGHT
+    to_points = axis.transScale + axis.transLimits
     for label in sorted(labels, key=lambda label: label.xy[1], reverse=True):
-        at, half = np.log10(label.xy[1]) * scale, _LINE * (1 + label.get_text().count("\n")) / 2
+        at, half = to_points.transform(label.xy)[1] * _HEIGHT, _LINE * (1 + label.get_text().count("\n")) / 2
         height = min(at, end - half)
-        label.set_position((8, height - at))
+        label.set_position((_BESIDE, height - at))
         end = height - half
 
 
@@ -297,39 +319,3 @@ def _sign(row: pd.Series, pairs: pd.DataFrame) -> tuple[str, float]:
     # Where most runs of a side never learn, the ratio is a bound.
     is_bound = any(np.isinf(own[side].fillna(np.inf).median()) for side in ("steps_x", "steps_y"))
     return "≥" * is_bound + two_digits(np.exp(abs(logarithm))), float(np.clip(logarithm, -_MOST, _MOST))
-
-
-def _draw_legend(figure: Figure, axes: NDArray[Any], image: QuadMesh, used: set[str]) -> None:
-    bar = figure.colorbar(image, ax=axes, location="bottom", aspect=40, pad=0.02, shrink=0.6)
-    labels = [f"the {name} learner\nneeds fewer steps" if name else "" for name in ("second", "", "first")]
-    bar.set_ticks([-_MOST, 0, _MOST], labels=labels)
-    bar.ax.tick_params(length=0)
-    left, _, right = bar.ax.get_xticklabels()
-    left.set_horizontalalignment("left")
-    right.set_horizontalalignment("right")
-    bar.outline.set_visible(False)
-    signs = ["number: how many times as many the other one needs, bold where the first needs fewer"]
-    signs += dict.fromkeys(text.replace(" ", _FIXED) for sign, text in _SIGNS.items() if sign in used)
-    bar.ax.set_xlabel(fill("; ".join(signs), 100), fontsize="small")
-
-
-def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
-    name, numbers, texts = axis_of(experiment, grid)
-    column = "success" if name == "permuted" else "unseen_success"
-    every = _lines(tables, experiment, grid)
-    shown = [learner for learner in ranked(experiment) if learner in every]
-    for i, learner in enumerate(shown):
-        rows, beside = every[learner], (i - (len(shown) - 1) / 2) * 0.06
-        success, low, high = (rows[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
-        style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **style_of(learner, experiment)}
-        ends, title = [success - low, high - success], experiment.learners[learner].title
-        at = np.searchsorted([*numbers.values()], rows["at"]) + beside
-        axis.errorbar(at, success, ends, label=title, **style)
-    axis.set_xticks(range(len(texts)), texts)
-    axis.set_ylim(-0.04, 1.04)
-    axis.figure.legend(loc="outside lower center", frameon=False, fontsize="small")
-    if name == "permuted":
-        label, what = "% of the places whose\ncoordinates are permuted", "at the end of training"
-    else:
-        label, what = fill(_LABELS.get(name, name), 24), "in unseen places"
-    axis.set(xlabel=label, ylabel=f"success {what}")

@@ -19,7 +19,6 @@ from envs.people import NoisyFeedback
 Row = Mapping[str, object]
 
 _LABELS: Final = {
-    "cpu_time_s": "CPU seconds",
     "disagreements": "median wrong PINGs",
     "faster": "probability that x is faster",
     "n": "runs",
@@ -43,14 +42,14 @@ _MEANINGS: Final = {
     "disagreements": "wrong PINGs until a run has learned, or their median; inf or empty if it never does",
     "faster": "probability that a run of x needs fewer steps than one of y; in `contrasts.csv`, its interval "
     "holds for all contrasts and looks at once",
-    "feedback": "kind of the issuer's feedback",
+    "feedback": "kind of the person's feedback",
     "grid": "grid of the experiment",
     "n": "runs; of contrasts, pairs of runs; in `verdicts.csv`, contrasts",
     "n_reference": "runs of the reference implementation, y",
     "n_solved": "runs that learn",
     "noise": "half the width of the interval from which the noise of feedback is drawn; 0 without",
-    "permuted": "share of the issuer's cells whose coordinates are permuted",
-    "places": "cells in which the issuer may stand",
+    "permuted": "share of people's cells whose coordinates are permuted",
+    "places": "places in which the person may stand; with several, each is the cells of all",
     "point": "point of the grid",
     "points": "points of all grids, those of several once",
     "ratio": "median steps of y divided by those of x; where one never learns, the budget counts",
@@ -62,8 +61,8 @@ _MEANINGS: Final = {
     "steps": "steps until a run has learned, or their median; inf or empty if it never does",
     "steps_reference": "the same of the reference implementation, y",
     "success": "success at the end of training, mean over runs",
-    "unseen": "further cells of the issuer, never met in training",
-    "unseen_success": "success with the issuer in these cells, of several runs the mean; empty without any",
+    "unseen": "further places, never met in training",
+    "unseen_success": "success in these places, of several runs the mean; empty without any",
     "verdict": "verdict on x",
     **dict.fromkeys(VERDICTS, "contrasts with this verdict"),
 }
@@ -99,11 +98,7 @@ def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> I
 
 
 @_item(
-    "cpu",
-    "measured: median CPU seconds of training until a run has learned",
-    _columns("grid point learner n cpu_time_s"),
-    is_measured=True,
-    where=no_rows,
+    "cpu", "measured: median CPU seconds of training until a run has learned", is_measured=True, where=no_rows
 )
 def cpu(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the time of training alone: no evaluation counts."""
@@ -131,15 +126,11 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         }
 
 
-@_item(
-    "verdicts",
-    "how many verdicts each contrast has, over the points of a grid",
-    {"grid": "", "x": "", "y": "", "n": "points", **_COUNTED},
-)
+@_item("verdicts", "how many verdicts each contrast has, over the points of a grid", where=no_rows)
 def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts verdicts; a point of two grids counts in both."""
     decided = pd.DataFrame(
-        _name(contrast.x) | _sides(contrast) | {"verdict": contrast.decision.verdict}
+        name_of(contrast.x) | _sides(contrast) | {"verdict": contrast.decision.verdict}
         for contrast in _contrasts(experiment, curves)
     )
     for (grid, x, y), ended in decided.groupby(["grid", "x", "y"], sort=False)["verdict"]:
@@ -236,7 +227,7 @@ def success(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None
 def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates the runs of each contrast; steps are empty where a run does not learn."""
     return _numbered(
-        (_name(contrast.x) | _sides(contrast), pd.DataFrame({"steps_x": x["steps"], "steps_y": y["steps"]}))
+        (name_of(contrast.x) | _sides(contrast), pd.DataFrame({"steps_x": x["steps"], "steps_y": y["steps"]}))
         for contrast in _contrasts(experiment, curves)
         for x, y in [contrast.took]
     )
@@ -246,7 +237,7 @@ def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
 def runs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
     return _numbered(
-        (_name(population) | {"learner": population.learner.name}, took[["steps", "disagreements"]])
+        (name_of(population) | {"learner": population.learner.name}, took[["steps", "disagreements"]])
         for population, took in _took(experiment, curves).items()
     )
 
@@ -255,7 +246,7 @@ def runs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
 def unseen(runs: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates all runs of the points that have unseen places."""
     return _numbered(
-        (_name(population) | {"learner": population.learner.name}, rows[["unseen_success"]])
+        (name_of(population) | {"learner": population.learner.name}, rows[["unseen_success"]])
         for population, rows in rules.rows_of(experiment, runs).items()
         if population.scenario.issuer.unseen
     )
@@ -312,7 +303,7 @@ def _counted(ended: Sequence[str]) -> dict[str, int]:
     return {verdict: ended.count(verdict) for verdict in VERDICTS}
 
 
-def _name(population: Population) -> dict[str, str]:
+def name_of(population: Population) -> dict[str, str]:
     """Returns the columns that name a point: its grid, and its name there."""
     axes = {axis: value for axis, value in population.condition.axes.items() if axis != "reading"}
     return {"grid": axes.pop("grid"), "point": ", ".join(f"{axis} {axes[axis]}" for axis in axes)}
@@ -321,7 +312,7 @@ def _name(population: Population) -> dict[str, str]:
 def _point(population: Population) -> dict[str, object]:
     """Returns the same, and what the scenario is there."""
     scenario, issuer = population.scenario, population.scenario.issuer
-    return _name(population) | {
+    return name_of(population) | {
         "rows": scenario.grid.rows,
         "columns": scenario.grid.columns,
         "places": len(scenario.places) - issuer.unseen,

@@ -17,7 +17,7 @@ def check(experiment: Experiment) -> None:
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
     report, solved = experiment.report, experiment.declared.solved
-    of_maps: dict[str, object] = {"looks": report and report.looks, "panels": report and report.panels}
+    of_maps = {key: getattr(report, key) for key in ("looks", "panels", "answer")}
     of_maps |= {"solved.levels": solved and solved.levels}
     for key in (key for key, value in of_maps.items() if value):
         raise InputError(f"{experiment.argument}: {key} with report.kind = search: accepted: kind = map.")

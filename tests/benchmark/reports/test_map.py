@@ -26,7 +26,7 @@ from benchmark.reports.draw import tables_of
 from benchmark.reports.folder import Folder
 from benchmark.reports.map import REPORT, figures
 from benchmark.reports.map.ceilings import ceilings
-from benchmark.reports.map.results import verdicts
+from benchmark.reports.map.results import unseen, verdicts
 from envs import compile_scenario, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.reports.conftest import experiment_of
@@ -47,6 +47,9 @@ settings = { budget = 30000, time_limit = 60, record_every = 30000, epsilon = 0.
 kind = "map"
 contrasts = [["shared, offset", "table, index"]]
 looks = [12, 16]
+answer.grid = "unseen"
+answer.point = "places 8"
+answer.learners = { "table, index" = "mine", "shared, offset" = "shared" }
 
 [grids.places]
 question = "What does each further place cost?"
@@ -222,7 +225,7 @@ def by_hand(folder: Path, curve_of: Callable[[Population], Mapping[float, float]
             spent = {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
             curve = pd.DataFrame(keys_of(population) | {"step": step, "success": success, **spent})
             curves += [curve.assign(seed=seed) for seed in range(12)]
-            runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), "unseen_success": np.nan}))
+            runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), "unseen_success": 0.25}))
     made = {"runs": pd.concat(runs), "curves": pd.concat(curves), "experiment": experiment}
     return cast("Data", SimpleNamespace(**made, records=None, is_partial=False))
 
@@ -232,7 +235,7 @@ def by_hand(folder: Path, curve_of: Callable[[Population], Mapping[float, float]
     [
         (1000, 1600, "faster", 1.6, "1.6"),
         (1000, np.inf, "faster", 100, "≥100"),  # runs that never learn: the budget counts
-        (np.inf, np.inf, "neither learns", np.nan, "neither"),
+        (np.inf, np.inf, "neither learns", np.nan, "–"),
         (0, 0, "undecided", np.nan, "?"),  # all learn at once
     ],
 )
@@ -248,13 +251,29 @@ def test_verdicts_and_ratios_by_hand(
         assert found.tolist() == pytest.approx([ratio] * 3, nan_ok=True)
     for item in REPORT.items:  # figures can be drawn without a difference, too
         item.save(data, tables, tmp_path)
-    assert {path.stem for path in tmp_path.glob("*.[sp][vn]g")} == {"map", "grids", "verdicts", "success"}
+    names = {"answer", "map", "unseen", "verdicts"}
+    assert {path.stem for path in tmp_path.glob("*.[sp][vn]g")} == names
     picture = verdicts.picture(data, tables)
     assert picture is not None
     texts = [text.get_text() for text in picture.axes[0].texts]
     assert texts.count(sign) == len(tables["contrasts"]) == 9
-    titles = {"places", "rooms: room, places", "code: permuted", "unseen: places"}
+    titles = {"places", "rooms: cells, places", "code: permuted", "unseen: places"}
     assert {text.replace("\n", " ") for text in texts} - {sign} == titles
+
+
+def test_the_answer_by_hand(tmp_path: Path) -> None:
+    steps = {"shared": 7000, "table": np.inf}
+    data = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
+    left, right = cast("Any", figures.answer.picture(data, tables_of(REPORT.items, data))).axes
+    assert [label.get_text() for label in left.get_yticklabels()] == ["mine", "shared"]
+    for axis, texts, values in (
+        (left, ["never learns", "7,000"], [100_000, 7000]),
+        (right, ["0.25"] * 2, [0.25] * 2),
+    ):
+        assert [text.get_text() for text in axis.texts] == texts
+        dots = [line for line in axis.lines if line.get_marker() == "o"]
+        assert [float(dot.get_xdata()[0]) for dot in dots] == values
+        assert [dot.get_markerfacecolor() == "white" for dot in dots] == [text[0] == "n" for text in texts]
 
 
 def test_levels_by_hand(tmp_path: Path) -> None:
@@ -369,21 +388,15 @@ def test_crossings_by_hand(third: float, counts: dict[str, int], tmp_path: Path)
     assert row == names | counts | {"earliest": 4.0, "latest": 16.0}
 
 
-def test_panels_show_their_learners_and_thinly_those_with_other_settings(tmp_path: Path) -> None:
+def test_panels_show_their_learners(tmp_path: Path) -> None:
     data = with_ranks(tmp_path, STEPS | {"shared_3": (600.0,) * 3})
-    tables = tables_of(REPORT.items, data)
-    drawn = {item.name: item.picture(data, tables) for item in REPORT.items}
-    first, second = cast("Any", drawn["map"]).axes
+    first, second = cast("Any", figures.picture.picture(data, tables_of(REPORT.items, data))).axes
     assert [axis.get_title(loc="left") for axis in (first, second)] == ["With offsets", "With both"]
     assert first.get_ylim() == second.get_ylim()
-    assert [text.get_text() for text in first.texts] == ["shared table of\noffsets"]
-    for axis, solid, thin in ((first, 1, 2), (second, 2, 3)):
-        widths = [line.get_linewidth() for line in axis.lines if line.get_linestyle() != "None"]
-        assert (widths.count(1.6), widths.count(0.8)) == (solid, thin)
-        colours = {line.get_color() for line in axis.lines if line.get_linestyle() != "None"}
-        assert len(colours) == solid
-    titles = [axis.get_title(loc="left") for axis in cast("Any", drawn["grids"]).axes]
-    assert [title.split()[0] for title in titles] == ["Does", "What"]  # the grids `code` and `unseen`
+    assert [text.get_text() for text in first.texts] == ["never learns", "shared table of\noffsets"]
+    for axis, n_learners in ((first, 1), (second, 2)):  # none with other settings
+        assert [line.get_linestyle() for line in axis.lines].count("None") == 2 * n_learners
+        assert len({line.get_color() for line in axis.lines if line.get_linestyle() != "None"}) == n_learners
 
 
 PEOPLE = """
@@ -407,21 +420,10 @@ learners = ["shared, offset"]
 def test_panels_of_other_grids(tmp_path: Path) -> None:
     data = by_hand(tmp_path, lambda population: {1000.0 * len(population.scenario.places): 1.0}, PEOPLE)
     tables = tables_of(REPORT.items, data)
-    drawn = {item.name: cast("Any", item.picture(data, tables)) for item in REPORT.items}
-    one, two = drawn["map"].axes
+    one, two = cast("Any", figures.picture.picture(data, tables)).axes
     assert [line.get_xdata().tolist() for line in two.lines[:1]] == [[2, 5]]
     assert two.lines[0].get_ydata().tolist() == [5000, 5000]  # unseen places are places, too
     assert one.get_ylim() == two.get_ylim()
-    titles = [axis.get_title(loc="left") for axis in drawn["grids"].axes]
-    assert [title.split()[0] for title in titles] == ["Does", "What"]  # the grids `code` and `unseen`
-    shown = [axis.get_title() for axis in drawn["success"].axes if axis.get_title()]
-    assert shown == [
-        "places: places 1",
-        "places: places 4",
-        "places: places 16",
-        "pairs: pairs 2",
-        "pairs: pairs 5",
-    ]
 
 
 def test_ceilings_are_those_of_votes_counted_one_by_one(tmp_path: Path) -> None:
@@ -483,6 +485,9 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
          "report.panels: dqn, index: accepted: learners of the grid places: shared, o"),
         ("[report]", '[report]\npanels = [{ grid = "code", title = "All", learners = ["table, index"] }]',
          "report.panels: grid = code: accepted: places."),
+        ('grid = "unseen"', 'grid = "rooms"',
+         'report.answer: grid = "rooms", point = "places 8": accepted: grid = "unseen", point = "places 8".'),
+        ('"table, index" = "m', '"dqn, index" = "m', "report.answer.learners: dqn, index: accepted: sha"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["check, index"] }]',
          "report.panels: check, index: accepted: learners of the grid places"),
     ],
@@ -502,6 +507,6 @@ def test_mistakes_are_named(
 def test_published_maps_can_be_drawn_again() -> None:
     folder, experiment = Folder(ROOT / "results" / "when"), load_experiment("when")
     tables = {path.stem: folder.frame(path.stem) for path in folder.path.glob("*.csv")}
-    for item in (figures.picture, figures.others, verdicts):
+    for item in (figures.answer, figures.picture, unseen, verdicts):
         figure = item.picture(cast("Data", SimpleNamespace(experiment=experiment, is_partial=False)), tables)
         assert figure is not None

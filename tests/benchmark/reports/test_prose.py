@@ -8,7 +8,7 @@ import pytest
 
 from benchmark.drawing.tables import LINK
 from benchmark.experiments import EXPERIMENT_DIRECTORY
-from benchmark.reports import prose
+from benchmark.reports import document, prose
 from benchmark.reports.document import Document
 from benchmark.reports.folder import Folder
 from envs import InputError
@@ -63,7 +63,17 @@ def test_other_runs_have_no_text(change: str, tmp_path: Path) -> None:
 
 def test_paragraphs_are_found_by_their_title() -> None:
     folder = Folder(ROOT / "results" / "when")
-    assert prose.paragraphs(folder).startswith("In a room of 10")
+    assert prose.paragraphs(folder).startswith("With 64 places, ")
     assert prose.paragraphs(folder, "Unseen places").startswith("**Unseen places.** ")
     with pytest.raises(KeyError, match="nothing"):
         prose.paragraphs(folder, "nothing")
+
+
+def test_readme_looks_up_numbers_and_checks_claims(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(document, "_FRONT", tmp_path / "front.md.jinja")
+    number = 'of.when.number("cells", "steps", grid="places", places=64, learner="ppo, coordinates")'
+    (tmp_path / "front.md.jinja").write_text(f"{{{{ {number} | plain }}}} steps", encoding="utf-8")
+    assert document.front(ROOT / "results") == "14,800 steps"
+    (tmp_path / "front.md.jinja").write_text('{{ of.when.claim(1 > 2, "1 is more") }}', encoding="utf-8")
+    with pytest.raises(prose.ClaimError, match="README: tables do not show that 1 is more"):
+        document.front(ROOT / "results")

@@ -149,7 +149,7 @@ if (box) {
       image.append(drawn("text", { x: LEFT - 6, y: y(10 ** power) + 4, "text-anchor": "end" }, short(10 ** power)));
     }
     for (const n of places) image.append(drawn("text", { x: x(n), y: HIGH - BOTTOM + 16, "text-anchor": "middle" }, String(n)));
-    image.append(drawn("text", { x: (LEFT + PLOT) / 2, y: HIGH - 6, "text-anchor": "middle" }, "places in which the person may stand"));
+    image.append(drawn("text", { x: (LEFT + PLOT) / 2, y: HIGH - 6, "text-anchor": "middle" }, "number of places"));
     image.append(drawn("line", { class: "now", x1: x(marked), x2: x(marked), y1: TOP, y2: HIGH - BOTTOM }));
     const ends = [];
     names.forEach((name) => {
