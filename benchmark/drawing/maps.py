@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, Patch, PathPatch, Polygon
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from benchmark.drawing.style import figure_of
+from benchmark.drawing.style import WIDTH, figure_of
 from envs import ACTIONS, Model, compile_scenario, load_scenario, scenario_names
 from envs.model import MOVES, PING
 from envs.people import FEEDBACK
@@ -54,8 +54,10 @@ _ON_WHITE: Final[Style] = {
 _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
 
 # Of the gallery
-_COLUMNS, _MOST_MAPS, _CHARACTERS = 6, 4, 28  # in a row, of a scenario, in a line of text below a map
-_WIDTH, _ROW, _LEGEND = 8.65, 2.2, 0.65  # inches
+_COLUMNS, _MOST_MAPS, _CHARACTERS = 5, 2, 22  # in a row, of a scenario, in a line of text below a map
+_SIZE: Final = 8.3  # of texts, in points
+_ROW, _LEGEND = 1.85, 0.65  # inches
+_DESCRIPTION: Final = 0.4  # inches that descriptions add to a row
 
 
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
@@ -134,7 +136,9 @@ def region_legend(
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
     ]
-    person, bystander, start = (Line2D([], [], label=kind, **style) for kind, style in _GLYPHS.items())
+    labels = ("person", "bystander", "start")
+    glyphs = zip(labels, _GLYPHS.values(), strict=True)
+    person, bystander, start = (Line2D([], [], label=label, **style) for label, style in glyphs)
     handles = [person, *borders, start, *more]
     if any(scene.circle for scene in scenes):
         label = "circle on which people talk"
@@ -154,10 +158,10 @@ def shipped() -> Figure:
 
 
 def gallery(models: Sequence[Model], *, is_described: bool = False) -> Figure:
-    """Draws maps of scenarios, with their names above, and cells, observations and what is hidden below.
+    """Draws maps of scenarios, with their names above, and the number of cells and the feedback below.
 
-    Scenarios that differ only in what is observed share their maps. If the issuer has several positions or
-    phases, up to four maps are shown. What is below can be descriptions instead; then a walk has one map.
+    Scenarios that differ only in what is observed share their maps. If the person has several positions or
+    phases, two maps are shown. What is below can be descriptions instead; then a walk has one map.
     """
     groups: dict[object, list[Model]] = {}
     for model in models:
@@ -170,18 +174,17 @@ def gallery(models: Sequence[Model], *, is_described: bool = False) -> Figure:
         step = math.ceil(n_contexts / most)
         maps += [(group, context) for context in range(0, n_contexts, step)]
     n_rows = math.ceil(len(maps) / _COLUMNS)
-    with figure_of(n_rows, _COLUMNS, (_WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
+    height = n_rows * (_ROW + _DESCRIPTION * is_described) + _LEGEND
+    with figure_of(n_rows, _COLUMNS, (WIDTH, height)) as (figure, axes):
         for axis in axes.flat[len(maps) :]:
             axis.set_axis_off()
         for axis, (group, context) in zip(axes.flat, maps, strict=False):
             _draw_zones(axis, group[0], context)
             names = [] if context else [model.scenario.name for model in group]
-            axis.set_title(
-                (",\n" if is_described else ", ").join(names), loc="left", weight="bold", size=8, pad=3
-            )
+            axis.set_title(",\n".join(names), loc="left", weight="bold", size=_SIZE, pad=3)
             axis.annotate(
                 _about(group, context, is_described), (0, 0), (0, -4), xycoords="axes fraction",
-                textcoords="offset points", va="top", size=6.5, linespacing=1.25,
+                textcoords="offset points", va="top", size=_SIZE,
             )  # fmt: skip
         region_legend(
             figure,
@@ -203,17 +206,12 @@ def _about(group: Sequence[Model], context: int, is_described: bool) -> str:
     if (phase := scene_of(model, context).phase) and not (is_described and scenario.moves):
         lines.append(f"phase: {phase}")
     if context == 0 and is_described:
-        for model in group:
-            name = f"{model.scenario.name}: " if len(group) > 1 else ""
-            lines.append(f"{name}{model.scenario.description}")
+        lines.append(f"{model.scenario.name}: " * (len(group) > 1) + scenario.description)
     elif context == 0:
         kinds = {scenario.issuer.feedback.kind}
         kinds |= {person.feedback.kind for person in scenario.others if person.feedback}
         feedback = " and ".join(sorted(FEEDBACK[kind] for kind in kinds))
         lines.append(f"{scenario.grid.rows * scenario.grid.columns} cells, {feedback}")
-        for model in group:
-            hidden = in_words(model.scenario.hidden) or "nothing"
-            lines.append(f"{model.scenario.name}: {model.n_observations:,} observations; hidden: {hidden}")
     return "\n".join(part for line in lines for part in wrap(line, _CHARACTERS))
 
 

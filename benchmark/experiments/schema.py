@@ -111,6 +111,8 @@ class Changes(Table):
 class Reading(Changes):
     """One way to read the paper, or a control."""
 
+    title: Annotated[Line, Field(max_length=60)] = ""
+    """What a figure calls it; by default its name."""
     question: Annotated[str, Field(min_length=1)]
     """What the paper leaves open."""
     answer: Annotated[str, Field(min_length=1)]

@@ -124,8 +124,7 @@ def training(table: pd.DataFrame, experiment: Experiment) -> Figure:
     names = (
         ranked(experiment) if len(grids) == 1 else [name for *_, own in _panels(experiment) for name in own]
     )
-    drawn = dict.fromkeys((name for name in names if name in {*rows["learner"]}), ())
-    with curve_panels(rows, drawn, experiment, "success", "success") as (_, axes):
+    with curve_panels(rows, names, experiment, "success", "success") as (figure, axes):
         for axis in axes:
             axis.set_xscale("log")
     return figure
