@@ -19,7 +19,7 @@ from benchmark.drawing.tables import inert, link, show, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, effort, names_of, own_rows, populations, wrong_pings
-from benchmark.reports.comparison.columns import CELL, DIFFERENCES, EFFORT, MEANINGS, RATE, columns
+from benchmark.reports.comparison.columns import CELL, DIFFERENCES, MEANINGS, RATE, columns
 from benchmark.reports.comparison.declared import decisive_learners, reporting_of
 from benchmark.reports.comparison.verdicts import ENDPOINTS, contrast_rows, effect_rows, outcome_rows
 from benchmark.reports.folder import SCORES, Folder, titled
@@ -104,7 +104,6 @@ effects = item(
     "exploratory: differences between scenarios, conditions or learners, x minus y",
     columns(f"effect {CELL} x y n {DIFFERENCES}"),
     meanings=MEANINGS | {"wrong_pings": RATE},
-    where=no_rows,
 )(effect_rows)
 
 
@@ -217,7 +216,7 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
 @item(
     "aggregate",
     "every learner over all scenarios, after training",
-    columns(f"{CELL} policy runs success score {EFFORT} every_cell_success unbounded_score iqm"),
+    columns(f"{CELL} policy runs success score every_cell_success"),
     meanings=MEANINGS,
     best="success",
 )

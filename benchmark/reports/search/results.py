@@ -225,7 +225,6 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
     "around",
     "one setting at a time around the chosen ones",
     _columns("learner setting value n area earliness difference"),
-    where=no_rows,
 )
 def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the chosen settings, and the same with one setting at another value, on runs of their own."""
