@@ -1,10 +1,10 @@
 """A report as a document: Markdown with places for items. README is one rendering of it, the page another.
 
-The template of a kind of report has the functions `show` and `fold`, which place an item by its name (of what
-is folded, README has the figure and a link to the table), `has`, which says whether there is such an item, and
-`others`, which places the items that an experiment adds. `manifest`, `folder` and the filter `text`, which makes
-a text of users inert, are there, too. All of it is made from published files alone, so texts can be corrected
-without a single run.
+The template of a kind of report has the functions `show` and `fold`, which place an item by its name (of
+what is folded, README has the figure and a link to the table), `has`, which says whether there is such an
+item, and `others`, which places the items that an experiment adds. `manifest`, `folder` and the filter
+`text`, which makes a text of users inert, are there, too. All of it is made from published files alone, so
+texts can be corrected without a single run.
 """
 
 import html
