@@ -148,7 +148,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
         rows["mean"] = mean[learners]
     colours = mpl.colormaps[COLOUR_MAP]
     cells = [
-        [("" if value >= _GOOD else f"{value:.2f}", to_hex(colours(value))) for value in row]
+        [("" if round(value, 2) >= _GOOD else f"{value:.2f}", to_hex(colours(value))) for value in row]
         for row in rows.values()
     ]
     characters = max(_CHARACTERS // len(learners), 12)

@@ -69,29 +69,26 @@ def test_actions_are_drawn_where_something_can_be_done() -> None:
     assert drawn(axis.lines, Line2D)[0].get_xydata().tolist() == [[4, 2]]
 
 
-def test_gallery_names_every_scenario_with_what_is_hidden() -> None:
+def test_gallery_names_every_scenario() -> None:
     small = [name for name in scenario_names() if load_scenario(name).group is None]
     figure = gallery([compile_scenario(load_scenario(name)) for name in small])
     (legend,) = figure.legends
     labels = {text.get_text() for text in legend.get_texts()}
     assert {label for label, _ in BORDERS.values()} < labels
     assert not labels & {"bystander", "circle on which people talk"}
-    titles = [name for axis in figure.axes for name in axis.get_title("left").split(", ") if name]
+    titles = [name for axis in figure.axes for name in axis.get_title("left").split(",\n") if name]
     assert sorted(titles) == small
     texts = [text.get_text().replace("\n", " ") for axis in figure.axes for text in axis.texts]
-    (moody,) = [text for text in texts if "MoodyHidden" in text]
-    assert moody.startswith("phase: calm 120 cells, no feedback Moody: 360 observations; hidden: wrong PINGs")
-    assert moody.endswith("MoodyHidden: 120 observations; hidden: phase, wrong PINGs")
-    assert {"phase: tense", "phase: cheerful", "phase: looks left", "place 29 of 111"} < {*texts}
+    assert {"phase: calm 120 cells, no feedback", "phase: cheerful", "place 57 of 111"} < {*texts}
 
 
 def test_gallery_shows_zones_walls_people_and_starts() -> None:
     models = [compile_scenario(load_scenario(name)) for name in ("Walking", "Egg", "AnyStart", "Walls")]
     *walks, egg, any_start, walls = [axis for axis in gallery(models).axes if axis.axison]
-    assert len(walks) == 4  # of 16 phases
+    assert len(walks) == 2  # of 16 phases
     people = [np.asarray(axis.lines[0].get_xydata()).tolist() for axis in walks]
-    assert people == [[[4, 3]], [[8, 3]], [[8, 7]], [[4, 7]]]  # corners of the walk
-    assert [len(drawn(axis.patches, Polygon)) for axis in (*walks, egg, walls)] == [0, 0, 0, 0, 1, 0]  # noses
+    assert people == [[[4, 3]], [[8, 7]]]  # corners of the walk
+    assert [len(drawn(axis.patches, Polygon)) for axis in (*walks, egg, walls)] == [0, 0, 1, 0]  # noses
     scene = scene_of(models[1])
     filled = [patch for patch in drawn(egg.patches, PathPatch) if patch.get_fill()]
     for (row, column), zone in zip(scene.position, scene.zone, strict=True):
@@ -124,9 +121,10 @@ def test_published_picture_has_all_shipped_scenarios_legibly() -> None:
     titles = [name for axis in axes for name in axis.get_title("left").split(",\n") if name]
     assert sorted(titles) == scenario_names()
     shown = " ".join(text.get_text() for axis in axes for text in axis.texts).replace("\n", " ")
-    assert all(load_scenario(name).description in shown for name in scenario_names())
+    firsts = [axis.get_title("left").split(",\n")[0] for axis in axes]
+    assert all(load_scenario(name).description in shown for name in firsts if name)
     texts = [text for axis in axes for text in (*axis.texts, axis._left_title) if text.get_text()]  # type: ignore[attr-defined]
-    assert min(text.get_size() for text in texts) >= 6.5
+    assert min(text.get_size() for text in texts) >= 8.25
     boxes = [text.get_window_extent() for text in (*texts, *figure.legends)]
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
     assert not any(box.overlaps(axis.bbox) for box in boxes for axis in axes)

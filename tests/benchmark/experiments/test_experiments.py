@@ -58,7 +58,7 @@ def test_miniatures_have_the_same_readings_and_learners() -> None:
         variants, others = small.declared.algorithms, load_experiment(name).declared.algorithms
         assert list(variants) == list(others)
         for variant, other in zip(variants.values(), others.values(), strict=True):
-            for key in ("algorithm", "reference_for", "group"):
+            for key in ("algorithm", "reference_for"):
                 assert getattr(variant, key) == getattr(other, key)
             n_observations = 1 if variant.reference_for else None  # of a check, the first does
             assert variant.observations == other.observations[:n_observations]
@@ -158,13 +158,13 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
     assert states[0] == states[1] != states[2]
 
 
-def test_a_reference_takes_settings_observations_and_group_from_its_variant() -> None:
+def test_a_reference_takes_settings_and_observations_from_its_variant() -> None:
     variants = load_experiment("compare_deep").declared.algorithms
     checks = [variant for variant in variants.values() if variant.reference_for]
     assert len(checks) == 5
     for check in checks:
         checked = variants[check.reference_for]
-        for key in ("settings", "group", "policy", "observations"):
+        for key in ("settings", "policy", "observations"):
             assert getattr(check, key) == getattr(checked, key)
         assert check.algorithm == checked.algorithm.removeprefix("compiled_")
 
@@ -287,10 +287,10 @@ def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
 def test_control_characters_are_refused_in_labels(tmp_path: Path) -> None:
     for text in ("\x1b[31mred", "a\rb", "\x00", "\x9b1m", "a\u202eb"):
         with pytest.raises(
-            InputError, match=re.escape(f"algorithms.q_learning.group = {json.dumps(text)}: ")
+            InputError, match=re.escape(f"algorithms.q_learning.title = {json.dumps(text)}: ")
         ):
-            extended(tmp_path, "mine", algorithms__q_learning__group=text)
-    extended(tmp_path, "mine", algorithms__q_learning__group="日本 é ∆")
+            extended(tmp_path, "mine", algorithms__q_learning__title=text)
+    extended(tmp_path, "mine", algorithms__q_learning__title="日本 é ∆")
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
