@@ -209,9 +209,9 @@ OF_A_REPLICATION = [
 ]
 LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
-    ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
+    ('title = "PPO"', 'title = "P\\nPO"', 'algorithms.ppo.title = "P\\nPO": accepted: text in one line'),
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
-    ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
+    ('reference_for = "ppo"', 'reference_for = "ppo"\nrank = 2', "algorithms.ppo_sb3.rank: "),
     (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: input should be less than"),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: centre, index"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
@@ -221,7 +221,7 @@ OF_A_COMPARISON = [
         f'{LINEAR}\nalgorithm = "ppo"',
         "algorithms.dqn_linear_sb3.settings",
     ),
-    ('group = "PPO"', 'family = "tabular"', "[algorithms.ppo]: unknown key family"),
+    ('title = "PPO"', 'family = "tabular"', "[algorithms.ppo]: unknown key family"),
     ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
     ('"every_cell"]', '"anywhere"]', "evaluated_from"),
     ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limits"),

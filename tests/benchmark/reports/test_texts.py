@@ -87,7 +87,7 @@ def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(hostile
     rows = [line.count(" | ") + 1 for line in text.splitlines() if line.startswith("| ")]
     assert cells == sum(rows)
     words = " ".join(html.unescape(re.sub("<[^>]+>", " ", parser.render(text))).split())
-    assert words.count(" ".join(TEXT.split())) == 3  # of the experiment, its note and the scenario
+    assert words.count(" ".join(TEXT.split())) == 2  # of the experiment and its note
 
 
 def test_figures_have_the_texts_as_characters(hostile: Path) -> None:
