@@ -87,12 +87,11 @@ class Document:
         def insert(item: Item, is_folded: bool) -> str:
             file, frame = self.folder.figure(item.name), self.shown(item)
             parts, table = [f"![{item.caption}]({file})"] if file else [], f"{item.name}.csv"
-            title = f"{item.description[:1].upper()}{item.description[1:]}:"
             if is_folded and table in self.folder:
-                parts.append(f"{title} [{table}]({table}).")
+                parts.append(f"[{table}]({table}): {item.description}.")
             elif not frame.empty:
                 frame = frame.map(lambda text: html.unescape(tables.plain(text)))  # `to_markdown` escapes it
-                parts += [title, tables.to_markdown(frame)]
+                parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)
 
         with self.folder.reading():
