@@ -138,8 +138,7 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
     (folder,) = (path for path in (tmp_path / "out").iterdir() if path.is_dir())
     names = {path.name for path in folder.iterdir()}
-    assert {"README.md", "claims.csv", "manifest.json", "index.html"} <= names
-    assert {"figure.png", "figure.svg"} & names
+    assert {"README.md", "claims.csv", "figure.svg", "manifest.json", "index.html"} <= names
     assert json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["commits"] == [None]
 
 

@@ -65,7 +65,7 @@ def has_window() -> bool:
 
 def in_window(film: Film) -> None:
     """Plays the film once in a window, until the reader closes it."""
-    screen = Screen([[film]])
+    screen = Screen(film)
     # The animation is kept, or it would not be played.
     kept = FuncAnimation(screen.figure, screen.show, film.steps, interval=FRAME_MS, repeat=False)
     plt.show()
@@ -87,6 +87,6 @@ def main(options: argparse.Namespace) -> int:
     if options.save is None:
         in_window(film)
     else:
-        write(learning([[film]]), options.save)
+        write(learning(film), options.save)
         print(f"{film.title}: {options.save}")
     return 0

@@ -1,4 +1,4 @@
-"""Draws how agents learn: what they value and do, and where they walk, one frame per moment of training.
+"""Draws how an agent learns: what it values and does, and where it walks, one frame per moment of training.
 
 A cell's four triangles are the values of its moves, the disc in its middle is that of PING, and the line is
 the greedy policy's walk from the start. Cells are hatched where the agent has learned nothing, so that all
@@ -7,7 +7,7 @@ actions are equally good, or where it has diverged.
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
 from typing import Final
@@ -32,14 +32,14 @@ from envs.scene import colour_limits, scene_of
 
 ENDINGS: Final = {
     "target_ping": "success",
-    "issuer_reached": "ran into the issuer",
+    "issuer_reached": "ran into the person",
     "last_wrong_ping": "too many wrong PINGs",
     CIRCLE: "goes in circles",
     HORIZON: "step limit reached",
 }
 ANIMATIONS: Final = (".webp", ".gif")  # endings of files
 _DPI: Final = 100
-_CELL, _LARGE_CELL = 0.21, 0.34  # inches, of the cells of several films, and of one
+_CELL: Final = 0.34  # inches
 _LONGEST_SIDE: Final = 20  # inches, of a map
 _NARROWEST, _LOWEST, _GAP, _BAR = 2.6, 0.5, 0.1, 0.7  # inches: sizes of a map, gap, width of a colour bar
 _TITLE, _LINE, _CHARACTERS = 8, 0.14, 15  # size in points, inches of a line, characters in an inch
@@ -79,42 +79,27 @@ def film_of(title: str, records: Records, agent: int = 0) -> Film:
 
 
 class Screen:
-    """A figure on which films are shown side by side; those of a row share a colour scale.
+    """A figure on which a film is shown."""
 
-    The cells of a single film are larger, and have an arrow head for every greedy move.
-    """
-
-    def __init__(self, rows: Sequence[Sequence[Film]]) -> None:
-        """Makes the figure and shows the first map of each film."""
-        films = [film for row in rows for film in row]
-        height, width = np.max(
-            [(film.model.scenario.grid.rows, film.model.scenario.grid.columns) for film in films], axis=0
-        )
-        cell = min(_CELL if len(films) > 1 else _LARGE_CELL, _LONGEST_SIDE / max(height, width))
-        width, height = max(cell * width, _NARROWEST) + _GAP, max(cell * height, _LOWEST) + _GAP
-        titles = [fill(film.title, int(width * _CHARACTERS)) for film in films]
-        height += max(title.count("\n") + 3 for title in titles) * _LINE
-        n_columns = max(map(len, rows))
-        size = n_columns * width + _BAR, len(rows) * height
-        with figure_of(len(rows), n_columns, size) as (self.figure, axes):
+    def __init__(self, film: Film) -> None:
+        """Makes the figure and shows the first map."""
+        self.film, grid = film, film.model.scenario.grid
+        cell = min(_CELL, _LONGEST_SIDE / max(grid.rows, grid.columns))
+        width, height = max(cell * grid.columns, _NARROWEST) + _GAP, max(cell * grid.rows, _LOWEST) + _GAP
+        self._title = fill(film.title, int(width * _CHARACTERS))
+        height += (self._title.count("\n") + 3) * _LINE
+        with figure_of(1, 1, (width + _BAR, height)) as (self.figure, axes):
             self.figure.set_dpi(_DPI)
-            self._shown = list[tuple[Axes, Film, Normalize]]()
-            for row, row_axes in zip(rows, axes, strict=True):
-                norm = Normalize(*colour_limits(np.concatenate([film.values.ravel() for film in row])))
-                colour_bar(self.figure, row_axes, norm, "value", extend="both")
-                for axis in row_axes[len(row) :]:
-                    axis.set_axis_off()
-                for axis, film in zip(row_axes, row, strict=False):
-                    self._shown.append((axis, replace(film, title=titles.pop(0)), norm))
+            self._axis, self._norm = axes[0, 0], Normalize(*colour_limits(film.values.ravel()))
+            colour_bar(self.figure, [self._axis], self._norm, "value", extend="both")
             self.show(0)
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine("none")  # a layout takes longer than a frame
 
     def show(self, step: int) -> None:
-        """Shows the last map of every film that is not later than a step."""
-        for axis, film, norm in self._shown:
-            index = int(np.searchsorted(film.steps, step, side="right")) - 1
-            _draw(axis, film, index, norm, has_arrows=len(self._shown) == 1)
+        """Shows the last map that is not later than a step."""
+        index = int(np.searchsorted(self.film.steps, step, side="right")) - 1
+        _draw(self._axis, self.film, index, self._norm, self._title)
 
     def image(self) -> Image.Image:
         """Returns the figure as an image."""
@@ -124,7 +109,7 @@ class Screen:
         return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
 
 
-def _draw(axis: Axes, film: Film, index: int, norm: Normalize, *, has_arrows: bool) -> None:
+def _draw(axis: Axes, film: Film, index: int, norm: Normalize, title: str) -> None:
     model, walked = film.model, film.walks[index]
     agent, state = walked.cells[-1], walked.states[-1]
     # The map shows the states that differ from the walk's last one by the agent's cell alone.
@@ -147,23 +132,22 @@ def _draw(axis: Axes, film: Film, index: int, norm: Normalize, *, has_arrows: bo
     add_area(axis, outlines((is_unknown & ~scene.is_over).reshape(scene.rows, -1)), _UNKNOWN)
     triangles(axis, scene, frame[~is_ping], norm, "value")
     discs(axis, frame[is_ping], norm, "value")
-    if has_arrows:
-        arrowheads(axis, frame[~is_ping & frame["is_marked"]])
+    arrowheads(axis, frame[~is_ping & frame["is_marked"]])
     dots(axis, frame[is_ping & frame["is_marked"]])
     axis.plot(*scene.position[[*walked.cells]].T[::-1], **_PATH)
     axis.plot(*scene.position[[agent]].T[::-1], **_AGENT)
     diverged = "diverged   " if np.isnan(values).any() else ""
     numbers = f"step {film.steps[index]:,}   {diverged}score {film.scores[index]:.2f}"
-    title = f"{film.title}\n{numbers}\n{ENDINGS[walked.ending]}"
-    axis.set_title(title, loc="left", size=_TITLE, parse_math=False)
+    text = f"{title}\n{numbers}\n{ENDINGS[walked.ending]}"
+    axis.set_title(text, loc="left", size=_TITLE, parse_math=False)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="")
 
 
-def learning(rows: Sequence[Sequence[Film]]) -> list[Image.Image]:
-    """Draws agents side by side, at every step at which one of them has a map."""
-    screen = Screen(rows)
+def learning(film: Film) -> list[Image.Image]:
+    """Draws an agent at every step at which it has a map."""
+    screen = Screen(film)
     frames = []
-    for step in sorted({step for row in rows for film in row for step in film.steps}):
+    for step in film.steps:
         screen.show(step)
         frames.append(screen.image())
     plt.close(screen.figure)

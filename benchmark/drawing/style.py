@@ -4,6 +4,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -13,15 +14,19 @@ mpl.use("Agg")
 import pandas as pd
 import seaborn as sns
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from benchmark.drawing.svg import compact
 from envs import InputError
 
+WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
 COLOURS: Final = sns.color_palette("colorblind")
+_LINE, _GAP, _CHARACTERS = 11.0, 16.0, 23  # of names of lines: points of a line and to it, its characters
 # Of texts on coloured cells; unlike pure black and white, not inverted in dark mode.
 INK: Final = ("#000001", "#fffffe")
 # Of the variants of published experiments: tables are black, grey or green, DQN and its relatives blue, PPO
@@ -110,6 +115,52 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
                 axis.label_outer()  # the maps of a figure share their axes
 
 
+def name_lines(axis: Axes, lines: Mapping[str, tuple[float, Mapping[str, Any]]]) -> None:
+    """Writes names right of lines, given where each ends on the linear y axis and its colour and marker.
+
+    Names that would overlap are moved apart, and lead back to their lines.
+    """
+    box = axis.get_window_extent().transformed(axis.figure.dpi_scale_trans.inverted())
+    width, height = 72 * box.width, 72 * box.height
+    bottom, top = axis.get_ylim()
+    texts = {name: fill(name, _CHARACTERS, break_on_hyphens=False) for name in lines}
+    half = {name: _LINE * (text.count("\n") + 1.25) / 2 for name, text in texts.items()}
+    heights = {name: (end - bottom) / (top - bottom) * height for name, (end, _) in lines.items()}
+    upwards = sorted(lines, key=lambda name: heights[name])
+    at, below, above = dict[str, float](), -_LINE, height + _LINE
+    for name in upwards:
+        at[name] = max(heights[name], below + half[name])
+        below = at[name] + half[name]
+    for name in reversed(upwards):
+        at[name] = min(at[name], above - half[name])
+        above = at[name] - half[name]
+    for name, (_, style) in lines.items():
+        ends = [1, 1 + _GAP / width], [heights[name] / height, at[name] / height]
+        look = {"color": style["color"], "marker": style.get("marker", ""), "ls": ":", "lw": 1}
+        axis.plot(*ends, **look, ms=5, markevery=[1], transform=axis.transAxes, clip_on=False)
+        axis.text(
+            1 + 1.4 * _GAP / width, at[name] / height, texts[name],
+            va="center", fontsize="small", transform=axis.transAxes,
+        )  # fmt: skip
+
+
+def draw_cells(
+    axis: Axes, cells: Sequence[Sequence[tuple[str, str]]], rows: Sequence[str], columns: Sequence[str]
+) -> None:
+    """Draws a table of texts, each with the colour of its cell, and the names of its rows and columns."""
+    for y, row in enumerate(cells):
+        for x, (text, colour) in enumerate(row):
+            axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
+            ink = INK[int(_brightness(colour) < 0.45)]
+            axis.text(x, y, text, ha="center", va="center", fontsize="small", color=ink)
+    axis.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
+    axis.set_xticks(range(len(columns)), columns, fontsize="small")
+    axis.set_yticks(range(len(rows)), rows, fontsize="small")
+    axis.xaxis.tick_top()
+    axis.tick_params(length=0)
+    axis.spines[:].set_visible(False)
+
+
 def learner_style(
     variant: str, observation: str, variants: Sequence[str], family: str = ""
 ) -> dict[str, Any]:
@@ -135,9 +186,12 @@ def _lighter(colour: str, share: float) -> str:
 
 def in_dark(colour: str) -> str:
     """Returns a colour for a dark background: the darker it is, the more it is lightened."""
+    return _lighter(colour, max(0.0, 0.75 - 1.3 * _brightness(colour)))
+
+
+def _brightness(colour: str) -> float:
     red, green, blue = to_rgb(colour)
-    brightness = 0.3 * red + 0.59 * green + 0.11 * blue
-    return _lighter(colour, max(0.0, 0.75 - 1.3 * brightness))
+    return 0.3 * red + 0.59 * green + 0.11 * blue
 
 
 _IN_DARK: Final = {

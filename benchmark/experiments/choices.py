@@ -66,13 +66,14 @@ def digest_of_search(search: Declaration) -> str:
     content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
     for variant in content["algorithms"].values():
         del variant["title"]
+        variant["group"] = ""  # a key of earlier versions, on which digests depend
         for axis in variant["search"].values():
             del axis["why"]
     content["scenarios"] = [load_scenario(name).model_dump(mode="json") for name in search.scenarios]
     algorithms = [load_algorithm(variant.algorithm).version for variant in search.algorithms.values()]
     if search.solved is not None:
         content["solved"] = search.solved.model_dump(mode="json", exclude={"levels"})
-    content["sweep"] = {}  # a key of earlier versions, on which digests depend
+    content["sweep"] = {}  # another one
     content["versions"] = [*algorithms, dynamic_programming.VERSION]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 

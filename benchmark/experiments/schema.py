@@ -45,14 +45,14 @@ MOST_POINTS: Final = 10_000  # of a grid
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*")
 # What a reference implementation takes from its variant, and does not set itself.
-_SHARED: Final = {"group", "settings", "policy", "tuned_by", "rank"}
+_SHARED: Final = {"settings", "policy", "tuned_by", "rank"}
 
 
 class Variant(Table):
     """An algorithm with its settings, and the observations from which it learns.
 
     A *reference implementation* of another variant learns the same by other code. It takes that variant's
-    settings, its group, its policy and, unless it names some of them, its observations.
+    settings, its policy and, unless it names some of them, its observations.
     """
 
     omitted_at_default: ClassVar[Set[str]] = {"rank"}
@@ -73,8 +73,6 @@ class Variant(Table):
     """As in the experiment, for this variant; by default the experiment's."""
     policy: Literal["greedy", "stochastic"] = "greedy"
     """The policy that a comparison evaluates."""
-    group: Annotated[Line, Field(max_length=60)] = ""
-    """Variants of a group are drawn together; a variant without a group is drawn with every group."""
     settings: dict[str, object] = Field(default_factory=dict)
     """Settings of the algorithm, see below."""
     reference_for: str = ""
@@ -111,6 +109,8 @@ class Changes(Table):
 class Reading(Changes):
     """One way to read the paper, or a control."""
 
+    title: Annotated[Line, Field(max_length=60)] = ""
+    """What a figure calls it; by default its name."""
     question: Annotated[str, Field(min_length=1)]
     """What the paper leaves open."""
     answer: Annotated[str, Field(min_length=1)]

@@ -136,8 +136,7 @@ class _Part:
         def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
-            # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
-            has_figure = self.folder.figure(item.name) and item is not lead and not (table and is_folded)
+            has_figure = self.folder.figure(item.name) and item is not lead
             shown = {"item": item, "table": table, "is_folded": is_folded, "most_rows": _MOST_ROWS}
             shown |= {"figure": self._figure(item) if has_figure else None}
             source = f"{self.prefix}{item.name}.csv"

@@ -1,9 +1,10 @@
 """A report as a document: Markdown with places for items. README is one rendering of it, the page another.
 
-The template of a kind of report has the functions `show` and `fold`, which place an item by its name (README
-omits what is folded), `has`, which says whether there is such an item here, and `others`, which places the
-items that an experiment adds. `manifest`, `folder` and the filter `text`, which makes a text of users inert,
-are there, too. All of it is made from published files alone, so texts can be corrected without a single run.
+The template of a kind of report has the functions `show` and `fold`, which place an item by its name (of
+what is folded, README has the figure and a link to the table), `has`, which says whether there is such an
+item, and `others`, which places the items that an experiment adds. `manifest`, `folder` and the filter
+`text`, which makes a text of users inert, are there, too. All of it is made from published files alone, so
+texts can be corrected without a single run.
 """
 
 import html
@@ -84,11 +85,11 @@ class Document:
         """Returns README of the folder; raises an InputError if it cannot be made."""
 
         def insert(item: Item, is_folded: bool) -> str:
-            if is_folded:
-                return ""
             file, frame = self.folder.figure(item.name), self.shown(item)
-            parts = [f"![{item.caption}]({file})"] if file else []
-            if not frame.empty:
+            parts, table = [f"![{item.caption}]({file})"] if file else [], f"{item.name}.csv"
+            if is_folded and table in self.folder:
+                parts.append(f"[{table}]({table}): {item.description}.")
+            elif not frame.empty:
                 frame = frame.map(lambda text: html.unescape(tables.plain(text)))  # `to_markdown` escapes it
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)

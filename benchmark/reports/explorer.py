@@ -85,16 +85,6 @@ def _colours(name: str) -> list[str]:
     return [to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 33))]
 
 
-def typical_agent(records: Records) -> int:
-    """Returns the index of the agent with the (lower) median mean score over training, clipped to [0, 1].
-
-    Of agents with the same mean, it is the one with the lowest seed.
-    """
-    means = np.clip(records.unbounded_scores(), 0, 1).mean(axis=1).round(9)
-    median = np.sort(means)[(len(means) - 1) // 2]
-    return min(np.flatnonzero(means == median).tolist(), key=lambda agent: records.seeds[agent])
-
-
 def _learner(records: Records) -> dict[str, object]:
     """Returns a learner's first agent, with every second map of its training, and others' final policies.
 

@@ -18,7 +18,6 @@ from benchmark.experiments import title_of
 from envs import InputError
 
 MANIFEST: Final = "manifest.json"
-PICTURES: Final = ("svg", "png")  # forms of a figure, of which a folder has the smaller one
 SCORES: Final = "scores.csv.gz"  # every run of a comparison
 _UNREADABLE: Final = (
     OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, zlib.error,
@@ -66,7 +65,7 @@ class Folder:
 
     def figure(self, name: str) -> str:
         """Returns the name of the file with an item's figure; empty if there is none."""
-        return next((file for form in PICTURES if (file := f"{name}.{form}") in self), "")
+        return file if (file := f"{name}.svg") in self else ""
 
     def frame(self, name: str) -> pd.DataFrame:
         """Returns a table, from its CSV file, which is named without its ending; raises an OSError."""

@@ -23,7 +23,7 @@ from benchmark.drawing.style import save_figure
 from benchmark.drawing.tables import decimals_of, inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.data import Data
-from benchmark.reports.folder import PICTURES, Folder
+from benchmark.reports.folder import Folder
 from envs import InputError
 
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
@@ -92,21 +92,18 @@ class Item:
         return called(self.draw, data, tables=tables, table=tables.get(self.name))
 
     def save(self, data: Data, tables: Frames, directory: Path) -> None:
-        """Writes the figure, in its smaller form and marked if runs are missing, or the other file."""
+        """Writes the figure, marked if runs are missing, or the other file."""
         if (figure := self.picture(data, tables)) is not None:
             if data.is_partial:
                 figure.suptitle("PARTIAL: runs are missing", color="firebrick")
-            paths = [directory / f"{self.name}.{form}" for form in PICTURES]
-            for path in paths:
-                save_figure(figure, path)
+            save_figure(figure, directory / f"{self.name}.svg")
             plt.close(figure)
-            max(paths, key=lambda path: path.stat().st_size).unlink()
         if self.write is not None:
             called(self.write, data, path=directory / self.file)
 
     def files(self) -> tuple[str, ...]:
         """Lists the names that its files can have."""
-        return (self.file,) if self.file else tuple(f"{self.name}.{end}" for end in ("csv", *PICTURES))
+        return (self.file,) if self.file else (f"{self.name}.csv", f"{self.name}.svg")
 
     def meaning(self, column: str) -> str | None:
         """Returns what a column of its table means; None if nothing says so."""

@@ -35,7 +35,7 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
         "algorithms": _variants(data, first, sizes),
         "note": declared.note.strip(),
         "readings": {
-            name: reading.model_dump(include={"question", "answer"})
+            name: reading.model_dump(include={"title", "question", "answer"})
             for name, reading in declared.readings.items()
         },
         "runs": len(runs),

@@ -28,7 +28,6 @@ REPORT = Report(
         training.wrong_pings,
         training.cost,
         results.scores,
-        training.learning,
         training.agents,
     ),
     document=Path(__file__).parent / "document.md.jinja",

@@ -1,46 +1,35 @@
 """Items of a comparison: what each learner reached, how learners differ, and what is possible."""
 
-from collections.abc import Iterator, Mapping
-from itertools import product
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Final
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, VERDICTS, WORSE
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, VERDICTS, WORSE
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
 from benchmark.analysis.intervals import mean_over_scenarios, proportion
-from benchmark.drawing.style import INK, figure_of
+from benchmark.drawing.style import WIDTH, draw_cells, figure_of
 from benchmark.drawing.tables import inert, link, show, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, effort, names_of, own_rows, populations, wrong_pings
-from benchmark.reports.comparison.columns import CELL, DIFFERENCES, EFFORT, MEANINGS, RATE, columns
-from benchmark.reports.comparison.declared import compared_learners, decisive_learners, reporting_of
-from benchmark.reports.comparison.verdicts import (
-    ENDPOINTS,
-    contrast_rows,
-    effect_rows,
-    outcome_rows,
-    standings,
-)
+from benchmark.reports.comparison.columns import CELL, DIFFERENCES, MEANINGS, RATE, columns
+from benchmark.reports.comparison.declared import decisive_learners, reporting_of
+from benchmark.reports.comparison.verdicts import ENDPOINTS, contrast_rows, effect_rows, outcome_rows
 from benchmark.reports.folder import SCORES, Folder, titled
 from benchmark.reports.item import Frames, item, no_rows, writing
 from envs.scenario import RELATIVE
 from envs.scene import COLOUR_MAP
-from envs.words import listed
 
 _MOST_DRAWN: Final = 15  # contrasts
-_SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "=", MIXED: "±"}  # of verdicts
-# What they mean, see `standings`
-_THAN: Final = {
-    BETTER: " than all",
-    WORSE: " than at least one",
-    EQUIVALENT: " to at least one, worse than none",
-}
+_GOOD: Final = 0.95  # a success of which a figure does not show the number
+_CHARACTERS: Final = 72  # of the names of a figure's columns in a line
 _KINDS: Final = {"tabular": "table", "linear": "tile coding", "deep": "net"}  # of learners, by family
 # What outcomes mean, in the order of scenarios in a figure
 _OUTCOMES: Final = {
@@ -115,38 +104,7 @@ effects = item(
     "exploratory: differences between scenarios, conditions or learners, x minus y",
     columns(f"effect {CELL} x y n {DIFFERENCES}"),
     meanings=MEANINGS | {"wrong_pings": RATE},
-    where=no_rows,
 )(effect_rows)
-
-
-@effects.figure("What changes between two scenarios, by learner.")
-def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
-    if "algorithm" not in table:
-        return None
-    frame = figures.labelled(table[table["algorithm"].notna()])
-    learners = compared_learners(experiment) or list(frame["learner"].unique())
-    names = list(frame["effect"].unique())
-    labels = {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"}
-    frame = frame.rename(columns=lambda name: str(name).replace("_difference", ""))
-    distance = 0.8 / len(learners)
-    size = (11.0, (0.11 * len(learners) + 0.2) * len(names) + 1.4)
-    with figure_of(1, len(labels), size) as (figure, axes):
-        for axis, (key, label) in zip(axes[0], labels.items(), strict=True):
-            axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
-            for (y, name), (i, learner) in product(enumerate(names), enumerate(learners)):
-                rows = frame[(frame["effect"] == name) & (frame["learner"] == learner)]
-                at = y + distance * (i - (len(learners) - 1) / 2)
-                figures.dot(axis, rows, key, at, figures.style_of(learner, experiment))
-            pairs = frame.groupby("effect", sort=False)[["x", "y"]].first()
-            texts = [f"{name}:\n{pairs['x'][name]} − {pairs['y'][name]}" for name in names]
-            figures.label_rows(axis, texts, first=axis is axes[0, 0])
-            axis.grid(visible=False, axis="y")
-            for y in range(len(names) - 1):
-                axis.axhline(y + 0.5, color="0.85", lw=0.6)
-            reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max()) or 1.0
-            axis.set(xlim=(-reach, reach), xlabel=f"difference in {label}")
-        figures.legend(figure, learners, experiment, "bar: 95 % interval, not adjusted; exploratory", ls="")
-    return figure
 
 
 @item(
@@ -178,80 +136,42 @@ def summary(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 @summary.figure("How often each learner succeeds after training.")
 def _(tables: Frames, experiment: Experiment) -> Figure:
-    is_few = figures.labelled(tables["summary"])["scenario"].nunique() <= figures.FEW
-    return _dots(tables, experiment) if is_few else _heat(tables, experiment)
-
-
-def _dots(tables: Frames, experiment: Experiment) -> Figure:
-    frame = figures.labelled(tables["summary"])
-    panels = {str(scenario): rows for scenario, rows in frame.groupby("scenario", sort=False)}
-    if "aggregate" in tables and tables["summary"]["scenario"].nunique() > 1:
-        means = figures.labelled(tables["aggregate"].assign(scenario="mean over scenarios"))
-        panels |= {str(scenario): rows for scenario, rows in means.groupby("scenario", sort=False)}
-    drawn, baselines = figures.drawn_in(frame, experiment), reporting_of(experiment).baseline
-    learners = [*drawn]
-    height = (0.34 if any(drawn.values()) else 0.26) * len(learners) + 1.3
-    with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
-        for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
-            for y, (learner, references) in enumerate(drawn.items()):
-                style = figures.style_of(learner, experiment)
-                for i, name in enumerate([learner, *references]):
-                    at = y + 0.4 * (i - len(references) / 2)
-                    figures.dot(axis, panel[panel["learner"] == name], "success", at, style, is_hollow=i > 0)
-            titles = [experiment.learners[name].title for name in learners]
-            figures.label_rows(axis, titles, first=axis is axes[0, 0])
-            axis.set(title=figures.in_lines(title), xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
-            for y in [learners.index(name) for name in baselines if name in learners]:
-                axis.axhspan(y - 0.5, y + 0.5, color="0.93", lw=0, zorder=0)
-        text = "success probability after training; bar: 95 % interval over runs"
-        text += "; grey: the baselines" if baselines else ""
-        figure.supxlabel(text + figures.reference_note(drawn, tables, experiment), fontsize="small")
+    frame, drawn = figures.labelled(tables["summary"]), figures.drawn_learners(experiment)
+    learners = [name for name in frame["learner"].unique() if name in drawn]
+    values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
+    rows, groups = dict[str, "pd.Series[float]"](), dict[int, str]()
+    for title, names in _grouped(tables, [*frame["scenario"].unique()]).items():
+        groups[len(rows)] = title
+        rows |= _rows(values.loc[names], decisive_learners(experiment) or learners)
+    if "aggregate" in tables and len(rows) > 1 and "condition" not in tables["aggregate"]:
+        mean = figures.labelled(tables["aggregate"]).set_index("learner")["success"]
+        rows["mean"] = mean[learners]
+    colours = mpl.colormaps[COLOUR_MAP]
+    cells = [
+        [("" if round(value, 2) >= _GOOD else f"{value:.2f}", to_hex(colours(value))) for value in row]
+        for row in rows.values()
+    ]
+    characters = max(_CHARACTERS // len(learners), 12)
+    titles = [fill(experiment.learners[name].title, characters, break_on_hyphens=False) for name in learners]
+    with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3)) as (figure, axes):
+        draw_cells(axes[0, 0], cells, [*rows], titles)
+        for at, title in groups.items():
+            style = {"va": "top", "fontsize": "small", "transform": axes[0, 0].get_yaxis_transform()}
+            axes[0, 0].text(1.01, at - 0.4, fill(title, 20), **style)
+            axes[0, 0].axhline(at - 0.5, color="black", lw=1.2 * bool(at))
+        text = f"success after training, mean over runs; no number: {_GOOD} or more"
+        figure.supxlabel(text, fontsize="small")
     return figure
 
 
-def _heat(tables: Frames, experiment: Experiment) -> Figure:
-    """Draws a row per scenario, sorted by outcome and success, and a column per learner, with verdicts."""
-    frame, baselines = figures.labelled(tables["summary"]), reporting_of(experiment).baseline
-    learners = [*figures.drawn_in(frame, experiment)]
-    values = frame.pivot(index="scenario", columns="learner", values="success")
-    groups, signs = _grouped(tables, [*frame["scenario"].unique()]), _signs(tables, baselines)
-    own = [name for name in learners if name in decisive_learners(experiment)] or learners
-    scenarios: list[str] = []
-    for names in groups.values():
-        scenarios += sorted(names, key=lambda name: -float(values.loc[name, own].to_numpy().sum()))
-    size = (min(0.62 * len(learners) + 2.4, 11.0), 0.27 * len(scenarios) + 3.0)
-    with figure_of(1, 1, size) as (figure, axes):
-        axis = axes[0, 0]
-        shares = values.loc[scenarios, learners].to_numpy()
-        edges = np.arange(len(learners) + 1) - 0.5, np.arange(len(scenarios) + 1) - 0.5
-        axis.pcolormesh(*edges, shares, cmap=COLOUR_MAP, vmin=0, vmax=1, edgecolors="white", linewidth=0.8)
-        for (row, column), share in np.ndenumerate(shares):
-            text = f"{share:.2f} {signs.get((scenarios[row], learners[column]), '')}".strip()
-            axis.text(column, row, text, ha="center", va="center", color=INK[int(share < 0.55)])
-        axis.set(ylim=(len(scenarios) - 0.5, -0.5))
-        budgets = frame.groupby("learner", sort=False)["budget"].first()
-        usual = budgets.mode()[0]
-        labels = [
-            experiment.learners[name].title + ("" if budgets[name] == usual else f" ({budgets[name]:,})")
-            for name in learners
-        ]
-        axis.set_xticks(range(len(learners)), labels, rotation=40, ha="left", rotation_mode="anchor")
-        axis.set_yticks(range(len(scenarios)), scenarios)
-        axis.xaxis.tick_top()
-        axis.tick_params(length=0)
-        axis.spines[:].set_visible(False)
-        at = 0
-        for title, names in groups.items():
-            axis.text(1.01, at - 0.3, fill(title, 22), va="top", transform=axis.get_yaxis_transform())
-            axis.axhline(at - 0.5, color="black", lw=1.2) if at else None
-            at += len(names)
-        lines = [f"success probability after {usual:,} steps of training, mean over runs"]
-        if signs:
-            meanings = [f"{sign} {verdict}{_THAN.get(verdict, '')}" for verdict, sign in _SIGNS.items()]
-            lines.append(f"against {listed(experiment.learners[name].title for name in baselines)}:")
-            lines.append(f"{', '.join(meanings)}; no sign: undecided or not compared")
-        figure.supxlabel("\n".join(lines), fontsize="small")
-    return figure
+def _rows(values: pd.DataFrame, decisive: Sequence[str]) -> dict[str, "pd.Series[float]"]:
+    """Returns the rows of scenarios; of many, those where all learners are good share the first one."""
+    is_good = values.ge(_GOOD).all(axis=1) & (len(values) > figures.FEW)
+    rest = values[~is_good]
+    order = rest[decisive].sum(axis=1).sort_values(ascending=False, kind="stable").index
+    names = order if is_good.any() else rest.index
+    shared = {fill(", ".join(values.index[is_good]), 34): values[is_good].min()} if is_good.any() else {}
+    return shared | {str(name): rest.loc[name] for name in names}
 
 
 def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
@@ -264,15 +184,6 @@ def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
         for outcome, title in _OUTCOMES.items()
     }
     return {title: names for title, names in groups.items() if names}
-
-
-def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], str]:
-    signs: dict[tuple[str, str], str] = {}
-    if "scenario" in tables.get("contrasts", ()):
-        for scenario, rows in figures.labelled(tables["contrasts"]).groupby("scenario", sort=False):
-            of_learners = standings(rows, baselines).map(_SIGNS).fillna("")
-            signs |= {(str(scenario), str(x)): sign for x, sign in of_learners.items()}
-    return signs
 
 
 @item("classes", "the best learner of each class, after training", meanings=MEANINGS)
@@ -305,7 +216,7 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
 @item(
     "aggregate",
     "every learner over all scenarios, after training",
-    columns(f"{CELL} policy runs success score {EFFORT} every_cell_success unbounded_score iqm"),
+    columns(f"{CELL} policy runs success score every_cell_success"),
     meanings=MEANINGS,
     best="success",
 )

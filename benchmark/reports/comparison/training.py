@@ -1,6 +1,6 @@
 """Items of a comparison: how learners learn, after how many steps, at whose expense, and at what cost."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -10,15 +10,13 @@ from matplotlib.figure import Figure
 
 from benchmark.analysis.frames import RecordsOf, by_step, learned
 from benchmark.analysis.intervals import proportion, student
-from benchmark.drawing import film
-from benchmark.experiments import Experiment, Population
+from benchmark.experiments import Experiment
 from benchmark.reports import explorer
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, effort, populations
 from benchmark.reports.comparison.columns import CELL, EFFORT, MEANINGS, columns
-from benchmark.reports.comparison.declared import compared_learners, decisive_learners, reporting_of
-from benchmark.reports.explorer import explorer_item, typical_agent
-from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
+from benchmark.reports.explorer import explorer_item
+from benchmark.reports.item import Frames, drawing, expanded, item, no_rows
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
 
@@ -44,50 +42,34 @@ def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
 
 
 @curves.figure("How often each learner succeeds while it learns.")
-def _(table: pd.DataFrame, tables: Frames, experiment: Experiment) -> Figure:
-    frame = figures.labelled(table)
-    drawn = figures.drawn_in(frame, experiment)
-    if frame["scenario"].nunique() <= figures.FEW:
-        panels = _panels(drawn, experiment)
-    else:
-        panels = {"": {name: drawn[name] for name in _compared(drawn, experiment)}}
-    note = f"; dotted: {ENOUGH:g}{figures.reference_note(drawn, tables, experiment)}"
-    with figures.curve_panels(frame, panels, experiment, "success", "success", note) as (figure, axes):
-        for axis in axes:
-            axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
-            axis.set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
-    return figure
-
-
-def _panels(drawn: figures.Drawn, experiment: Experiment) -> dict[str, figures.Drawn]:
-    """Returns the learners of each declared group, by its title; those of no group are in every panel."""
-    groups: dict[str, dict[str, Sequence[str]]] = {"": {}}
-    for name, references in drawn.items():
-        groups.setdefault(experiment.learners[name].declared.group, {})[name] = references
-    everywhere = groups.pop("")
-    return {title: everywhere | own for title, own in groups.items()} or {"": everywhere}
-
-
-def _compared(drawn: figures.Drawn, experiment: Experiment) -> list[str]:
-    return [name for name in compared_learners(experiment) if name in drawn] or [*drawn]
+def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
+    return _over_training(table, experiment, "success", "success", top=1.03)
 
 
 @drawing(
     "wrong_pings",
     "wrong PINGs per 1,000 steps while agents learn",
-    "How often a person is disturbed while agents learn: wrong PINGs per 1,000 steps.",
+    "How often a person is disturbed while agents learn.",
 )
 def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
-    """Draws how often the issuer disagreed while agents learned, without reference implementations."""
+    """Draws how often the person disagreed while agents learned."""
     if "curves" not in tables:
         return None
-    frame = figures.labelled(tables["curves"])
-    drawn = dict.fromkeys(_compared(figures.drawn_in(frame, experiment), experiment), ())
-    most = float(figures.rows_of(frame, drawn)["wrong_pings"].max())
-    label = "wrong PINGs\nper 1,000 steps"
-    with figures.curve_panels(frame, {"": drawn}, experiment, "wrong_pings", label) as (figure, axes):
+    return _over_training(tables["curves"], experiment, "wrong_pings", "wrong PINGs per 1,000 steps")
+
+
+def _over_training(
+    table: pd.DataFrame, experiment: Experiment, column: str, label: str, top: float | None = None
+) -> Figure | None:
+    """Draws the curves of few scenarios, unless learners are compared with reference implementations."""
+    frame, names = figures.labelled(table), figures.drawn_learners(experiment)
+    is_of_references = any(experiment.learners[name].reference_for for name in names)
+    if frame["scenario"].nunique() > figures.FEW or is_of_references:
+        return None
+    with figures.curve_panels(frame, names, experiment, column, label) as (figure, axes):
+        top = top or 1.05 * float(frame.loc[frame["learner"].isin(names), column].max())
         for axis in axes:
-            axis.set(ylim=(0, most * 1.05))
+            axis.set(ylim=(-0.03 * top, top))
     return figure
 
 
@@ -150,38 +132,12 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         }
 
 
-@writing(
-    "learning",
-    "animation of learning: of a table, a net or both, the agent of the median seed",
-    "learning.webp",
-)
-def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
-    """Writes an animation: typical agents of a table and of a net, in every scenario."""
-    drawn, rows = _drawn(runs, experiment), []
-    learners = [*reporting_of(experiment).baseline, *decisive_learners(experiment)]
-    learners += [population.learner.name for population in drawn]  # if nothing is declared
-    for family in ("tabular", "deep"):
-        chosen = next((name for name in learners if experiment.learners[name].family == family), None)
-        rows.append([_film(population, records) for population in drawn if population.learner.name == chosen])
-    film.write(film.learning([row for row in rows if row]), path)
-
-
-def _film(population: Population, records: RecordsOf) -> film.Film:
-    own = records(population)
-    agent = typical_agent(own)
-    title = f"{population.scenario.name}: {population.learner.title}, seed {own.seeds[agent]} (median)"
-    return film.film_of(title, own, agent)
-
-
 @explorer_item
 def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
     """Writes what all learners know, but for reference implementations."""
-    explorer.write([records(population) for population in _drawn(runs, experiment)], path)
-
-
-def _drawn(runs: pd.DataFrame, experiment: Experiment) -> list[Population]:
-    return [
+    drawn = [
         experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
         for names, learner, rows in populations(runs, experiment)
         if not learner.reference_for
     ]
+    explorer.write([records(population) for population in drawn], path)

@@ -46,6 +46,7 @@ class Claim(NamedTuple):
     """A claim of the paper; the report's document says what it is, and why the threshold is where it is."""
 
     id: str
+    title: str  # in a few words
     right_side: str  # ">" or "<": where a part must lie
     threshold: float
     scenarios: tuple[str, ...]
@@ -170,17 +171,28 @@ def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
 
 
 CLAIMS: Final = (
-    Claim("variability-S2", ">", 1.0, ("S2", "S1", "S3"), partial(_ratios, _spread)),
-    Claim("max-near-1", ">", 0.95, ("S1", "S3"), _near_one),
-    Claim("variability-S3", "<", 1.0, ("S3", "S1", "S2"), partial(_ratios, _spread)),
-    Claim("moves-focused", "<", 1.0, ("S3", "S1", "S2"), partial(_ratios, _focus)),
-    Claim("ping-S3", "<", 1.0, ("S3",), _valued_outside),
-    Claim("ping-S3-inside", "<", 1.0, ("S3",), _missing_inside),
-    Claim("ping-S1", ">", 0.0, ("S1",), _valued_outside),
-    Claim("reaches", ">", 0.95, ("S1",), _reaches),
-    Claim("random-helps", ">", 0.0, ("S2", "S1"), _random_helps),
-    Claim("identifies", ">", 0.9, ("S2", "S3"), _identifies),
-    Claim("identifies-S1", ">", 0.9, ("S1",), _identifies),
+    Claim(
+        "variability-S2", "max Q varies most in S2", ">", 1.0, ("S2", "S1", "S3"), partial(_ratios, _spread)
+    ),
+    Claim("max-near-1", "max Q reaches about 1", ">", 0.95, ("S1", "S3"), _near_one),
+    Claim(
+        "variability-S3", "max Q varies least in S3", "<", 1.0, ("S3", "S1", "S2"), partial(_ratios, _spread)
+    ),
+    Claim(
+        "moves-focused",
+        "moves are most focused in S3",
+        "<",
+        1.0,
+        ("S3", "S1", "S2"),
+        partial(_ratios, _focus),
+    ),
+    Claim("ping-S3", "S3: no cell outside valued", "<", 1.0, ("S3",), _valued_outside),
+    Claim("ping-S3-inside", "S3: all target cells valued", "<", 1.0, ("S3",), _missing_inside),
+    Claim("ping-S1", "S1: cells outside valued", ">", 0.0, ("S1",), _valued_outside),
+    Claim("reaches", "S1: the target is reached", ">", 0.95, ("S1",), _reaches),
+    Claim("random-helps", "random feedback helps", ">", 0.0, ("S2", "S1"), _random_helps),
+    Claim("identifies", "S2, S3: region identified", ">", 0.9, ("S2", "S3"), _identifies),
+    Claim("identifies-S1", "S1: region identified", ">", 0.9, ("S1",), _identifies),
 )
 
 

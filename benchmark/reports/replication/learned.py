@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -16,7 +17,7 @@ from benchmark.analysis.frames import RecordsOf
 from benchmark.analysis.intervals import proportion
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, anchors, optimal_values
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
-from benchmark.drawing.style import COLOURS, figure_of, norm_of
+from benchmark.drawing.style import COLOURS, WIDTH, figure_of, name_lines, norm_of
 from benchmark.experiments import Experiment
 from benchmark.reports.item import Frames, drawing, expanded, item, labelled_columns
 from benchmark.reports.replication.agents import agents_of, few_agents
@@ -25,6 +26,8 @@ from envs.people import FEEDBACK
 from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
+_BLOCK: Final = 5  # records of a curve that share a point of the figure
+_OF_BLOCK: Final = {"step": "first", "mean": "mean", "min": "min", "max": "max"}
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _MEANINGS: Final = {
     "optimal_share": "share of agents whose greedy policy is optimal",
@@ -57,32 +60,41 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
     move_norm, ping_norm = norm_of(moves["mean"]), norm_of(pings["mean"])
     bottom, top = curves["min"].min(), curves["max"].max()
     room = 0.04 * (top - bottom)
-    with figure_of(3, len(groups), (11.0, 9.0)) as (figure, axes):
+    with figure_of(3, len(groups), (WIDTH, 7.8)) as (figure, axes):
         for column, (name, agents) in enumerate(groups.items()):
             curve, move, ping = (frame[frame["scenario"] == name] for frame in (curves, moves, pings))
             scene, kind = scene_of(agents.model), agents.model.scenario.issuer.feedback.kind
             axis, move_axis, ping_axis = axes[:, column]
             letters = ascii_lowercase[column:9:3]  # as the paper's
-            ends = curve["min"], curve["max"]
-            axis.fill_between(curve["step"], *ends, color="0.8", lw=0, label="range over agents")
-            axis.plot(curve["step"], curve["mean"], color="black", lw=0.9, label="mean of the agents")
-            axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a correct PING pays in S1")
-            axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[kind]}", xlabel="environment step")
+            curve = curve.groupby(np.arange(len(curve)) // _BLOCK).agg(_OF_BLOCK)
+            axis.fill_between(curve["step"], curve["min"], curve["max"], color="0.8", lw=0)
+            axis.plot(curve["step"], curve["mean"], color="black", lw=0.9)
+            axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
+            title = f"{name}: {FEEDBACK[kind]}\n({letters[0]}) max Q over training"
+            axis.set(title=title, xlabel="environment step")
             axis.set(xlim=(0, max(curve["step"].max(), 1)), ylim=(bottom - room, top + room))
+            axis.xaxis.set_major_locator(MaxNLocator(3))
             triangles(move_axis, scene, move, move_norm)
             heat(ping_axis, scene, ping["mean"].to_numpy(), ping_norm)
             dots(ping_axis, ping[ping["mean"] > 0])
-            move_axis.set(title=f"({letters[1]}) moves, {name}")
-            ping_axis.set(title=f"({letters[2]}) PING, {name}")
+            move_axis.set(title=f"({letters[1]}) final Q of moves")
+            ping_axis.set(title=f"({letters[2]}) final Q of PING")
+        last, style = (
+            curves[curves["scenario"] == next(iter(groups))].iloc[-1],
+            {"ha": "right", "fontsize": "small"},
+        )
         axes[0, 0].set(ylabel="max Q of the visited cell")
-        axes[0, 0].legend(loc="upper left", frameon=False)
-        colour_bar(figure, axes[1], move_norm, "mean final Q of the moves")
-        colour_bar(figure, axes[2], ping_norm, "mean final Q of PING")
+        axes[0, 0].text(last["step"], 1.0 + room, "a correct PING in S1", va="bottom", **style)
+        axes[0, 0].text(last["step"], (last["mean"] + last["max"]) / 2, "range over agents ", **style)
+        axes[0, 0].text(last["step"], last["mean"] - 2 * room, "mean ", va="top", **style)
+        colour_bar(figure, axes[1], move_norm, "mean over agents")
+        colour_bar(figure, axes[2], ping_norm, "mean over agents")
         region_legend(
             figure,
             [scene_of(agents.model) for agents in groups.values()],
             Line2D([], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"),
             Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0"),
+            columns=3,
         )
     return figure
 
@@ -128,26 +140,24 @@ def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-@learning.figure("How well agents act while they learn: success, score, and how many are optimal.")
+@learning.figure(
+    "How often agents succeed while they learn, and how many act optimally; shade: 95 % interval."
+)
 def _(table: pd.DataFrame) -> Figure:
-    panels = {
-        "success": "success probability",
-        "score": "mean score, clipped to [0, 1]",
-        "optimal_share": "share of agents that are optimal",
-    }
-    with figure_of(1, len(panels), (11.0, 3.6)) as (figure, axes):
+    panels = {"success": "success", "optimal_share": "share of agents that are optimal"}
+    with figure_of(1, len(panels), (WIDTH, 2.8)) as (figure, axes):
         for axis, (key, label) in zip(axes[0], panels.items(), strict=True):
+            ends = {}
             for i, (name, rows) in enumerate(table.groupby("scenario", sort=False)):
-                axis.plot(rows["step"], rows[key], label=name, color=COLOURS[i], ls=_DASHES[i])
-                ends = rows[f"{key}_low"], rows[f"{key}_high"]
-                axis.fill_between(rows["step"], *ends, color=COLOURS[i], alpha=0.25, lw=0)
+                style = {"color": COLOURS[i], "ls": _DASHES[i]}
+                axis.plot(rows["step"], rows[key], **style)
+                low, high = rows[f"{key}_low"], rows[f"{key}_high"]
+                axis.fill_between(rows["step"], low, high, color=COLOURS[i], alpha=0.25, lw=0)
+                ends[str(name)] = float(rows[key].iloc[-1]), style
             axis.set(xlabel="environment step", title=label, xlim=(0, max(table["step"].max(), 1)))
             axis.set(ylim=(-0.03, 1.03))
             axis.xaxis.set_major_locator(MaxNLocator(4))
-        figure.legend(
-            *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False,
-            title="line: mean over agents; shade: 95 % interval",
-        )  # fmt: skip
+            name_lines(axis, ends)
     return figure
 
 
@@ -181,33 +191,28 @@ def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, ob
         yield row
 
 
-@optimal.figure("What is optimal, how far what was learned is from it, and where agents act optimally.")
+@optimal.figure("Where agents act optimally after training, and what is optimal there.")
 def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | None:
     if "q_values" not in tables:
         return None
     cells, groups = tables["q_values"], few_agents(experiment, records)
-    best = cells.groupby(["scenario", "row", "column"], sort=False).max(numeric_only=True)
-    best = best.assign(difference=best["largest_learned"] - best["optimal"], agrees=1 - best["differs"])
-    labels = {
-        "optimal": "optimal value",
-        "difference": "learned minus optimal value",
-        "agrees": "share of agents acting optimally",
-    }
-    with figure_of(3, len(groups), (11.0, 9.6)) as (figure, axes):
-        for row, (key, label) in zip(axes, labels.items(), strict=True):
-            for axis, (name, agents) in zip(row, groups.items(), strict=True):
-                scene = scene_of(agents.model)
-                shown = np.where(scene.is_over, np.nan, best.loc[name][key].to_numpy())
-                heat(axis, scene, shown, norm_of(best[key]))
-                axis.set(title=f"{label}, {name}")
-                if key == "optimal":
-                    actions(axis, scene, cells[(cells["scenario"] == name) & cells["is_optimal"]])
-            colour_bar(figure, row, norm_of(best[key]), label)
+    shares, norm = (
+        1 - cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first(),
+        Normalize(0, 1),
+    )
+    with figure_of(1, len(groups), (WIDTH, 3.1)) as (figure, axes):
+        for axis, (name, agents) in zip(axes[0], groups.items(), strict=True):
+            scene = scene_of(agents.model)
+            heat(axis, scene, np.where(scene.is_over, np.nan, shares.loc[name].to_numpy()), norm)
+            actions(axis, scene, cells[(cells["scenario"] == name) & cells["is_optimal"]])
+            axis.set(title=name)
+        colour_bar(figure, axes[0], norm, "share of agents\nacting optimally")
         region_legend(
             figure,
             [scene_of(agents.model) for agents in groups.values()],
             Line2D([], [], ls="", marker=">", mfc="white", mec="black", ms=6, label="optimal move"),
             Line2D([], [], ls="", marker="o", color="black", ms=3, label="optimal PING"),
+            columns=3,
         )
     return figure
 

@@ -1,21 +1,21 @@
 """The items on the paper's claims: judged with few agents and many, in disjoint sets, under each reading."""
 
 from functools import lru_cache
+from textwrap import fill
 from typing import Final
 
-import numpy as np
 import pandas as pd
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
 
 from benchmark.analysis.frames import RecordsOf
-from benchmark.drawing.style import COLOURS, INK, figure_of
+from benchmark.drawing.style import COLOURS, WIDTH, draw_cells, figure_of
 from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import entry, item, no_rows
 from benchmark.reports.replication.agents import agents_of
-from benchmark.reports.replication.claims import SCENARIOS, VERDICTS, agreement, judge, weakest
+from benchmark.reports.replication.claims import CLAIMS, SCENARIOS, VERDICTS, agreement, judge, weakest
 
 _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
@@ -126,26 +126,20 @@ def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
 
 
 @sensitivity.figure("Whether the paper's claims hold, by how the paper is read.")
-def _(table: pd.DataFrame) -> Figure:
-    claims, readings = table.drop_duplicates("claim"), list(table["reading"].unique())
-    with figure_of(1, 1, (11.0, 0.34 * len(claims) + 0.9)) as (figure, axes):
-        axis = axes[0, 0]
-        for _, row in weakest(table, "reading").iterrows():
-            x, y = readings.index(row["reading"]), list(claims["claim"]).index(row["claim"])
-            colour, value = _COLOURS[row["verdict"]], row["value"]
-            axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
-            shown = f"{value:.{3 if abs(value) >= 0.01 else 1}g}" if np.isfinite(value) else "-"
-            axis.text(x, y, f"{_SIGNS[row['verdict']]}  {shown}", ha="center", va="center", color=INK[0])
-        axis.set(xlim=(-0.5, len(readings) - 0.5), ylim=(len(claims) - 0.5, -0.5))
-        axis.set_xticks(range(len(readings)), [name.replace("_", " ") for name in readings])
-        sides = claims["claim"] + "  (" + claims["right_side"] + claims["threshold"].map(" {:g})".format)
-        axis.set_yticks(range(len(claims)), sides)
-        axis.xaxis.tick_top()
-        axis.tick_params(length=0)
-        axis.spines[:].set_visible(False)
-        figure.legend(
-            handles=[Patch(color=_COLOURS[name], label=f"{sign} {name}") for name, sign in _SIGNS.items()],
-            loc="outside lower center", ncols=3, frameon=False,
-            title="number: the value of the claim's weakest part; in brackets: where all parts must lie",
-        )  # fmt: skip
+def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
+    readings = {name: experiment.declared.readings[name].title or name for name in table["reading"].unique()}
+    verdicts = weakest(table, "reading").set_index(["claim", "reading"])["verdict"]
+    rows = [claim for claim in CLAIMS if claim.id in {*table["claim"]}]
+    cells = [
+        [
+            (_SIGNS[verdict], to_hex(_COLOURS[verdict]))
+            for verdict in (verdicts[claim.id, name] for name in readings)
+        ]
+        for claim in rows
+    ]
+    with figure_of(1, 1, (WIDTH, 0.3 * len(rows) + 1.1)) as (figure, axes):
+        titles = [fill(title, 9) for title in readings.values()]
+        draw_cells(axes[0, 0], cells, [claim.title for claim in rows], titles)
+        text = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
+        figure.supxlabel(f"{text}, with {table['agents'].iloc[0]} agents per scenario", fontsize="small")
     return figure

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
@@ -17,7 +16,7 @@ from benchmark.analysis.frames import Floats
 from benchmark.analysis.intervals import Estimate, combined, interval, mean_over_scenarios, resample
 from benchmark.analysis.search import AROUND, best_apart, chosen_by, everywhere, measure_of, outcomes
 from benchmark.drawing.maps import gallery
-from benchmark.drawing.style import figure_of
+from benchmark.drawing.style import WIDTH, figure_of, name_lines
 from benchmark.drawing.tables import decimals_of
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.search import Choice, Space
@@ -69,7 +68,6 @@ _LABELS: Final = {
 _item: Final = partial(item, meanings=_MEANINGS)
 _columns: Final = partial(labelled_columns, _LABELS)
 _AXES: Final = {"area": "mean area under the curve of success", "earliness": "mean earliness"}
-_TITLES: Final = {"tabular": "tables", "linear": "tile coding", "deep": "nets", "planner": "planners"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
 _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
 _CLOSE: Final = 0.05  # measures that differ by less are close to each other
@@ -119,34 +117,30 @@ def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             yield _names(outcome.learner) | effort | {"expected": Estimate(value, *ends)}
 
 
-@best_of.figure("What tuning buys: the result that is expected of the best of b trials.")
+@best_of.figure(
+    "What tuning buys: the expected result of the best of so many trials, of each algorithm with the form of "
+    "observation that is best."
+)
 def _(tables: Frames, experiment: Experiment) -> Figure:
-    frame, default = tables["best_of"], tables["chosen"]
-    panels = [*dict.fromkeys(learner.family for learner in experiment.learners.values())]
-    million = (frame["steps"] / frame["trials"]).iloc[0] / 1e6
-    ticks = [tick for tick in _TICKS if tick <= frame["trials"].max()]
-    with figure_of(1, len(panels), (11.0, 5.0)) as (figure, axes):
-        for axis, family in zip(axes[0], panels, strict=True):
-            learners = [learner for learner in experiment.learners.values() if learner.family == family]
-            for i, learner in enumerate(learners):
-                rows, style = _of(frame, learner), style_of(learner.name, experiment)
-                style |= {"label": learner.title}
-                axis.plot(rows["trials"], rows["expected"], markevery=(i, 12), ms=5, lw=1.4, **style)
-                ends = rows["expected_low"], rows["expected_high"]
-                axis.fill_between(rows["trials"], *ends, color=style["color"], alpha=0.1, lw=0)
-                by_default = _of(default, learner)["default"].iloc[0]
-                axis.plot(0.8, by_default, "x", ms=6, mew=1.8, color=style["color"])
-            axis.set(xscale="log", xlabel="trials (cross: trial 0, as declared)", ylim=(-0.02, 1.0))
-            axis.set_xticks(ticks, [str(tick) for tick in ticks])
-            steps = axis.secondary_xaxis("top")
-            steps.set_xticks(ticks, [f"{tick * million:.3g}" for tick in ticks])
-            steps.set_xlabel("million environment steps of the search")
-            for scale in (axis.xaxis, steps.xaxis):
-                scale.set_minor_locator(NullLocator())
-            axis.set_title(_TITLES[family], fontweight="bold")
-            below = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 3.5}
-            axis.legend(**below, ncols=max(1, 4 // len(panels)), frameon=False, handlelength=3)
-        axes[0, 0].set_ylabel(_AXES[measure_of(experiment)])
+    frame, chosen, best = tables["best_of"], tables["chosen"], dict[str, Learner]()
+    for _, row in chosen.sort_values("chosen", kind="stable").iterrows():
+        best[row["algorithm"]] = experiment.learners[f"{row['algorithm']}, {row['observation']}"]
+    with figure_of(1, 1, (WIDTH, 4.4)) as (figure, axes):
+        axis, ends = axes[0, 0], {}
+        for i, learner in enumerate(best.values()):
+            rows, style = _of(frame, learner), style_of(learner.name, experiment)
+            axis.plot(rows["trials"], rows["expected"], markevery=(i, 12), ms=5, lw=1.4, **style)
+            low, high = rows["expected_low"], rows["expected_high"]
+            axis.fill_between(rows["trials"], low, high, color=style["color"], alpha=0.1, lw=0)
+            by_default = _of(chosen, learner)["default"].iloc[0]
+            axis.plot(0.8, by_default, "x", ms=6, mew=1.8, color=style["color"])
+            ends[learner.title] = float(rows["expected"].iloc[-1]), style
+        ticks = [tick for tick in _TICKS if tick <= frame["trials"].max()]
+        axis.set(xscale="log", xlim=(0.7, frame["trials"].max()), ylim=(-0.02, 1.0))
+        axis.set(xlabel="trials (cross: settings as declared)", ylabel=_AXES[measure_of(experiment)])
+        axis.set_xticks(ticks, [str(tick) for tick in ticks])
+        axis.xaxis.set_minor_locator(NullLocator())
+        name_lines(axis, ends)
     return figure
 
 
@@ -204,7 +198,7 @@ def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @trials.figure("What each trial of the search reached, and what the chosen settings reach in fresh runs.")
 def _(tables: Frames, experiment: Experiment) -> Figure:
     learners, measure = [*experiment.learners.values()], measure_of(experiment)
-    with figure_of(1, 1, (9.0, 0.3 * len(learners) + 1.2)) as (figure, axes):
+    with figure_of(1, 1, (WIDTH, 0.3 * len(learners) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
         for y, learner in enumerate(learners):
             reached, style = _of(tables["trials"], learner)[measure], style_of(learner.name, experiment)
@@ -231,7 +225,6 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
     "around",
     "one setting at a time around the chosen ones",
     _columns("learner setting value n area earliness difference"),
-    where=no_rows,
 )
 def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the chosen settings, and the same with one setting at another value, on runs of their own."""
@@ -249,53 +242,6 @@ def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
                 measure: mean_over_scenarios(parts),
                 "difference": gain(parts, found["", ""]),
             }
-
-
-@around.figure("What changes if one of the chosen settings is changed.")
-def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
-    """Draws a row of panels per algorithm, and a panel per form of observation."""
-    variants = experiment.declared.algorithms
-    n_settings = [len(declared.search) for declared in variants.values()]
-    n_columns = max(len(declared.observations) for declared in variants.values())
-    height = 0.25 * sum(n_settings) + 0.55 * len(variants)
-    with figure_of(len(variants), n_columns, (11.0, height + 0.6)) as (figure, axes):
-        axes[0, 0].get_gridspec().set_height_ratios([n + 1.5 for n in n_settings])
-        for i, (row, variant) in enumerate(zip(axes, variants, strict=True)):
-            learners = [learner for learner in experiment.learners.values() if learner.variant == variant]
-            for axis in row[len(learners) :]:
-                axis.set_axis_off()
-            for axis, learner in zip(row, learners, strict=False):
-                _draw_around(axis, _of(table, learner), learner, experiment)
-                names = [key.split(".")[-1].replace("_", " ") for key in learner.declared.search]
-                axis.set_yticks(range(len(names)), names if axis is row[0] else [])
-                axis.tick_params(labelbottom=i == len(variants) - 1, axis="x")
-        figure.supxlabel(
-            f"{_AXES[measure_of(experiment)]}; bars: 95 % intervals; larger dots: larger values,\n"
-            "or later in the order declared; dotted line and grey band: nothing changed",
-            fontsize="small",
-        )
-    return figure
-
-
-def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, experiment: Experiment) -> None:
-    """Draws a line of dots for each setting of a learner, below each other."""
-    measure, colour = measure_of(experiment), style_of(learner.name, experiment)["color"]
-    bar = [f"{measure}_low", f"{measure}_high"]
-    unchanged = rows[rows["setting"] == "none"].iloc[0]
-    axis.axvspan(*unchanged[bar], color="0.92", lw=0)
-    axis.axvline(unchanged[measure], color="0.35", lw=0.8, ls=":")
-    space = learner.declared.search
-    for y, (key, declared) in enumerate(space.items()):
-        marks = [json.dumps(value) for value in declared.marks]
-        for _, row in rows[rows["setting"] == key].iterrows():
-            i = marks.index(row["value"])
-            height, ends = y + 0.27 * (i - (len(marks) - 1) / 2), row[bar]
-            axis.plot(ends, [height, height], color=colour, lw=0.9, alpha=0.7)
-            axis.plot(row[measure], height, "o", ms=3 + 1.6 * i, color=colour, mew=0)
-    axis.set(ylim=(len(space) - 0.4, -0.6), xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
-    axis.set_title(learner.title, fontsize="small", fontweight="bold")
-    for y in range(len(space) - 1):
-        axis.axhline(y + 0.5, color="0.85", lw=0.4)
 
 
 @item(

@@ -21,7 +21,7 @@ SCENE = scene_of(compile_scenario(load_scenario("S1")))  # of the film
 
 def shown(film: Film) -> Axes:
     """Shows the last map of a film."""
-    screen = Screen([[film]])
+    screen = Screen(film)
     screen.show(film.steps[-1])
     plt.close(screen.figure)
     return screen.figure.axes[0]
@@ -70,43 +70,34 @@ def test_titles_say_step_score_and_ending(film: Film) -> None:
     assert (state, ending) == ("step 10,000   score 1.00", "success")
 
 
-def test_films_side_by_side_show_every_step_of_any(film: Film) -> None:
-    screen = Screen([[film]])
+def test_a_film_shows_the_last_map_before_a_step(film: Film) -> None:
+    screen = Screen(film)
     plt.close(screen.figure)
     for step, last in ((0, 0), (399, 0), (400, 400), (9_999, 9_600), (50_000, 10_000)):
         screen.show(step)
         assert f"\nstep {last:,} " in screen.figure.axes[0].get_title("left")
-    few = replace(film, steps=[0, 200, 400], values=film.values[:3])
-    frames = learning([[few, replace(few, steps=[0, 100, 400])], [few]])
-    assert len(frames) == 4  # 0, 100, 200 and 400
-    assert len({frame.size for frame in frames}) == 1
 
 
 def test_large_films_fit_into_a_file(film: Film) -> None:
     model = compile_scenario(load_scenario("S1", {"grid.rows": 10, "grid.columns": 900}))
     values, greedy = np.zeros((1, 9000, 5)), np.full((1, 9000), 31, dtype=np.uint8)
     made = Film("", model, [0], values, greedy, np.zeros(1), film.walks[:1])
-    assert 2_000 < learning([[made]])[0].width < 2_200
+    assert 2_000 < learning(made)[0].width < 2_200
 
 
-def test_films_of_a_row_share_a_colour_scale(film: Film) -> None:
-    ranges = np.linspace(-1, 0, 600).reshape(1, 120, 5), np.linspace(0, 3, 600).reshape(1, 120, 5)
-    few = replace(film, steps=[0], greedy=film.greedy[25:])
-    screen = Screen([[replace(few, values=values) for values in ranges]])
-    plt.close(screen.figure)
-    *axes, bar = screen.figure.axes
-    limits = -0.98, 2.94  # without 12 of 1,200 values at each end
-    assert bar.get_ylim() == pytest.approx(limits, abs=0.01)
-    for axis, values in zip(axes, ranges, strict=True):
-        triangles, discs = axis.collections[:2]
-        assert triangles.get_clim() == discs.get_clim() == pytest.approx(limits, abs=0.01)
-        is_on = ~SCENE.is_over
-        assert np.asarray(triangles.get_array()).ravel().tolist() == values[0, is_on, :PING].ravel().tolist()
+def test_moves_and_pings_share_a_colour_scale(film: Film) -> None:
+    values = np.linspace(-1, 3, 600).reshape(1, 120, 5)
+    axis = shown(replace(film, steps=[0], greedy=film.greedy[25:], values=values))
+    triangles, discs = axis.collections[:2]
+    limits = -0.96, 2.96  # without 6 of 600 values at each end
+    assert triangles.get_clim() == discs.get_clim() == pytest.approx(limits, abs=0.01)
+    is_on = ~SCENE.is_over
+    assert np.asarray(triangles.get_array()).ravel().tolist() == values[0, is_on, :PING].ravel().tolist()
 
 
 @pytest.mark.parametrize("name", ["film.webp", "film.GIF"])
 def test_films_are_written_with_a_frame_per_map(film: Film, tmp_path: Path, name: str) -> None:
-    write(learning([[replace(film, steps=film.steps[:3])]]), tmp_path / name)
+    write(learning(replace(film, steps=film.steps[:3])), tmp_path / name)
     with Image.open(tmp_path / name) as image:
         assert getattr(image, "n_frames", 1) == 3
         image.seek(1)

@@ -1,6 +1,7 @@
 """Colours and marks of learners, and figures as SVG."""
 
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb, to_rgba
 
-from benchmark.drawing.style import _KNOWN, INK, figure_of, learner_style, save_figure
+from benchmark.drawing.style import _KNOWN, INK, WIDTH, figure_of, learner_style, name_lines, save_figure
 
 
 def brightness(colour: Any) -> float:
@@ -32,6 +33,25 @@ def test_no_two_learners_look_alike_in_grey_either() -> None:
     assert abs(brightness(linear[0]["color"]) - brightness(linear[1]["color"])) > 0.15
     looks = [learner_style("dqn", form, []) for form in ("one_hot", "coordinates", "offset_coordinates")]
     assert len({str(look["ls"]) for look in looks}) == len({look["color"] for look in looks}) == 3
+
+
+@pytest.mark.parametrize("ends", [[0.0] * 6, [1.0] * 6, [0.5] * 6, [0, 0.9, 0.2, 0.91, 0.05, 1]], ids=str)
+def test_names_of_lines_do_not_overlap_and_are_in_order(ends: list[float]) -> None:
+    titles = [f"learner {i} on coordinates" for i in range(len(ends))]
+    with figure_of(1, 1, (WIDTH, 2.6)) as (figure, axes):
+        axes[0, 0].set_ylim(0, 1)
+        style = learner_style("dqn", "index", [])
+        name_lines(axes[0, 0], {title: (end, style) for title, end in zip(titles, ends, strict=True)})
+    figure.draw_without_rendering()
+    texts = sorted(axes[0, 0].texts, key=lambda text: text.get_window_extent().y0)
+    boxes = [text.get_window_extent() for text in texts]
+    assert [text.get_text().replace("\n", " ") for text in texts] == [
+        titles[i] for i in np.argsort(ends, kind="stable")
+    ]
+    assert all(below.y1 <= above.y0 for below, above in pairwise(boxes))
+    assert all(box.x0 > axes[0, 0].bbox.x1 and box.x1 < figure.bbox.x1 for box in boxes)
+    assert boxes[0].y0 > 0
+    assert boxes[-1].y1 < figure.bbox.y1
 
 
 @pytest.mark.parametrize("text", ["$x^2$", r"$\frac$", "a_b, 5 $", r"\$x$"])

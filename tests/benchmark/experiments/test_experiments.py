@@ -58,7 +58,7 @@ def test_miniatures_have_the_same_readings_and_learners() -> None:
         variants, others = small.declared.algorithms, load_experiment(name).declared.algorithms
         assert list(variants) == list(others)
         for variant, other in zip(variants.values(), others.values(), strict=True):
-            for key in ("algorithm", "reference_for", "group"):
+            for key in ("algorithm", "reference_for"):
                 assert getattr(variant, key) == getattr(other, key)
             n_observations = 1 if variant.reference_for else None  # of a check, the first does
             assert variant.observations == other.observations[:n_observations]
@@ -158,13 +158,13 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
     assert states[0] == states[1] != states[2]
 
 
-def test_a_reference_takes_settings_observations_and_group_from_its_variant() -> None:
+def test_a_reference_takes_settings_and_observations_from_its_variant() -> None:
     variants = load_experiment("compare_deep").declared.algorithms
     checks = [variant for variant in variants.values() if variant.reference_for]
     assert len(checks) == 5
     for check in checks:
         checked = variants[check.reference_for]
-        for key in ("settings", "group", "policy", "observations"):
+        for key in ("settings", "policy", "observations"):
             assert getattr(check, key) == getattr(checked, key)
         assert check.algorithm == checked.algorithm.removeprefix("compiled_")
 
@@ -209,9 +209,9 @@ OF_A_REPLICATION = [
 ]
 LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
-    ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
+    ('title = "PPO"', 'title = "P\\nPO"', 'algorithms.ppo.title = "P\\nPO": accepted: text in one line'),
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
-    ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
+    ('reference_for = "ppo"', 'reference_for = "ppo"\nrank = 2', "algorithms.ppo_sb3.rank: "),
     (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: input should be less than"),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: centre, index"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
@@ -221,7 +221,7 @@ OF_A_COMPARISON = [
         f'{LINEAR}\nalgorithm = "ppo"',
         "algorithms.dqn_linear_sb3.settings",
     ),
-    ('group = "PPO"', 'family = "tabular"', "[algorithms.ppo]: unknown key family"),
+    ('title = "PPO"', 'family = "tabular"', "[algorithms.ppo]: unknown key family"),
     ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
     ('"every_cell"]', '"anywhere"]', "evaluated_from"),
     ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limits"),
@@ -287,10 +287,10 @@ def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
 def test_control_characters_are_refused_in_labels(tmp_path: Path) -> None:
     for text in ("\x1b[31mred", "a\rb", "\x00", "\x9b1m", "a\u202eb"):
         with pytest.raises(
-            InputError, match=re.escape(f"algorithms.q_learning.group = {json.dumps(text)}: ")
+            InputError, match=re.escape(f"algorithms.q_learning.title = {json.dumps(text)}: ")
         ):
-            extended(tmp_path, "mine", algorithms__q_learning__group=text)
-    extended(tmp_path, "mine", algorithms__q_learning__group="日本 é ∆")
+            extended(tmp_path, "mine", algorithms__q_learning__title=text)
+    extended(tmp_path, "mine", algorithms__q_learning__title="日本 é ∆")
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:

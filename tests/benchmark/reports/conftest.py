@@ -43,7 +43,6 @@ settings = { n_steps = 100, batch_size = 50, n_epochs = 1 }
 algorithm = "compiled_dqn"
 observations = ["one_hot"]
 seeds = 12
-group = "nets"
 settings = { learning_starts = 50, batch_size = 8, policy_kwargs = { net_arch = [8] } }
 """
 

@@ -10,32 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.analysis.records import Records, anchors
+from benchmark.analysis.records import Records
 from benchmark.reports import explorer
-from benchmark.reports.explorer import FILE, MOST_MASKS, typical_agent, write
+from benchmark.reports.explorer import FILE, MOST_MASKS, write
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.populations import population as blank
 
 UP, RIGHT, PING = (1 << ACTIONS.index(name) for name in ("UP", "RIGHT", "PING"))
-
-
-@pytest.mark.parametrize(
-    ("scores", "seeds", "typical"),
-    [
-        # Means of 1, 0.5, 0.1 and 0.25, since -5 counts as 0; of an even number, the lower median.
-        ([[1, 1, 1, 1], [-5, 1, 1, 0], [0, 0, 0, 0.4], [0.25, 0.25, 0.25, 0.25]], [0, 1, 2, 3], 3),
-        # Means of 0.5, 0.2, 0.5, 0.9 and 0.5: of those with the median, the lowest seed.
-        ([[0.5] * 4, [0.2] * 4, [0, 0, 1, 1], [0.9] * 4, [1, 0.5, 0.5, 0]], [7, 1, 9, 2, 3], 4),
-        ([[0, 0, 0, 1]], [5], 0),
-    ],
-)
-def test_typical_agent_has_the_median_mean_score(
-    scores: list[list[float]], seeds: list[int], typical: int
-) -> None:
-    random, optimal = anchors(blank().model, blank().run.horizon, "start")["grid_return"]
-    grid_return = random + np.array(scores) * (optimal - random)
-    assert typical_agent(replace(blank(n=len(seeds), grid_return=grid_return), seeds=seeds)) == typical
 
 
 def population(n: int = 120) -> Records:

@@ -93,7 +93,7 @@ def test_values_of_cells_and_where_policies_differ() -> None:
 def judged(side: str, threshold: float, *parts: list[float]) -> pd.DataFrame:
     """Judges made-up parts: of each, the value, the ends of its interval and perhaps its standard error."""
     made = [claims.Part("", x, low, high, (*error, np.nan)[0]) for x, low, high, *error in parts]
-    claim = claims.Claim("c", side, threshold, ("S1",), lambda *_: made)
+    claim = claims.Claim("c", "", side, threshold, ("S1",), lambda *_: made)
     return claims.judge({"S1": population()}, "", [claim])
 
 
@@ -228,7 +228,7 @@ def test_published_verdicts_are_counted_and_every_claim_is_explained() -> None:
     folder = ROOT / "results" / "reproduce"
     headline, text = verdicts.headline(Folder(folder)), Document(folder).readme()
     assert [number for number, *_ in LINK.findall(headline or "")] == ["7", "1", "3"]
-    assert [claim.id for claim in claims.CLAIMS if f"- `{claim.id}`: " not in text] == []
+    assert [claim.id for claim in claims.CLAIMS if f"- *{claim.title}* (`{claim.id}`): " not in text] == []
     assert f"{RESAMPLES:,} seeded" in text
 
 

@@ -29,7 +29,7 @@ $\frac$ \input{x} % # ^ ~
 | 1 | 2 |
 """
 EFFECT = r"@1+1 <img src=x onerror=alert(1)> | $\x_$ [a](javascript:b)"
-PHASE, GROUP = r"<b>|$\frac$ [red]_", r"_=$\x^$ <i>&amp;|"
+PHASE, TITLE = r"<b>|$\frac$ [red]_", r"_=$\x^$ <i>&amp;|"
 EXPERIMENT = f"""
 description = {json.dumps(TEXT)}
 note = {json.dumps(TEXT)}
@@ -38,12 +38,12 @@ evaluation_every = 100
 map_every = 200
 settings = {{ budget = 200 }}
 scenarios = ["S1", "FOLDER/mood-1.toml"]
-algorithms.one-1 = {{ algorithm = "q_learning", observations = ["index"], seeds = 2, group = GROUP }}
-algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2, group = GROUP }}
+algorithms.one-1 = {{ algorithm = "q_learning", observations = ["index"], seeds = 2, title = TITLE }}
+algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2 }}
 
 [report]
 kind = "comparison"
-omit = ["agents", "learning", "wrong_pings"]
+omit = ["agents", "wrong_pings"]
 pool = "none"
 contrasts = [["one-1, index", "2_two, index"]]
 effects = [["mood-1", "S1", EFFECT]]
@@ -59,7 +59,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moody = re.sub("description = .*", lambda _: f"description = {json.dumps(TEXT)}", moody)
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
     text = EXPERIMENT.replace("FOLDER", str(folder)).replace("EFFECT", json.dumps(EFFECT))
-    experiment = experiment_of(folder / "mine-1.toml", text.replace("GROUP", json.dumps(GROUP)))
+    experiment = experiment_of(folder / "mine-1.toml", text.replace("TITLE", json.dumps(TITLE)))
     report = draw.report_of(experiment)
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
@@ -87,7 +87,7 @@ def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(hostile
     rows = [line.count(" | ") + 1 for line in text.splitlines() if line.startswith("| ")]
     assert cells == sum(rows)
     words = " ".join(html.unescape(re.sub("<[^>]+>", " ", parser.render(text))).split())
-    assert words.count(" ".join(TEXT.split())) == 3  # of the experiment, its note and the scenario
+    assert words.count(" ".join(TEXT.split())) == 2  # of the experiment and its note
 
 
 def test_figures_have_the_texts_as_characters(hostile: Path) -> None:
@@ -96,6 +96,6 @@ def test_figures_have_the_texts_as_characters(hostile: Path) -> None:
         path.stem: html.unescape("\n".join(re.findall("<text[^>]*>([^<]*)</text>", path.read_text())))
         for path in hostile.glob("*.svg")
     }
-    assert f"{EFFECT}:\nmood-1" in texts["effects"]
-    assert PHASE in texts["scenarios"]
-    assert f"S1, {GROUP}" in texts["curves"]
+    assert PHASE in texts["scenarios"].replace("\n", " ")
+    for name in ("contrasts", "curves", "summary"):
+        assert TITLE in " ".join(texts[name].split("\n")), name
