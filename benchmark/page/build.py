@@ -49,6 +49,7 @@ _TABLE: Final = re.compile("<table>.*?</table>", re.DOTALL)  # which a document 
 _BOX: Final = r'<div class="scroll" role="group" tabindex="0" aria-label="Table">\g<0></div>'
 _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
 _SECTIONS: Final = re.compile(rf"\n(?=## |#+ {_FOLDED}\n)")  # where the sections of a document begin
+_SENTENCES: Final = re.compile(r"(?<=\.) (?=[A-Z*])")  # where one ends
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
@@ -102,15 +103,12 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
             "compare-deep make them."
         )
     page = (folders[0] if has_own_page else results) / "index.html"
-    try:
-        answer = [] if has_own_page else prose.answer(results)
-    except prose.ClaimError:  # on another type of processor, nets learn differently
-        answer = []
     parts = [_Part(folder, "" if has_own_page else f"{folder.name}/") for folder in folders]
-    yield page, _render(parts, answer)
+    yield page, _render(parts)
     if listed := published(results):
         template = templates_in(_TEMPLATES).get_template("index.md.jinja")
-        findings = {folder.name: _finding(folder) for folder in listed}
+        documents = {part.name: part.document for part in parts}
+        findings = {folder.name: _finding(folder, documents.get(folder.name)) for folder in listed}
         yield results / "README.md", template.render(findings=findings, has_page=bool(chapters(results)))
         yield results / SCENES, _scenes()
 
@@ -138,13 +136,23 @@ class _Part:
         """Whether the page has its whole document."""
         return not self.prefix or self.name in (*CHAPTERS, SPEED)
 
-    def report(self, templates: jinja2.Environment, answer: Sequence[str]) -> dict[str, object]:
-        """Returns what the page shows of the report, by the page's templates; it may have the answer."""
+    @property
+    def is_answer(self) -> bool:
+        """Whether the page opens with its finding: that of the first published experiment, as written."""
+        with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
+            is_first = bool(self.prefix) and self.name == next(iter(PUBLISHED))
+            return is_first and prose.written(self.folder) is not None
+        return False
+
+    def report(self, templates: jinja2.Environment) -> dict[str, object]:
+        """Returns what the page shows of the report, by the page's templates."""
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
+        headline = (document.headline or "").split("\n\n")
         # The report's lead comes first. If it stands beside the answer, the next one leads the report.
         drawn = [item for item in document.items if self.folder.figure(item.name)]
         drawn.sort(key=lambda item: item.name != document.report.lead)
+        answer = _SENTENCES.split(headline.pop(0)) if self.is_answer else []
         top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
         def content(match: re.Match[str]) -> str:
@@ -152,7 +160,7 @@ class _Part:
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
             has_figure = item in drawn and item not in (top, lead) and not (table and is_folded)
-            shown = {"item": item, "table": table, "is_folded": is_folded, "most_rows": _MOST_ROWS}
+            shown = {"item": item, "table": table, "is_folded": is_folded}
             shown |= {"figure": self._figure(item) if has_figure else None}
             source = f"{self.prefix}{item.name}.csv"
             return templates.get_template("item.html").render(shown, source=source).strip()
@@ -165,7 +173,7 @@ class _Part:
             "question": document.question,
             "answer": [self.inline(sentence) for sentence in answer],
             "top": self._figure(top) if top is not None else None,
-            "headline": [self.inline(text) for text in (document.headline or "").split("\n\n") if text],
+            "headline": [self.inline(text) for text in headline if text],
             "map": self._map(),
             "lead": self._figure(lead) if lead is not None else None,
             "description": self.inline(inert(manifest["description"])),
@@ -234,10 +242,15 @@ class _Part:
         return sections
 
     def _table(self, item: Item) -> dict[str, object] | None:
-        """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show."""
+        """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show.
+
+        A long one, which is shown on demand, has its number of rows alone.
+        """
         shown = self.document.shown(item)
         if shown.empty:
             return None
+        if len(shown) > _MOST_ROWS:
+            return {"n_rows": len(shown)}
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
         kinds = []  # the class of each column's cells: names have none
         for name, column in zip(shown, zip(*cells, strict=True), strict=True):
@@ -246,7 +259,7 @@ class _Part:
         n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
         kinds[1:n_keys] = ["key"] * (n_keys - 1)
         columns = [self.inline(str(name)) for name in shown]
-        return {"columns": columns, "kinds": kinds, "rows": cells, "n_keys": n_keys}
+        return {"columns": columns, "kinds": kinds, "rows": cells, "n_rows": len(cells), "n_keys": n_keys}
 
     def _figure(self, item: Item) -> dict[str, object]:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
@@ -269,7 +282,7 @@ def _slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
-def _render(parts: Sequence[_Part], answer: Sequence[str]) -> str:
+def _render(parts: Sequence[_Part]) -> str:
     templates = templates_in(_TEMPLATES, is_html=True)
     templates.filters["slug"] = _slug
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
@@ -278,7 +291,7 @@ def _render(parts: Sequence[_Part], answer: Sequence[str]) -> str:
         with part.folder.reading():
             for path in sorted(part.folder.path.glob("*.csv")):
                 tables[f"{part.prefix}{path.name}"] = path.read_text(encoding="utf-8")
-            reports.append(part.report(templates, () if reports else answer))
+            reports.append(part.report(templates))
             if explorer.FILE in part.folder:
                 explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
             for name, declared in part.folder.manifest["scenarios"].items() if part.is_whole else ():
@@ -333,8 +346,9 @@ def _scripts(name: str) -> dict[str, str]:
     return texts | {name: _EXPORT.sub("", _IMPORT.sub("", text))}
 
 
-def _finding(path: Path) -> str:
+def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        return plain((Document(path).headline or folder.manifest["description"]).partition("\n\n")[0])
+        headline = (document or Document(path)).headline
+        return plain((headline or folder.manifest["description"]).partition("\n\n")[0])
     return ""

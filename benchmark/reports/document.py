@@ -145,15 +145,7 @@ def front(results: Path) -> str:
     for name in PUBLISHED:
         prose.written(Folder(results / name))  # also of those that README does not cite
     with Folder(results / next(iter(PUBLISHED))).reading():
-        return (
-            templates_in(_FRONT.parent)
-            .get_template(_FRONT.name)
-            .render(
-                figure=figure,
-                text=text,
-                answer=[tables.plain(sentence) for sentence in prose.answer(results)],
-            )
-        )
+        return templates_in(_FRONT.parent).get_template(_FRONT.name).render(figure=figure, text=text)
 
 
 def write(path: Path) -> None:

@@ -2,27 +2,23 @@
 
 The finding of a published experiment is a template beside its file: `benchmark/experiments/when.md.jinja`.
 Every number in it is a link to its rows, and every other statement is guarded by a `claim` about the tables.
-Its first paragraph is the finding. A paragraph may start with a title in bold, by which the README of this
+Its first paragraph is the answer. A paragraph may start with a title in bold, by which the README of this
 repository includes it and those after it. Results of other seeds, or of some of the runs, have no such text.
-The answer to the project's question, on the first screens of README and page, is another such text.
 """
 
 import re
 from functools import cache
-from pathlib import Path
 from typing import Final
 
 import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.experiments import EXPERIMENT_DIRECTORY
-from benchmark.reports.folder import MANIFEST, Folder, with_titles
+from benchmark.reports.folder import Folder, with_titles
 from benchmark.reports.templates import templates_in
 from envs import InputError
 from envs.words import listed
 
-_ANSWER: Final = Path(__file__).with_name("answer.md.jinja")
-_ANSWERING: Final = "when"  # the experiment that answers
 _TITLE: Final = re.compile(r"^\*\*(.+?)\.\*\* ", re.MULTILINE)
 
 
@@ -33,30 +29,13 @@ class ClaimError(InputError):
 def written(folder: Folder) -> str | None:
     """Returns the text written for a folder of results, in Markdown; None if there is none for these runs.
 
-    Raises what `_filled` does.
-    """
-    return _filled(folder, EXPERIMENT_DIRECTORY / f"{folder.manifest.get('argument')}.md.jinja")
-
-
-def answer(results: Path) -> list[str]:
-    """Returns the sentences that answer the project's question, in Markdown; none without the runs for it.
-
-    Raises what `_filled` does.
-    """
-    folder = Folder(results / _ANSWERING)
-    is_there = MANIFEST in folder and folder.manifest.get("argument") == _ANSWERING
-    return (_filled(folder, _ANSWER) or "").split("\n\n") if is_there else []
-
-
-def _filled(folder: Folder, path: Path) -> str | None:
-    """Returns a text with what it looks up in a folder of results; None if there is none for these runs.
-
     Raises:
       ClaimError: The tables do not show what it claims. On another type of processor nets learn differently,
         so there a claim can fail without any error.
       InputError: They lack what it cites.
     """
     manifest = folder.manifest
+    path = EXPERIMENT_DIRECTORY / f"{manifest.get('argument')}.md.jinja"
     is_as_declared = not manifest.get("partial") and " --seeds " not in manifest.get("command", "")
     if not is_as_declared or not path.is_file():
         return None

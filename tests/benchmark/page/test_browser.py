@@ -480,7 +480,6 @@ def test_published_page_answers_at_once_and_is_short(open_page: Open, published:
     assert boxes[0]["y"] < boxes[1]["y"] < boxes[2]["y"]
     assert all(0 <= box["x"] <= box["x"] + box["width"] <= 1366 for box in boxes)
     assert all(box["y"] + box["height"] <= 768 for box in boxes)
-    assert opened.page.locator(".answer li").count() == 3
     assert opened.page.evaluate("document.documentElement.scrollHeight") < 15_000
     # The explorer opens where tile coding and the best net end differently, with all views, on large maps.
     assert opened.panel("left", ".walked").inner_text().endswith("success.")
