@@ -15,8 +15,8 @@ from benchmark.experiments.experiment import (
 from benchmark.experiments.run import RunSpecification
 from benchmark.experiments.schema import DEFAULT_CONDITION, EXPERIMENT_DIRECTORY, Reporting, experiment_names
 
-# The experiments whose results are published, the most important first, and whether each has a chapter on the
-# page of all results. The results of other experiments are ignored by git.
+# The experiments whose results are published, the most important first, and whether each has a chapter, its
+# whole document, on the page of all results. The results of other experiments are ignored by git.
 PUBLISHED: Final[Mapping[str, bool]] = {
     "when": True,
     "groups": True,

@@ -1,4 +1,4 @@
-"""Writes the page: one HTML file with every report's document and the explorer, made of published files.
+"""Writes the page: one HTML file with the answer, the explorer and every report, made of published files.
 
 Nothing is computed here, so no run is needed. A document is that of README, with a figure or a sortable
 table in the place of every item. A number is an entry of a CSV file beside the page, and links to its row,
@@ -16,6 +16,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Final
+from urllib.parse import quote
 
 import jinja2
 from markdown_it import MarkdownIt
@@ -28,25 +29,27 @@ from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import in_dark, learner_style, svg
 from benchmark.drawing.tables import inert, plain
 from benchmark.experiments import PUBLISHED
-from benchmark.page import episode
-from benchmark.reports import explorer, files, sameness
+from benchmark.reports import explorer, files, prose, sameness
 from benchmark.reports.document import Document, templates_in
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Item
-from envs import InputError, load_scenario
+from envs import InputError
 
 CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
 SPEED: Final = "speed"  # the folder with measurements of this project, at the end of the page of all chapters
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
+_ESCAPED: Final = "%#&'\n"  # in an address in single quotes
 _MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
+_TABLE: Final = re.compile("<table>.*?</table>", re.DOTALL)  # which a document has as Markdown
+_BOX: Final = r'<div class="scroll" role="group" tabindex="0" aria-label="Table">\g<0></div>'
 _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
 _SECTIONS: Final = re.compile(rf"\n(?=## |#+ {_FOLDED}\n)")  # where the sections of a document begin
+_SENTENCES: Final = re.compile(r"(?<=\.) (?=[A-Z*])")  # where one ends
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
@@ -61,9 +64,9 @@ def published(results: Path) -> list[Path]:
 
 
 def chapters(results: Path) -> list[str]:
-    """Lists the folders that the page of all chapters shows; none if no experiment is there."""
-    names = [folder.name for folder in published(results) if folder.name in (*CHAPTERS, SPEED)]
-    return names if names != [SPEED] else []
+    """Lists the folders that the page of all results shows; none if there is no chapter."""
+    names = [folder.name for folder in published(results)]
+    return names if {*names} & {*CHAPTERS} else []
 
 
 def write(results: Path, experiment: str | None = None) -> Path:
@@ -88,8 +91,9 @@ def write(results: Path, experiment: str | None = None) -> Path:
 def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, str]]:
     """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
 
-    The page shows all chapters whose results are there, and is `index.html` of `results`. But that of an
-    experiment without a chapter shows it alone, and lies in its folder. It may raise an `InputError`.
+    The page shows all published results that are there, those with a chapter with their whole documents, and
+    is `index.html` of `results`. The page of an experiment without a chapter shows it alone, and lies in its
+    folder. It may raise an `InputError`.
     """
     has_own_page = experiment not in (None, *CHAPTERS)
     folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
@@ -99,10 +103,12 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
             "compare-deep make them."
         )
     page = (folders[0] if has_own_page else results) / "index.html"
-    yield page, _render([_Part(folder, "" if has_own_page else f"{folder.name}/") for folder in folders])
+    parts = [_Part(folder, "" if has_own_page else f"{folder.name}/") for folder in folders]
+    yield page, _render(parts)
     if listed := published(results):
         template = templates_in(_TEMPLATES).get_template("index.md.jinja")
-        findings = {folder.name: _finding(folder) for folder in listed}
+        documents = {part.name: part.document for part in parts}
+        findings = {folder.name: _finding(folder, documents.get(folder.name)) for folder in listed}
         has = {"page": bool(chapters(results)), "leaderboard": any(results.glob("leaderboard/README.md"))}
         yield results / "README.md", template.render(findings=findings, has=has)
         yield results / SCENES, _scenes()
@@ -126,18 +132,36 @@ class _Part:
         self.prefix = prefix
         self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether the page has its whole document."""
+        return not self.prefix or self.name in (*CHAPTERS, SPEED)
+
+    @property
+    def is_answer(self) -> bool:
+        """Whether the page opens with its finding: that of the first published experiment, as written."""
+        with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
+            is_first = bool(self.prefix) and self.name == next(iter(PUBLISHED))
+            return is_first and prose.written(self.folder) is not None
+        return False
+
     def report(self, templates: jinja2.Environment) -> dict[str, object]:
         """Returns what the page shows of the report, by the page's templates."""
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
-        lead = items.get(document.report.lead)
-        lead = lead if lead is not None and self.folder.figure(lead.name) else None
+        headline = (document.headline or "").split("\n\n")
+        # The report's lead comes first. If it stands beside the answer, the next one leads the report.
+        drawn = [item for item in document.items if self.folder.figure(item.name)]
+        drawn.sort(key=lambda item: item.name != document.report.lead)
+        answer = _SENTENCES.split(headline.pop(0)) if self.is_answer else []
+        top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
         def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
-            has_figure = self.folder.figure(item.name) and item is not lead
-            shown = {"item": item, "table": table, "is_folded": is_folded, "most_rows": _MOST_ROWS}
+            # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
+            has_figure = item in drawn and item not in (top, lead) and not (table and is_folded)
+            shown = {"item": item, "table": table, "is_folded": is_folded}
             shown |= {"figure": self._figure(item) if has_figure else None}
             source = f"{self.prefix}{item.name}.csv"
             return templates.get_template("item.html").render(shown, source=source).strip()
@@ -148,12 +172,14 @@ class _Part:
         report = {
             "id": self.name,
             "question": document.question,
-            "headline": [self.inline(text) for text in (document.headline or "").split("\n\n") if text],
+            "answer": [self.inline(sentence) for sentence in answer],
+            "top": self._figure(top) if top is not None else None,
+            "headline": [self.inline(text) for text in headline if text],
             "map": self._map(),
             "lead": self._figure(lead) if lead is not None else None,
             "description": self.inline(inert(manifest["description"])),
             "note": self.inline(inert(manifest.get("note", ""))),
-            "sections": self._sections(markdown, content),
+            "sections": self._sections(markdown, content) if self.is_whole else [],
             "readme": f"{self.prefix}README.md",
             "made": manifest,
             "manifest": f"{self.prefix}{MANIFEST}",
@@ -205,21 +231,27 @@ class _Part:
             tokens = self._parser.parse(body)
             for token in tokens:
                 token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
+            boxed = _TABLE.sub(_BOX, self._html(tokens))
             if heading or tokens:
                 section = {
                     "heading": self.inline(heading),
                     "id": f"{self.name}-{_slug(heading)}" if heading else "",
                     "is_folded": heading == _FOLDED,
-                    "body": Markup(_MARKED.sub(content, self._html(tokens))),
+                    "body": Markup(_MARKED.sub(content, boxed)),
                 }
                 sections.append(section)
         return sections
 
     def _table(self, item: Item) -> dict[str, object] | None:
-        """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show."""
+        """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show.
+
+        A long one, which is shown on demand, has its number of rows alone.
+        """
         shown = self.document.shown(item)
         if shown.empty:
             return None
+        if len(shown) > _MOST_ROWS:
+            return {"n_rows": len(shown)}
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
         kinds = []  # the class of each column's cells: names have none
         for name, column in zip(shown, zip(*cells, strict=True), strict=True):
@@ -228,20 +260,23 @@ class _Part:
         n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
         kinds[1:n_keys] = ["key"] * (n_keys - 1)
         columns = [self.inline(str(name)) for name in shown]
-        return {"columns": columns, "kinds": kinds, "rows": cells, "n_keys": n_keys}
+        return {"columns": columns, "kinds": kinds, "rows": cells, "n_rows": len(cells), "n_keys": n_keys}
 
     def _figure(self, item: Item) -> dict[str, object]:
-        """Returns a figure as the page shows it: its file, in base64, and its size in pixels."""
+        """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
         path = self.folder.path / self.folder.figure(item.name)
-        content, form = path.read_bytes(), path.suffix[1:]
-        if form == "svg":
-            form, sizes = "svg+xml", _SIZE.findall(content.decode())[:2]
-            width, height = (round(float(size) * 4 / 3) for size in sizes)
+        if path.suffix == ".svg":
+            drawn = path.read_text(encoding="utf-8")
+            width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
+            for character in _ESCAPED:
+                drawn = drawn.replace(character, quote(character))
+            address = f"svg+xml,{drawn}"
         else:
+            address = f"png;base64,{_base64(path.read_bytes())}"
             with Image.open(path) as image:
-                width, height = image.size
+                width, height = (round(size * 96 / image.info.get("dpi", (96,))[0]) for size in image.size)
         texts = {"caption": self.inline(item.caption), "alt": item.caption}
-        return {**texts, "type": form, "data": _base64(content), "width": width, "height": height}
+        return {**texts, "address": Markup(address), "width": width, "height": height}
 
 
 def _slug(text: str) -> str:
@@ -250,12 +285,9 @@ def _slug(text: str) -> str:
 
 def _render(parts: Sequence[_Part]) -> str:
     templates = templates_in(_TEMPLATES, is_html=True)
-    templates.filters |= {"slug": _slug, "signed": lambda number: f"{number:.3g}".replace("-", "−")}
+    templates.filters["slug"] = _slug
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
-    templates.globals |= {
-        "inside": tables,
-        "root": "results/" if parts[0].prefix else f"results/{parts[0].name}/",
-    }
+    templates.globals |= {"inside": tables, "root": "results/" if parts[0].prefix else ""}
     for part in parts:
         with part.folder.reading():
             for path in sorted(part.folder.path.glob("*.csv")):
@@ -263,22 +295,13 @@ def _render(parts: Sequence[_Part]) -> str:
             reports.append(part.report(templates))
             if explorer.FILE in part.folder:
                 explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
-            for name, declared in part.folder.manifest["scenarios"].items():
+            for name, declared in part.folder.manifest["scenarios"].items() if part.is_whole else ():
                 scenarios[name] = part.inline(inert(declared["description"]))
-    scene, steps = episode.episode()
     first = parts[0].folder.manifest
-    # The page of a user's experiment does not tell of a scenario that it does not have.
-    usual = load_scenario(episode.SCENARIO).model_dump(mode="json")
-    has_episode = bool(parts[0].prefix) or first["scenarios"].get(episode.SCENARIO) == usual
     with parts[0].folder.reading():
         return templates.get_template("page.html").render(
             reports=reports,
-            task=parts[0].inline(_TASK.read_text(encoding="utf-8")),
-            scene=scene,
-            episode=steps,
-            steps=episode.highlights(steps) if has_episode else [],
-            rate=episode.RATE,
-            discount=episode.DISCOUNT,
+            is_own=not parts[0].prefix,
             scenarios=scenarios,
             horizon=first.get("horizon"),
             agents=explored,
@@ -324,8 +347,9 @@ def _scripts(name: str) -> dict[str, str]:
     return texts | {name: _EXPORT.sub("", _IMPORT.sub("", text))}
 
 
-def _finding(path: Path) -> str:
+def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        return plain((Document(path).headline or folder.manifest["description"]).partition("\n\n")[0])
+        headline = (document or Document(path)).headline
+        return plain((headline or folder.manifest["description"]).partition("\n\n")[0])
     return ""

@@ -54,7 +54,11 @@ settings = {{ budget = 2048 }}
 """
 TABLE, NET, POLICY = ("a-table_b", "index"), ("dqn", "coordinates"), ("ppo", "one_hot")
 Learners = dict[tuple[str, str, str], Records]
-LABELS = {TABLE: "a-table_b", NET: "dqn on coordinates", POLICY: "ppo on one-hot cells"}
+LABELS: dict[tuple[str, ...], str] = {
+    TABLE: "a-table_b",
+    NET: "dqn on coordinates",
+    POLICY: "ppo on one-hot cells",
+}
 
 
 class Opened:
@@ -62,7 +66,7 @@ class Opened:
 
     def __init__(self, browser: Browser, folder: Path, fragment: str, **options: Any) -> None:
         self.page: Page = browser.new_page(**({"viewport": {"width": 1280, "height": 900}} | options))
-        self.page.set_default_timeout(180_000)  # ms; on a loaded machine
+        self.page.set_default_timeout(20_000)  # ms; on a loaded machine
         self.messages: list[str] = []
         self.requested: list[str] = []
         self.page.on("console", lambda message: self.messages.append(message.text))
@@ -75,9 +79,8 @@ class Opened:
     def panel(self, side: str, part: str = "") -> Locator:
         return self.page.locator(f".panel[data-side={side}] {part}")
 
-    def choose(self, side: str, *names: str) -> None:
-        scenario, algorithm, observation = names
-        for menu, value in (("scenario", scenario), ("learner", LABELS[algorithm, observation])):
+    def choose(self, side: str, scenario: str, *learner: str) -> None:
+        for menu, value in (("scenario", scenario), ("learner", LABELS.get(learner, learner[0]))):
             self.panel(side, f"select[name={menu}]").select_option(value)
 
     def choose_both(self, *names: str) -> None:

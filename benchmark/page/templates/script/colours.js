@@ -80,7 +80,7 @@ function isBright(colour) {
 export const kindFor = (agent, kind) => (agent.hasValues ? kind : "policy");
 
 // Paints a map of an agent on a scene: `kind` is an option of the page's "Show" menu.
-export function paint(view, { agent, block }, map, kind, range, withMarks) {
+export function paint(view, { agent, block }, map, kind, range) {
   const { room } = agent;
   const hasShapes = kind === "values" || kind === "difference";
   const states = statesOf(room, block);
@@ -103,7 +103,7 @@ export function paint(view, { agent, block }, map, kind, range, withMarks) {
     const closed = explorer.palette[room.walls.includes(cell) ? "wall" : "over"];
     whole.setAttribute("fill", isOver ? closed : background ?? "#000");
 
-    const isMarked = (withMarks || kind === "policy") && !isOver && !isIndifferent;
+    const isMarked = !isOver && !isIndifferent;
     const moves = members(greedy).filter((a) => a < explorer.moves.length);
     arrows.setAttribute("d", isMarked ? moves.map((a) => view.arrow(cell, a)).join("") : "");
     arrows.setAttribute("class", isBright(background ?? colours[moves[0] ?? 0]) ? "mark on-bright" : "mark");

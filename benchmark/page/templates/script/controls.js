@@ -7,7 +7,7 @@ import { addressOf, asked } from "./address.js";
 
 const slider = byId("step");
 const kinds = byId("shown");
-const shown = { step: 0, kind: "values", marks: true };
+const shown = { step: 0, kind: "values" };
 const panels = [];
 let hasAddress = false; // whether the address follows what is shown
 let addressTimer;
@@ -20,13 +20,14 @@ function refresh() {
   const place = Math.max(steps.findLastIndex((step) => step <= shown.step), 0);
   shown.step = steps[place];
   slider.max = steps.length - 1;
-  slider.parentElement.hidden = steps.length === 1;
+  slider.disabled = byId("learn").disabled = steps.length === 1;
   slider.value = place;
-  const text = `${grouped(shown.step)} of ${grouped(steps.at(-1))}`;
+  const text = slider.disabled ? `only ${grouped(shown.step)} is published` : `${grouped(shown.step)} of ${grouped(steps.at(-1))}`;
   byId("step-text").textContent = text;
   const hasValues = panels.some((panel) => panel.agent.hasValues);
   for (const option of kinds.options) option.disabled = !hasValues && option.value !== "policy";
   kinds.value = hasValues ? shown.kind : "policy";
+  byId("shown-why").textContent = hasValues ? "" : "Of these agents, only the policy is published.";
   slider.setAttribute("aria-valuetext", text);
   byId("step-label").textContent = `Training ${[...new Set(panels.map((panel) => panel.agent.unitName))].join(" or ")}`;
   panels[0].draw(shown, panels[1]);
@@ -36,27 +37,23 @@ function refresh() {
   if (hasAddress) addressTimer = setTimeout(() => history.replaceState(null, "", address), 150);
 }
 
-// The walk of an agent after training, to its end.
-function walkFrom(agent, start) {
-  const walk = new Walk(agent, agent.steps.length - 1, start);
-  while (walk.step());
-  return walk;
-}
-
-// A table and the best net, in the first scenario of those where the person may be in most places, with the person
-// where their walks end differently, if they do somewhere.
+// Tile coding, or else a table, and the best net, in the first scenario of those where the person may be in most
+// places, with the person where their walks end differently, if they do somewhere, and the first is longest. Agents
+// with values come first.
 function firstPair() {
   const most = Math.max(...agents.map((agent) => agent.room.places.length));
   const { scenario } = agents.find((agent) => agent.room.places.length === most);
   const there = agents.filter((agent) => agent.scenario === scenario);
-  const table = there.find((agent) => agent.family === "tabular") ?? there[0];
-  const nets = there.filter((agent) => agent.family === "deep");
-  const best = nets.reduce((found, net) => (net.score.at(-1) > found.score.at(-1) ? net : found), nets[0]);
-  const pair = [table, best ?? there.at(-1)];
-  const { room } = table;
-  const middle = Math.floor(room.starts.length / 2);
-  const differs = (start) => new Set(pair.map((agent) => walkFrom(agent, start).steps.at(-1).event)).size > 1;
-  const start = [...room.starts.slice(middle), ...room.starts].find(differs) ?? room.starts[middle];
+  const rank = (agent) => agent.score.at(-1) + (agent.hasValues ? 100 : 0);
+  const best = (family) => there.filter((agent) => agent.family === family).sort((a, b) => rank(b) - rank(a))[0];
+  const pair = [best("linear") ?? best("tabular") ?? there[0], best("deep") ?? there.at(-1)];
+  const [{ room }] = pair;
+  const interest = (start) => {
+    const walks = pair.map((agent) => new Walk(agent, agent.steps.length - 1, start).finish());
+    return (walks[0].at(-1).event !== walks[1].at(-1).event) * walks[0].length;
+  };
+  const of = room.starts.map(interest);
+  const start = room.starts[of.indexOf(Math.max(...of))];
   return pair.map((agent) => ({ ...agent, block: room.blockOf(start) }));
 }
 
@@ -108,7 +105,13 @@ function nextStep() {
   return going.some(Boolean);
 }
 
+// Finished walks begin again; ties and chance may then go another way.
+function replay() {
+  if (panels.every(({ walk }) => walk.end)) for (const panel of panels) panel.startWalk(panel.walk.start, panel.walk.number + 1);
+}
+
 export function start() {
+  byId("walk-all").addEventListener("click", replay);
   const stopTraining = player(byId("learn"), 450, nextMap);
   const stopWalking = player(byId("walk-all"), 250, nextStep);
   byId("walk-one").addEventListener("click", () => {
@@ -119,10 +122,6 @@ export function start() {
     stopWalking();
     for (const panel of panels) panel.startWalk(panel.agent.room.startOf(panel.agent.room.blockOf(panel.walk.start)));
   });
-  byId("walk-another").addEventListener("click", () => {
-    stopWalking();
-    for (const panel of panels) panel.startWalk(panel.walk.start, panel.walk.number + 1);
-  });
   slider.addEventListener("input", () => {
     stopTraining();
     stopWalking();
@@ -130,10 +129,6 @@ export function start() {
   });
   kinds.addEventListener("change", () => {
     shown.kind = kinds.value;
-    refresh();
-  });
-  byId("marks").addEventListener("change", (event) => {
-    shown.marks = event.target.checked;
     refresh();
   });
   addEventListener("hashchange", () => {
@@ -156,5 +151,6 @@ export function start() {
   follow({ wishes: firstPair() });
   if (asked()) follow(asked());
   refresh();
+  if (!asked()) for (const panel of panels) panel.finishWalk(); // so that the difference can be seen at once
   hasAddress = true;
 }

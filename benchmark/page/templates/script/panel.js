@@ -23,7 +23,6 @@ export class Panel {
     const menu = (name) => this.find(`[name=${name}]`);
     this.menus = Object.fromEntries([...CHOSEN, "seed"].map((key) => [key, menu(key)]));
     for (const [key, select] of Object.entries(this.menus)) {
-      select.parentElement.hidden = key === "experiment" && new Set(agents.map((agent) => agent[key])).size === 1;
       select.addEventListener("change", () => {
         const { agent, block } = this;
         this.choose({ ...agent, [key]: select.value, block }, agent.room);
@@ -39,10 +38,13 @@ export class Panel {
   // Chooses the agent that has what is wished for, as far as there is one; the block is one of a room, by default
   // of the agent's.
   choose(wish, roomOfBlock) {
+    const changed = [];
     const choose = (key, names) => {
       const name = names.includes(wish[key]) ? wish[key] : names[0];
+      if (wish[key] && name !== wish[key]) changed.push(`The ${key} is now ${name}: there is no ${wish[key]} here.`);
       this.menus[key].replaceChildren(...names.map((value) => element("option", { value }, value)));
       this.menus[key].value = name;
+      this.menus[key].parentElement.hidden = names.length === 1 && ["experiment", "seed"].includes(key);
       return name;
     };
     let left = agents;
@@ -51,7 +53,7 @@ export class Panel {
       left = left.filter((agent) => agent[key] === name);
     }
     const seed = choose("seed", left[0].seeds);
-    this.menus.seed.parentElement.hidden = left[0].seeds.length === 1;
+    this.find(".changed").textContent = changed.join(" ");
     const before = this.agent;
     this.agent = left[0].ofSeed(seed);
     const { room } = this.agent;
@@ -80,7 +82,6 @@ export class Panel {
       select.replaceChildren(...offered[key].map(([value, text]) => element("option", { value }, text)));
       select.parentElement.hidden = !offered[key].length;
     }
-    this.find(".drag").hidden = !offered.person.length;
   }
   // Shows another block: that of a walk, where wrong PINGs count only if they are observed.
   showBlock(block) {
@@ -126,6 +127,10 @@ export class Panel {
     this.walk = new Walk(this.agent, this.map, state, number);
     this.drawWalk();
   }
+  finishWalk() {
+    this.walk.finish();
+    this.drawWalk();
+  }
   // Draws what the agent knows at a step; a walk starts again if that is another map.
   draw(shown, other) {
     this.shown = shown;
@@ -146,7 +151,7 @@ export class Panel {
   paint() {
     const painted = kindFor(this.agent, this.shown.kind);
     const range = sharedRange(this, this.other, painted);
-    paint(this.view, this, this.map, painted, range, this.shown.marks);
+    paint(this.view, this, this.map, painted, range);
     paintLegend(this.root, painted, range);
     this.look(this.cursor);
   }

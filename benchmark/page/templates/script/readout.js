@@ -23,7 +23,7 @@ export function described(agent, map, step) {
   const { curve, room, sight } = agent;
   const shown = agent.steps[map];
   const time = shown === step ? "" : `Shown: ${agent.unitName} ${grouped(shown)}. `;
-  const values = agent.hasValues ? VALUES[agent.kind](agent) : "Only this agent's final greedy policy is published.";
+  const values = agent.hasValues ? VALUES[agent.kind](agent) : "Only this agent's final greedy policy is published, so its map shows that.";
   const isHidden = (name) => !sight.observed.includes(name);
   const hidden = [
     room.places.length > 1 && SITUATED.every(isHidden) && "where the person is",

@@ -5,6 +5,7 @@ import { explorer } from "./data.js";
 const UNIT = 30; // side of a cell
 const MARGIN = 20; // for the numbers of rows and columns, of maps with up to so many columns
 const FEW = 12;
+const [WIDE, NARROW, MANY] = [28, 8, 40]; // smallest cells in pixels, with arrows, and of maps with more columns, without
 const UNTOUCHED = { "pointer-events": "none" };
 
 function star(x, y, radius) {
@@ -69,8 +70,9 @@ export class SceneView {
     this.scale = Math.max(1, room.columns / FEW); // of the numbers, so that they can be read on wide maps
     this.margin = MARGIN * this.scale;
     const [width, height] = [this.margin + UNIT * room.columns + 2, UNIT * room.rows + this.margin];
-    const style = `min-width:${12 * room.columns}px; max-height:max(23rem, ${12 * room.rows}px)`;
-    this.image = drawn("svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true", style });
+    const side = room.columns > MANY ? NARROW : WIDE;
+    const style = `min-width:${side * room.columns}px; max-height:max(100svh - 10.5rem, ${side * room.rows}px)`;
+    this.image = drawn("svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true", class: `cells-of-${side}`, style });
     this.cells = Array.from({ length: room.nCells }, (_, cell) => this.paintCell(cell, look));
     this.listenForDrags(move);
     this.hatch = drawn("path", { class: "hatch" });
@@ -150,7 +152,7 @@ export class SceneView {
     const [x, y] = this.centre(cell);
     const [dy, dx] = explorer.moves[action];
     const to = (along, across) => `${x + dx * along - dy * across},${y + dy * along + dx * across}`;
-    return `M${to(6.5, 0)}L${to(13, 0)}M${to(10, 2.6)}L${to(13, 0)}L${to(10, -2.6)}`;
+    return `M${to(4.5, 0)}L${to(14, 0)}M${to(10, 3.4)}L${to(14, 0)}L${to(10, -3.4)}`;
   }
   // Hatches the cells for which there is a true value.
   showHatch(isHatched) {

@@ -58,13 +58,17 @@ export class Walk {
     } else if (this.steps.length >= horizon) this.end = `The limit of ${horizon} steps is reached.`;
     return !this.end;
   }
+  finish() {
+    while (this.step());
+    return this.steps;
+  }
   // What has happened so far, in sentences.
   get summary() {
     const start = placeOf(this.agent.room, this.start % this.agent.room.nCells);
     if (!this.steps.length) return `The agent is at ${start}. ${this.end}`.trim();
     const total = (key) => show(this.steps.reduce((sum, step) => sum + step[key], 0));
     const count = `${this.steps.length} step${this.steps.length > 1 ? "s" : ""}`;
-    return `${count} from ${start}. Total reward: ${total("grid")} from the grid, ${total("issuer")} from the issuer. ${this.end}`;
+    return `${count} from ${start}. Total reward: ${total("grid")} from the grid, ${total("issuer")} from the person. ${this.end}`;
   }
   // The steps so far as a table, the last one first.
   get table() {
@@ -74,10 +78,10 @@ export class Walk {
     const line = (kind, attributes, cells) => element("tr", {}, ...cells.map((text) => element(kind, attributes, text)));
     const lines = this.steps.map(({ cell, phase, action, choice, event, grid, issuer }, i) => {
       const taken = explorer.actions[action] + (choice > 1 ? ` (tie of ${choice})` : "");
-      return line("td", {}, [String(i + 1), placeOf(room, cell), ...phaseCell(phase), taken, event.replaceAll("_", " "), show(grid), show(issuer)]);
+      return line("td", {}, [String(i + 1), placeOf(room, cell), ...phaseCell(phase), taken, event.replaceAll("_", " ").replace("issuer", "person"), show(grid), show(issuer)]);
     });
-    const head = line("th", { scope: "col" }, ["#", "from", ...phaseHead, "action", "event", "grid", "issuer"]);
-    const note = `The issuer's rewards are means: each PING adds noise of up to \u00b1${show(room.issuer_noise)}.`;
+    const head = line("th", { scope: "col" }, ["#", "from", ...phaseHead, "action", "event", "grid", "person"]);
+    const note = `The person's rewards are means: each PING adds noise of up to \u00b1${show(room.issuer_noise)}.`;
     return [
       element("table", {}, element("thead", {}, head), element("tbody", {}, ...lines.reverse())),
       ...(room.issuer_noise ? [element("p", { class: "note" }, note)] : []),
