@@ -38,7 +38,7 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 def test_first_pages_are_short() -> None:
-    assert len(README.splitlines()) <= 130
+    assert len(README.split()) <= 700
     assert len(CONTRIBUTING.split()) <= 1000
 
 
@@ -105,7 +105,7 @@ def test_every_command_works(tmp_path: Path) -> None:
 
 def test_every_make_target_is_named() -> None:
     for target in TARGETS:
-        assert f"make {target}" in README, target
+        assert f"make {target}" in PAGES["benchmark/commands/README.md"], target
 
 
 def test_ci_does_what_contributing_says() -> None:
@@ -155,10 +155,10 @@ def test_readme_is_made_of_the_published_tables() -> None:
     assert document.front(ROOT / "results") == README
 
 
-def test_readme_says_how_much_was_tuned() -> None:
+def test_results_say_how_much_was_tuned() -> None:
     search = load_experiment("tuning").declared.search
     assert search is not None
-    words = " ".join(README.split())
+    words = " ".join((ROOT / "results" / "README.md").read_text(encoding="utf-8").split())
     assert f"The best of {search.trials + 1} settings" in words  # with the defaults
     variants = load_experiment("compare_deep").declared.algorithms
     assert {name for name, variant in variants.items() if not variant.tuned_by} == {

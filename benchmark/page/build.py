@@ -49,7 +49,6 @@ _TABLE: Final = re.compile("<table>.*?</table>", re.DOTALL)  # which a document 
 _BOX: Final = r'<div class="scroll" role="group" tabindex="0" aria-label="Table">\g<0></div>'
 _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
 _SECTIONS: Final = re.compile(rf"\n(?=## |#+ {_FOLDED}\n)")  # where the sections of a document begin
-_SENTENCES: Final = re.compile(r"(?<=\.) (?=[A-Z*])")  # where one ends
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
@@ -153,7 +152,7 @@ class _Part:
         # The report's lead comes first. If it stands beside the answer, the next one leads the report.
         drawn = [item for item in document.items if self.folder.figure(item.name)]
         drawn.sort(key=lambda item: item.name != document.report.lead)
-        answer = _SENTENCES.split(headline.pop(0)) if self.is_answer else []
+        answer = prose.SENTENCES.split(headline.pop(0)) if self.is_answer else []
         top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
         def content(match: re.Match[str]) -> str:

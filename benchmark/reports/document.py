@@ -150,7 +150,8 @@ def front(results: Path) -> str:
     of = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
     template = templates_in(_FRONT.parent).get_template(_FRONT.name)
     with Folder(results / next(iter(PUBLISHED))).reading():
-        rendered = template.render(figure=figure, text=text, of=of)
+        answer = prose.SENTENCES.split(text(next(iter(PUBLISHED))))
+        rendered = template.render(figure=figure, text=text, answer=answer, of=of)
     if failed := [claim for lookups in of.values() for claim in lookups.failed]:
         raise prose.ClaimError(*(f"README: tables do not show that {claim}." for claim in failed))
     return rendered

@@ -19,6 +19,7 @@ from benchmark.reports.templates import templates_in
 from envs import InputError
 from envs.words import listed
 
+SENTENCES: Final = re.compile(r"(?<=\.) (?=[A-Z*])")  # where one ends
 _TITLE: Final = re.compile(r"^\*\*(.+?)\.\*\* ", re.MULTILINE)
 
 

@@ -82,7 +82,7 @@ def answer(tables: Frames, experiment: Experiment) -> Figure | None:
         axes[0].set(title="Steps until it\nhas learned", xlabel="← fewer is better")
         axes[1].set(title=fill(f"Success where {who} never stood in training", 19), xlabel="more is better →")
         axes[0].tick_params(labelleft=True)
-        axes[0].set_yticklabels([declared.learners[name] for name in rows.index])
+        axes[0].set_yticklabels([fill(declared.learners[name], 12) for name in rows.index])
         _sized(figure, 13.0)  # at a width of 420: large enough on a phone
     return figure
 
