@@ -66,7 +66,9 @@ contrasts = item(
 )(contrast_rows)
 
 
-@contrasts.figure("The contrasts: differences with their intervals, and verdicts.")
+@contrasts.figure(
+    "The contrasts: differences with their 90 % (thick) and 95 % intervals, the margin (grey), and verdicts."
+)
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     if len(table) > _MOST_DRAWN:
         return None
@@ -145,10 +147,10 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
         rows |= _rows(values.loc[names], decisive_learners(experiment) or learners)
     if "aggregate" in tables and len(rows) > 1 and "condition" not in tables["aggregate"]:
         mean = figures.labelled(tables["aggregate"]).set_index("learner")["success"]
-        rows["mean"] = mean[learners]
-    colours = mpl.colormaps[COLOUR_MAP]
+        rows["mean"] = mean.reindex(learners)
+    colours = mpl.colormaps[COLOUR_MAP].with_extremes(bad="white")  # without runs
     cells = [
-        [("" if round(value, 2) >= _GOOD else f"{value:.2f}", to_hex(colours(value))) for value in row]
+        [(f"{value:.2f}" if round(value, 2) < _GOOD else "", to_hex(colours(value))) for value in row]
         for row in rows.values()
     ]
     characters = max(_CHARACTERS // len(learners), 12)

@@ -41,7 +41,7 @@ def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-@curves.figure("How often each learner succeeds while it learns.")
+@curves.figure("How often each learner succeeds while it learns; shade: 95 % interval.")
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     return _over_training(table, experiment, "success", "success", top=1.03)
 
@@ -49,7 +49,7 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
 @drawing(
     "wrong_pings",
     "wrong PINGs per 1,000 steps while agents learn",
-    "How often a person is disturbed while agents learn.",
+    "How often a person is disturbed while agents learn; shade: 95 % interval.",
 )
 def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws how often the person disagreed while agents learned."""
