@@ -297,7 +297,7 @@ class Scenario(Table):
         return np.sort(self._drawn_order)
 
     @cached_property
-    def _drawn_order(self) -> NDArray[np.int_]:  # (J,) the same, those first that are drawn first, if any are
+    def _drawn_order(self) -> NDArray[np.int_]:  # (J,) the same, in the order in which they are drawn
         free, n = np.flatnonzero(self._is_start.any(axis=(1, 2))), self.issuer.places
         if n is None:
             return free
@@ -309,12 +309,12 @@ class Scenario(Table):
         return self._ways[self._drawn_indices]
 
     def _rank(self, place: Sequence[object]) -> bytes:
-        """Returns what cells, or the cells of a group, are drawn by; the same in all rooms that have them."""
+        """Returns what a cell, or a group's cells, are drawn by; the same in all rooms."""
         parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
         return hashlib.sha256(json.dumps([self.draw, *parts]).encode()).digest()
 
     def drawn(self, draw: int) -> Self:
-        """Returns the scenario with another draw, which needs no checks; itself if it draws nothing."""
+        """Returns the scenario with another draw; itself if it draws nothing."""
         if self.issuer.places is None and not self.issuer.permuted:
             return self
         return self._changed({"draw": draw}, "_ways", "_zones", "_is_start")

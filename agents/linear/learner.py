@@ -10,7 +10,7 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from agents.linear.kernel import Results, train
+from agents.linear.kernel import train
 from agents.linear.tiles import tiles_of
 from agents.process import process_of
 from agents.tabular.learner import ValueAlgorithm, ValueSettings
@@ -35,7 +35,6 @@ class LinearAlgorithm(ValueAlgorithm):
     family = "linear"
     observations = COORDINATES
     settings = LinearSettings
-    results = Results
 
     def __init__(self, *, is_on_policy: bool) -> None:
         self.is_on_policy = is_on_policy

@@ -107,17 +107,15 @@ class TabularTraining(Training):
 
 
 class ValueAlgorithm(Algorithm):
-    """An algorithm whose agents learn action values in a compiled loop, `batch_size` of them in a call."""
+    """An algorithm that learns action values in a compiled loop, `batch_size` agents in a call."""
 
     packages = ("numba",)
     placement = "thread"
     training: type[Training] = Training
-    results: Any
-    """The named tuple of those fields of `training` that the loop fills."""
 
     @abstractmethod
     def loop(self, model: Model, settings: Any) -> tuple[Callable[..., None], int]:
-        """Returns the loop, which takes a plan, streams and results, and how many parameters an agent has."""
+        """Returns the loop, which takes a plan, streams and results, and an agent's parameters."""
 
     def records(self, n_agents: int, settings: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG002
         """Returns room for the further fields of `training`."""
@@ -156,17 +154,18 @@ class ValueAlgorithm(Algorithm):
             map_index=np.where(is_mapped, is_mapped.cumsum() - 1, -1),
         )
         streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
+        nothing: Any = np.empty((n_agents, 0))
 
         def train_block(block: slice) -> None:
-            fields = (getattr(result, name)[block] for name in self.results._fields)
-            loop(plan, streams[block], self.results(*fields))
+            rows = Results(*(getattr(result, name, nothing)[block] for name in Results._fields))
+            loop(plan, streams[block], rows)
 
         train_block(slice(0))  # compiles, or loads what was compiled, before the clock runs
         for first in range(0, n_agents, self.batch_size):
             block = slice(first, first + self.batch_size)
             started_s = time.thread_time()
             train_block(block)
-            # One agent may train too briefly to be timed; each gets its share, in proportion to its steps.
+            # One agent may train too briefly to be timed; each gets its share, by its steps.
             seconds = (time.thread_time() - started_s) / len(streams[block])
             result.cpu_time_s[block] = seconds * plan.points[:-1] / settings.budget
         is_lost = (result.greedy == 0).any(axis=2)  # (N, T), where values are not finite
@@ -181,7 +180,6 @@ class TabularAlgorithm(ValueAlgorithm):
 
     batch_size = 25  # an interrupt waits for the end of a call
     training = TabularTraining
-    results = Results
 
     def __init__(self, update: UpdateRule) -> None:
         self.update = update
@@ -196,7 +194,8 @@ class TabularAlgorithm(ValueAlgorithm):
 
     def records(self, n_agents: int, settings: Settings) -> dict[str, NDArray[Any]]:
         """Returns room for records; the table's maximum is recorded if there is more than one."""
-        n_records, steps_taken = math.ceil(settings.budget / settings.record_every), np.empty(n_agents, int)
+        n_records = math.ceil(settings.budget / settings.record_every)
+        steps_taken = np.empty(n_agents, int)
         return {
             "max_q": np.empty((n_agents, n_records)),
             "table_max_q": np.empty((n_agents, n_records if n_records > 1 else 0)),
