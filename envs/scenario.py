@@ -263,10 +263,7 @@ class Scenario(Table):
     @cached_property
     def issuer_cells(self) -> tuple[Cell, ...]:
         """(I,) where the issuer or someone of its group may stand at some time, by row and then by column."""
-        return tuple(self._as_cell(index) for index in np.unique(self.standing).tolist())
-
-    def _as_cell(self, index: int) -> Cell:
-        return divmod(index, self.grid.columns)
+        return tuple(divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist())
 
     @cached_property
     def shown_cells(self) -> tuple[Cell, ...]:
@@ -459,7 +456,8 @@ class Scenario(Table):
         for p, stage in enumerate(self.stages):
             regions, heading = stage.regions or self.regions, stage.heading or self.issuer.heading
             cells, member = np.unique(placed, return_inverse=True)
-            spots = [stage.position] if stage.position else [self._as_cell(cell) for cell in cells.tolist()]
+            own = [divmod(cell, grid.columns) for cell in cells.tolist()]
+            spots = [stage.position] if stage.position else own
             windows = [zones(regions, heading, spot, grid.size, width) for spot in spots]
             around = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
             for column in member.reshape(placed.shape).T:  # uncomfortable if it is so to anyone
