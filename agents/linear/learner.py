@@ -10,6 +10,7 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
+from agents.contract import Training
 from agents.linear.kernel import train
 from agents.linear.tiles import tiles_of
 from agents.process import process_of
@@ -29,12 +30,13 @@ class LinearSettings(ValueSettings):
     """Cells along each side of a tile."""
 
 
-class LinearAlgorithm(ValueAlgorithm):
+class LinearAlgorithm(ValueAlgorithm[Training]):
     """Q(lambda) or Sarsa(lambda) over tile coding."""
 
     family = "linear"
     observations = COORDINATES
     settings = LinearSettings
+    training = Training
 
     def __init__(self, *, is_on_policy: bool) -> None:
         self.is_on_policy = is_on_policy

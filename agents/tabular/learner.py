@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -28,6 +28,7 @@ from envs.model import ACTIONS, Model
 # a version, too; both only rise, so their sum is new after every change.
 VERSION: Final = 3
 
+TrainingT = TypeVar("TrainingT", bound=Training)
 MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
 
 
@@ -106,12 +107,12 @@ class TabularTraining(Training):
     episodes_ended: NDArray[np.int64]  # (N,)
 
 
-class ValueAlgorithm(Algorithm):
+class ValueAlgorithm(Algorithm, Generic[TrainingT]):
     """An algorithm that learns action values in a compiled loop, `batch_size` agents in a call."""
 
     packages = ("numba",)
     placement = "thread"
-    training: type[Training] = Training
+    training: type[TrainingT]
 
     @abstractmethod
     def loop(self, model: Model, settings: Any) -> tuple[Callable[..., None], int]:
@@ -128,7 +129,7 @@ class ValueAlgorithm(Algorithm):
         observation: str,  # noqa: ARG002
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-    ) -> Training:
+    ) -> TrainingT:
         """Trains agents; what their loop needs too much memory for is an InputError."""
         loop, n_parameters = self.loop(model, settings)
         n_agents, n_steps, n_maps = len(seeds), len(schedule.evaluation_steps), len(schedule.map_steps)
@@ -175,7 +176,7 @@ class ValueAlgorithm(Algorithm):
         return result
 
 
-class TabularAlgorithm(ValueAlgorithm):
+class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
     """An algorithm that learns a table by an update rule, which has its settings and version."""
 
     batch_size = 25  # an interrupt waits for the end of a call
