@@ -71,10 +71,10 @@ def dynamics(model: Model) -> Dynamics:
 
 
 def from_starts(model: Model, start: str = "start") -> NDArray[np.float64]:
-    """Returns the probability of each state, (S,), to be the first of an episode; equal for all that can be.
+    """Returns the probabilities of states, (S,), to be an episode's first; they are all equal, or zero.
 
-    `start` says which can be: "start", those of the model; "unseen", those with the issuer in an unseen
-    place; "every_cell", all in which the agent may be before any PING.
+    `start` says which can be: "start", those of the model; "unseen", those with the issuer in an
+    unseen place; "every_cell", all in which the agent may be before any PING.
     """
     fresh = model.fresh_state[~model.is_over[model.fresh_state]]
     possible = {"start": model.starts, "unseen": model.unseen_starts, "every_cell": fresh.astype(np.int32)}
@@ -110,8 +110,8 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
         sums,
     )
     sums = sums.reshape(*policy.shape[:-2], _N_SUMS)
-    grid, issuer, *others = np.moveaxis(sums[..., :5], -1, 0)
-    return Evaluation(grid, grid + issuer, *others, zone_steps=sums[..., 5:])
+    grid, issuer, success, steps, wrong_pings = np.moveaxis(sums[..., :5], -1, 0)
+    return Evaluation(grid, grid + issuer, success, steps, wrong_pings, sums[..., 5:])
 
 
 @compiled

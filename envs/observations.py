@@ -78,9 +78,6 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
       model: Compiled scenario with O observations; for the forms of the offset by `compile_seen`.
       kind: The form. Index: (O,) int64. One-hot: a block per component, (O, sum of their widths) float32.
         Coordinates: those of all components in turn, (O, D) float32, each scaled to [0, 1].
-
-    Raises:
-      InputError: Unknown `kind`, or too many numbers.
     """
     check_form(kind)
     if ENCODINGS[kind] == "index":

@@ -102,11 +102,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         overrides: Mapping[str, object] | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Compiles the scenario.
-
-        Raises:
-          InputError: The scenario has a mistake, or the observation or render mode is unknown.
-        """
+        """Compiles the scenario; an InputError says what is wrong with an argument."""
         if render_mode is not None and render_mode not in render.MODES:
             accepted = f"{', '.join(render.MODES)}; human with gymnasium.make"
             raise InputError(f"render_mode = {render_mode!r}; accepted: {accepted}.")
@@ -131,12 +127,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         return self._observe(), _info(self._event, self.model.zone.item(self.s), 0, 0.0, 0.0)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Takes an action; the class describes what it returns.
-
-        Raises:
-          InputError: `action` is not one of 0 to 4.
-          TypeError: It is not an integer.
-        """
+        """Takes an action from 0 to 4, else an InputError; the class describes the result."""
         index = operator.index(action)
         if not 0 <= index < len(ACTIONS):
             raise InputError(f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1}.")

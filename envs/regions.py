@@ -144,7 +144,7 @@ def ring_zones(
 ) -> NDArray[np.int8]:
     """Returns the zone of every cell around the centre of each group, (groups, C) index into ZONES.
 
-    Cells of people are (groups, people, 2) rows and columns, all cells (C, 2); `width` is that of a cell.
+    The cells of people are (groups, people, 2), all cells (C, 2); `width` is that of a cell.
     """
     centre, radius = circles(people)
     distance = np.hypot(*np.moveaxis(cell - centre[:, None], 2, 0))  # (groups, C)

@@ -263,10 +263,7 @@ class Scenario(Table):
     @cached_property
     def issuer_cells(self) -> tuple[Cell, ...]:
         """(I,) where the issuer or someone of its group may stand at some time, by row and then by column."""
-        return tuple(self._as_cell(index) for index in np.unique(self.standing).tolist())
-
-    def _as_cell(self, index: int) -> Cell:
-        return divmod(index, self.grid.columns)
+        return tuple(divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist())
 
     @cached_property
     def shown_cells(self) -> tuple[Cell, ...]:
@@ -297,7 +294,7 @@ class Scenario(Table):
         return np.sort(self._drawn_order)
 
     @cached_property
-    def _drawn_order(self) -> NDArray[np.int_]:  # (J,) the same, those first that are drawn first, if any are
+    def _drawn_order(self) -> NDArray[np.int_]:  # (J,) the same, in the order in which they are drawn
         free, n = np.flatnonzero(self._is_start.any(axis=(1, 2))), self.issuer.places
         if n is None:
             return free
@@ -309,12 +306,12 @@ class Scenario(Table):
         return self._ways[self._drawn_indices]
 
     def _rank(self, place: Sequence[object]) -> bytes:
-        """Returns what cells, or the cells of a group, are drawn by; the same in all rooms that have them."""
+        """Returns what a cell, or a group's cells, are drawn by; the same in all rooms."""
         parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
         return hashlib.sha256(json.dumps([self.draw, *parts]).encode()).digest()
 
     def drawn(self, draw: int) -> Self:
-        """Returns the scenario with another draw, which needs no checks; itself if it draws nothing."""
+        """Returns the scenario with another draw; itself if it draws nothing."""
         if self.issuer.places is None and not self.issuer.permuted:
             return self
         return self._changed({"draw": draw}, "_ways", "_zones", "_is_start")
@@ -459,7 +456,8 @@ class Scenario(Table):
         for p, stage in enumerate(self.stages):
             regions, heading = stage.regions or self.regions, stage.heading or self.issuer.heading
             cells, member = np.unique(placed, return_inverse=True)
-            spots = [stage.position] if stage.position else [self._as_cell(cell) for cell in cells.tolist()]
+            own = [divmod(cell, grid.columns) for cell in cells.tolist()]
+            spots = [stage.position] if stage.position else own
             windows = [zones(regions, heading, spot, grid.size, width) for spot in spots]
             around = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
             for column in member.reshape(placed.shape).T:  # uncomfortable if it is so to anyone

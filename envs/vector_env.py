@@ -49,7 +49,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         overrides: Mapping[str, object] | None = None,
         max_episode_steps: int | None = None,
     ) -> None:
-        """Compiles the scenario; `ProxemicEnv` has the same arguments, but for N and the time limit.
+        """Compiles the scenario; the arguments are those of `ProxemicEnv`, N and a time limit.
 
         `max_episode_steps` is None or -1 for no limit. What is not accepted is an InputError.
         """
@@ -93,8 +93,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     ) -> tuple[Observations, Info]:
         """Starts an episode in every env; returns observations, (N, ...), and the info.
 
-        A number seeds env i with `seed + i`, a sequence of N with its item i; None leaves it as it is. There
-        are no options.
+        A number seeds env i with `seed + i`, a sequence of N with its item i; None leaves it as it is.
+        There are no options.
         """
         seeds = [None] * self.num_envs if seed is None else seed
         if isinstance(seeds, int | np.integer):

@@ -6,24 +6,13 @@ An action value is the sum of a weight for each feature of the observation. Word
 Axis letters: N agents, O observations, A actions, T evaluation steps, V map steps.
 """
 
-from typing import NamedTuple
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
-from agents.tabular.kernel import LEAST_TRACE, Constants, Plan, choose_action, find_best
-
-
-class Results(NamedTuple):
-    """Where the kernel writes; see `agents.contract.Training`."""
-
-    q: NDArray[np.float64]  # (N, O, A)
-    greedy: NDArray[np.uint8]  # (N, T, O)
-    values: NDArray[np.float32]  # (N, V, O, A)
-    disagreements: NDArray[np.int64]  # (N, T)
+from agents.tabular.kernel import LEAST_TRACE, Constants, Plan, Results, choose_action, find_best
 
 
 @numba.njit

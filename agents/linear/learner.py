@@ -10,7 +10,8 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from agents.linear.kernel import Results, train
+from agents.contract import Training
+from agents.linear.kernel import train
 from agents.linear.tiles import tiles_of
 from agents.process import process_of
 from agents.tabular.learner import ValueAlgorithm, ValueSettings
@@ -29,13 +30,13 @@ class LinearSettings(ValueSettings):
     """Cells along each side of a tile."""
 
 
-class LinearAlgorithm(ValueAlgorithm):
+class LinearAlgorithm(ValueAlgorithm[Training]):
     """Q(lambda) or Sarsa(lambda) over tile coding."""
 
     family = "linear"
     observations = COORDINATES
     settings = LinearSettings
-    results = Results
+    training = Training
 
     def __init__(self, *, is_on_policy: bool) -> None:
         self.is_on_policy = is_on_policy

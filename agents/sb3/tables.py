@@ -95,7 +95,7 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
 
 
 def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str) -> AgentTable:
-    """Reads the policy of an agent, which messages call `where`; one that does not fit is an InputError."""
+    """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit."""
     observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
     for kind, space in expected.items():

@@ -63,7 +63,7 @@ class Plan(NamedTuple):
 
 
 class Results(NamedTuple):
-    """Where the kernel writes; see `agents.tabular.learner.TabularTraining`."""
+    """Where a loop writes, see `TabularTraining`; that of linear learners leaves the last four."""
 
     q: NDArray[np.float64]  # (N, O, A)
     greedy: NDArray[np.uint8]  # (N, T, O)

@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -28,6 +28,7 @@ from envs.model import ACTIONS, Model
 # a version, too; both only rise, so their sum is new after every change.
 VERSION: Final = 3
 
+TrainingT = TypeVar("TrainingT", bound=Training)
 MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
 
 
@@ -106,18 +107,16 @@ class TabularTraining(Training):
     episodes_ended: NDArray[np.int64]  # (N,)
 
 
-class ValueAlgorithm(Algorithm):
-    """An algorithm whose agents learn action values in a compiled loop, `batch_size` of them in a call."""
+class ValueAlgorithm(Algorithm, Generic[TrainingT]):
+    """An algorithm that learns action values in a compiled loop, `batch_size` agents in a call."""
 
     packages = ("numba",)
     placement = "thread"
-    training: type[Training] = Training
-    results: Any
-    """The named tuple of those fields of `training` that the loop fills."""
+    training: type[TrainingT]
 
     @abstractmethod
     def loop(self, model: Model, settings: Any) -> tuple[Callable[..., None], int]:
-        """Returns the loop, which takes a plan, streams and results, and how many parameters an agent has."""
+        """Returns the loop, which takes a plan, streams and results, and an agent's parameters."""
 
     def records(self, n_agents: int, settings: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG002
         """Returns room for the further fields of `training`."""
@@ -130,7 +129,7 @@ class ValueAlgorithm(Algorithm):
         observation: str,  # noqa: ARG002
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
-    ) -> Training:
+    ) -> TrainingT:
         """Trains agents; what their loop needs too much memory for is an InputError."""
         loop, n_parameters = self.loop(model, settings)
         n_agents, n_steps, n_maps = len(seeds), len(schedule.evaluation_steps), len(schedule.map_steps)
@@ -156,17 +155,18 @@ class ValueAlgorithm(Algorithm):
             map_index=np.where(is_mapped, is_mapped.cumsum() - 1, -1),
         )
         streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
+        nothing: Any = np.empty((n_agents, 0))
 
         def train_block(block: slice) -> None:
-            fields = (getattr(result, name)[block] for name in self.results._fields)
-            loop(plan, streams[block], self.results(*fields))
+            rows = Results(*(getattr(result, name, nothing)[block] for name in Results._fields))
+            loop(plan, streams[block], rows)
 
         train_block(slice(0))  # compiles, or loads what was compiled, before the clock runs
         for first in range(0, n_agents, self.batch_size):
             block = slice(first, first + self.batch_size)
             started_s = time.thread_time()
             train_block(block)
-            # One agent may train too briefly to be timed; each gets its share, in proportion to its steps.
+            # One agent may train too briefly to be timed; each gets its share, by its steps.
             seconds = (time.thread_time() - started_s) / len(streams[block])
             result.cpu_time_s[block] = seconds * plan.points[:-1] / settings.budget
         is_lost = (result.greedy == 0).any(axis=2)  # (N, T), where values are not finite
@@ -176,12 +176,11 @@ class ValueAlgorithm(Algorithm):
         return result
 
 
-class TabularAlgorithm(ValueAlgorithm):
+class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
     """An algorithm that learns a table by an update rule, which has its settings and version."""
 
     batch_size = 25  # an interrupt waits for the end of a call
     training = TabularTraining
-    results = Results
 
     def __init__(self, update: UpdateRule) -> None:
         self.update = update
@@ -196,7 +195,8 @@ class TabularAlgorithm(ValueAlgorithm):
 
     def records(self, n_agents: int, settings: Settings) -> dict[str, NDArray[Any]]:
         """Returns room for records; the table's maximum is recorded if there is more than one."""
-        n_records, steps_taken = math.ceil(settings.budget / settings.record_every), np.empty(n_agents, int)
+        n_records = math.ceil(settings.budget / settings.record_every)
+        steps_taken = np.empty(n_agents, int)
         return {
             "max_q": np.empty((n_agents, n_records)),
             "table_max_q": np.empty((n_agents, n_records if n_records > 1 else 0)),

@@ -44,7 +44,7 @@ def specification(
 
 
 def load_film(watched: RunSpecification, store: Store, learner: str) -> Film:
-    """Returns the film of a run of a learner with this title; a missing run is trained and stored."""
+    """Returns the film of a run of this learner; a missing run is trained and stored."""
     title = f"{watched.scenario.name}: {learner}, seed {watched.seed}"
     store.discard_damaged([watched.digest])
     if pending([watched], store):

@@ -24,16 +24,14 @@ def run(
     on_progress: Callable[[list[Record]], None] = lambda _: None,
     executor: Executor | None = None,
 ) -> list[str]:
-    """Executes the runs that have no valid record, and stores their records as they come.
+    """Executes the runs that have no valid record; returns the errors of those that failed.
 
-    A failed run is stored with its error, and executed again next time. On an interrupt, executors end what
-    is running; the records of jobs that have finished by then are stored. A missing package is an InputError.
+    Records are stored as they come. A failed run is stored with its error, and executed again next time. On
+    an interrupt, executors end what is running; the records of jobs that have finished by then are stored.
+    A missing package is an InputError.
 
     `jobs` jobs are submitted at a time, to an executor that is cancelled at the end; by default, their
     placements decide to which. `on_progress` gets the records of every job that has ended.
-
-    Returns:
-      The errors of the runs that failed.
     """
     todo = pending(runs, store)
     # Missing packages are refused before any work.

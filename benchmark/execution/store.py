@@ -145,10 +145,7 @@ class Store:
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
         """Opens the file; creates it if it is missing and may be written.
 
-        Raises:
-          NoRunsError: There is nothing to read.
-          DamagedError: It is not an SQLite file, holds something else, or is damaged and may not be written.
-          InputError: It cannot be opened.
+        Raises a NoRunsError, a DamagedError, or another InputError if it cannot be opened.
         """
         self._path, self._read_only = path, read_only
         try:

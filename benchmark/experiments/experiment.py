@@ -153,7 +153,7 @@ class Experiment:
         return {population.seeds for population in self.populations}
 
     def population(self, condition: str, scenario: str, learner: str) -> Population:
-        """Returns a population by its names; the scenario may be any other one, by name or path."""
+        """Returns a population by its names; the scenario may be any other, by name or path."""
         names = condition, learner
         alike = [p for p in self.populations if (p.condition.name, p.learner.name) == names]
         name = Path(scenario).stem

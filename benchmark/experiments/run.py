@@ -134,10 +134,10 @@ def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
 def solved(
     success: Sequence[float], steps: Sequence[int], enough: float, until: float = 2.0
 ) -> tuple[int, bool]:
-    """Returns from which evaluation on success stays at or above a level, and whether that is certain.
+    """Returns from which evaluation on success stays at or above a level, and if that is certain.
 
-    It has to stay until so many times as many steps, or to the end of the curve so far. The first result is
-    an index among the `steps` of all evaluations, or the curve's length if it never stays.
+    It has to stay until so many times as many steps, or to the end of the curve so far. The result is an
+    index among the `steps` of all evaluations, or the curve's length if it never stays.
 
     >>> steps = [0, 100, 200, 300, 400, 500]
     >>> solved([0, 1, 0, 1, 1], steps, 0.9), solved([0, 1, 1, 0], steps, 0.9)

@@ -31,11 +31,7 @@ class Cluster:
     """
 
     def __init__(self, address: str, algorithms: Collection[str]) -> None:
-        """Connects to a scheduler, `tcp://HOST:PORT`, waits for its first worker, and checks all workers.
-
-        Raises:
-          InputError: There is no scheduler or no worker, or a worker's results might differ from those here.
-        """
+        """Connects to a scheduler, `tcp://HOST:PORT`, waits for its first worker, and checks all workers."""
         self._address, self._where = address, f"--cluster {address}"
         self._jobs: set[Future[list[Record]]] = set()
         here = {name: environment(name) for name in algorithms}
