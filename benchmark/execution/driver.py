@@ -19,7 +19,7 @@ def run(
     runs: Sequence[RunSpecification],
     store: Store,
     jobs: int,
-    on_progress: Callable[[list[Record]], None] = lambda _: None,
+    on_progress: Callable[[list[str], int], None] = lambda *_: None,
     executor: Executor | None = None,
 ) -> list[str]:
     """Executes the runs that have no valid record, and stores their records as they come.
@@ -31,7 +31,7 @@ def run(
       runs: The wanted runs.
       store: Where records are stored.
       jobs: How many jobs are submitted at a time.
-      on_progress: Called with the records of every job that has ended.
+      on_progress: Called whenever a job has ended, with the digests of its runs, and how many have failed.
       executor: Executes all jobs, and is cancelled at the end; by default, their placements decide.
 
     Returns:
@@ -50,8 +50,9 @@ def run(
     def keep(future: Future[list[Record]]) -> None:
         records = _records(future, *under_way[future])
         store.add(records)
-        errors.extend(record.error for record in records if record.error is not None)
-        on_progress(records)
+        failed = [record.error for record in records if record.error is not None]
+        errors.extend(failed)
+        on_progress([record.digest for record in records], len(failed))
         del under_way[future]  # or its arrays would stay in memory
 
     try:
