@@ -54,7 +54,7 @@ docs: $(DOCS) ## the site: page, guide, keys of files, columns of tables, API, i
 	$(PY) -m benchmark.page.site $(RESULTS) $(SITE) $(PACKAGES)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)
-	$(PY) -m pytest -n 2 --dist loadfile $(TESTS)
+	$(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
 
 check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m ruff format --check $(CHECKED)
