@@ -27,7 +27,8 @@ def estimate(missing: Sequence[RunSpecification], folder: Path, workers: int) ->
     published = _published(folder)
     costs = {run.digest: published.get((run.variant, run.observation), 0.0) for run in missing}
     if unknown := dict.fromkeys(run.variant for run in missing if not costs[run.digest]):
-        text = f"for an unknown time: no results of {shortened(', '.join(unknown))} are published here"
+        what = shortened(", ".join(unknown)) if published else "this experiment"
+        text = f"for an unknown time: no results of {what} are published here"
         return Estimate(text, 0.0, dict.fromkeys(costs, 1.0))
     times = [sum(costs[run.digest] for run in job) for job in plan(missing)]
     time_s = max(sum(times) / workers, *times)

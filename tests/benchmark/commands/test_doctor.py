@@ -129,7 +129,9 @@ def test_damaged_store_is_a_problem_and_runs_are_counted_without_it(tmp_path: Pa
     assert code == 1
     assert any(line.startswith("problem") and "runs.db" in line for line in about("store", lines))
     assert about("runs", lines) == ["ok 156 of 156 are missing"]
-    assert about("time", lines) == ["ok for an unknown time: no results of q_learning are published here"]
+    assert about("time", lines) == [
+        "ok for an unknown time: no results of this experiment are published here"
+    ]
 
 
 # The experiment

@@ -50,9 +50,9 @@ def test_runs_share_the_time_of_published_ones_by_cpu_time(tmp_path: Path) -> No
 def test_without_a_table_of_costs_runs_are_alike_and_unknown_learners_are_named(tmp_path: Path) -> None:
     assert estimate(NETS[:1], publish(tmp_path, ""), 2).time_s == pytest.approx(2000 / 110)
     publish(tmp_path, "", algorithms={"q_learning": {"settings": {"index": {}}}})
-    for folder in (tmp_path, tmp_path / "none"):
+    for folder, what in ((tmp_path, "dqn_sb3"), (tmp_path / "none", "this experiment")):
         text, time_s, costs = estimate(NETS[:2], folder, 2)
-        assert text == "for an unknown time: no results of dqn_sb3 are published here"
+        assert text == f"for an unknown time: no results of {what} are published here"
         assert (time_s, [*costs.values()]) == (0, [1, 1])
 
 
