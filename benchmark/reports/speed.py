@@ -102,10 +102,7 @@ def _measured(rows: list[Row], n_turns: int, published: Path) -> pd.DataFrame:
         (row, column): row.ours if column == "per_second" else row.other for row in rows for column in _SIDES
     }
     turns = {
-        f"{row.name.replace('net_', 'training ').replace('_', ' ')}, {_SIDES[column]}, turn {turn + 1}": (
-            row,
-            column,
-        )
+        f"{row.name.replace('_', ' ')}, {_SIDES[column]}, turn {turn + 1}": (row, column)
         for turn in range(n_turns)
         for row, column in sides
         if turn < 5 or not row.is_by_cpu_time
