@@ -19,8 +19,8 @@ DEEP ?= $(VENV)/.deep
 DOCS ?= $(VENV)/.docs
 DEV ?= $(VENV)/.dev
 
-# SEEDS=10 runs seeds 0 to 9 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. By default
-# each variant has the seeds that its experiment declares.
+# SEEDS=10 runs seeds 0 to 9 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. A reference
+# implementation has its share of them. By default each variant has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
@@ -35,7 +35,7 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map, tuning_noise and tuning_groups for the maps (3¾ hours)
 	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_noise tuning_groups),$(RUN) $(name) &&) true
 
-compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
+compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, of references 2, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have moods, in results/beyond/
@@ -54,7 +54,7 @@ docs: $(DOCS) ## the site: page, guide, keys of files, columns of tables, API, i
 	$(PY) -m benchmark.page.site $(RESULTS) $(SITE) $(PACKAGES)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)
-	$(PY) -m pytest -n 2 --dist loadfile $(TESTS)
+	$(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
 
 check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m ruff format --check $(CHECKED)

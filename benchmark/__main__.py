@@ -12,7 +12,7 @@ from typing import Any, Final, NoReturn
 from benchmark import packages
 
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
-_SPEED_INTERRUPTED: Final = "interrupted: a table is written only after all rows have been measured."
+_SPEED_INTERRUPTED: Final = "interrupted: the table is as before; the same command measures all rows again."
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
@@ -46,7 +46,7 @@ examples:
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
-  python -m benchmark doctor compare_deep          examine this machine; estimate time, memory and disk
+  python -m benchmark doctor compare_deep          examine this machine; estimate time and disk
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
 with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
@@ -144,7 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     named = "a name shown by 'list', or the path of a TOML file"
     seeds = "seeds, for example 0-29 or 7 (default: the declared ones; not of searches or maps); "
-    seeds += "tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
+    seeds += "references have their share; tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
     jobs = "number of jobs to run at a time; results do not depend on it (default: number of cores"
 
     def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
@@ -209,7 +209,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(assess, "--note", "TEXT", "anything else, such as the settings or where the code is")
 
     doctor = command("doctor", "examine the installation, the machine and the stored runs")
-    about = f"{named}; then its time, memory and disk are estimated, from stored runs"
+    about = f"{named}; then its time and disk are estimated, from published results"
     _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
     _add(doctor, "--jobs", "N", f"{jobs})", int)
 

@@ -14,7 +14,7 @@ TARGETS = re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(encoding=
 # Of each target: what makes it a miniature, what it says, and what it makes.
 MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "help": ([], [f"make {name} " for name in TARGETS], set()),
-    "test": (["TESTS=tests/test_layering.py"], ["passed"], set()),
+    "test": (["TESTS=envs/inputs.py"], ["passed"], set()),
     "check": (["CHECKED=tests/__init__.py"], ["no issues found in 1 source file"], set()),
     "chaos": (
         ["CHAOS=--kills 1"],
@@ -23,32 +23,27 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     ),
     "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"], set()),
     "report": ([], [], {"README.md", "index.html"}),
-    "docs": (
-        ["PACKAGES=envs"],
-        ["the site is"],
-        {"site/index.html", "site/envs/scenarios/README.html", "site/envs"},
-    ),
-    "tune": (["EXPERIMENT=tuning_smoke"], ["72 runs done", "the chosen settings are in"], {"runs.db"}),
     "when": (["EXPERIMENT=when_smoke"], ["the page is"], {"runs.db", "when_smoke/map.svg"}),
     "groups": (["EXPERIMENT=groups_smoke"], ["the page is"], {"runs.db", "groups_smoke/ceilings.csv"}),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),
 }
 
 
-# Other tests use what the three others make: tests/test_pipeline.py and tests/benchmark/reports.
-@pytest.mark.parametrize("target", sorted({*TARGETS} - {"clean", "reproduce", "compare-deep", "beyond"}))
+# Others use what these make: tests/test_pipeline.py, tests/benchmark/reports and tests/benchmark/page.
+TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs"}
+
+
+@pytest.mark.parametrize("target", sorted({*TARGETS} - TESTED_ELSEWHERE))
 def test_every_other_target(target: str, tmp_path: Path) -> None:
-    if target in ("report", "docs"):
+    if target == "report":
         shutil.copytree(ROOT / "results" / "reproduce", tmp_path / "reproduce")
     settings, expected, made = MINIATURES[target]
-    done = make(target, *settings, f"RESULTS={tmp_path}", f"SITE={tmp_path}/site")
+    done = make(target, *settings, f"RESULTS={tmp_path}")
     assert done.returncode == 0, done.stdout + done.stderr
     assert [text for text in expected if text not in done.stdout] == []
     assert [name for name in made if not (tmp_path / name).exists()] == []
     if not made:
         assert [*tmp_path.iterdir()] == []
-    if target == "tune":
-        assert "dqn, coordinates" in (tmp_path / "tuning_smoke" / "README.md").read_text()
     if target == "when":
         reference = pd.read_csv(tmp_path / "when_smoke" / "reference.csv")
         assert {*reference["y"]} == {"sb3_ppo, coordinates", "sb3_dqn, coordinates"}

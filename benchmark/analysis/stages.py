@@ -12,7 +12,7 @@ from benchmark.experiments import Experiment, RunSpecification, interleaved
 def stages(experiment: Experiment, store: Store, seeds: Sequence[int] | None = None) -> Iterator[list[Group]]:
     """Yields the runs of one stage after the other, as long as those before are stored."""
     if not experiment.has_stages:
-        yield [Group(population, population.runs(seeds)) for population in experiment.populations]
+        yield [Group(each, each.runs(each.taken(seeds))) for each in experiment.populations]
         return
     kind = looks if experiment.declared.search is None else search
     for groups in kind.stages(experiment, store):

@@ -28,7 +28,6 @@ from benchmark.execution.provenance import versions
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
 from envs import InputError
-from envs.inputs import shortened
 from envs.packages import EXTRAS
 
 _CONSTRAINTS: Final = Path(__file__).parents[2] / "constraints.txt"
@@ -153,27 +152,15 @@ def _experiment(runs: Sequence[RunSpecification], options: argparse.Namespace) -
     for algorithm in sorted({run.algorithm for run in runs}):
         versions(algorithm)  # refuses a missing package
     missing = runs
-    try:
-        with Store(options.results / "runs.db", read_only=True) as store:
-            missing = pending(runs, store)
-            estimated = estimate(runs, missing, store, options.jobs, usable_cores())
-    except InputError:  # there is no store yet, or what is wrong with it has been said
-        estimated = estimate(runs, missing, None, options.jobs, usable_cores())
+    # There may be no store yet, and what is wrong with it has been said.
+    with suppress(InputError), Store(options.results / "runs.db", read_only=True) as store:
+        missing = pending(runs, store)
     if not missing:
         yield _finding("runs", f"all {len(runs):,} are done")
         return
-    yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs")
-    if estimated.unknown:
-        names = shortened(", ".join(dict.fromkeys(estimated.unknown)))
-        text = f"unknown for {len(estimated.unknown)} populations ({names}): "
-        yield _finding("time", f"{text}no run of these is stored from a machine like this one")
-    if estimated.known:
-        low, high = (seconds / 60 for seconds in estimated.seconds)
-        text = f"{low:,.1f} to {high:,.1f} minutes with --jobs {options.jobs}, from stored runs of "
-        yield _finding("time", f"{text}{estimated.known} populations")
-    if estimated.peak_memory and (free := free_memory()) is not None:
-        text = f"about {decimal(int(estimated.peak_memory))} at the peak; {decimal(free)} are free"
-        yield _finding("memory", text, "give fewer --jobs" * (estimated.peak_memory >= free), "problem")
-    free_disk = _disk(options.results)[1]
-    text = f"at most about {decimal(estimated.size)} for records; {decimal(free_disk)} are free"
-    yield _finding("disk", text, _OTHER_FOLDER * (estimated.size >= free_disk), "problem")
+    folder = options.results / Path(options.experiment).stem
+    yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing")
+    yield _finding("time", estimate(missing, folder, min(options.jobs, usable_cores())).text)
+    free, size = _disk(options.results)[1], sum(run.record_size for run in missing)  # before compression
+    text = f"at most about {decimal(size)} for records; {decimal(free)} are free"
+    yield _finding("disk", text, _OTHER_FOLDER * (size >= free), "problem")

@@ -84,8 +84,8 @@ def _write_chosen(experiment: Experiment, store: Store) -> None:
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
-    """Returns the given seeds; None if every variant declares just these under every condition."""
-    return None if experiment.seed_ranges == {seeds} else seeds
+    """Returns the given seeds; None if every variant declares just these, or its share of them."""
+    return None if all(each.taken(seeds) == each.seeds for each in experiment.populations) else seeds
 
 
 def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -> str:

@@ -4,11 +4,14 @@ import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
 from benchmark.analysis.records import check_scores
 from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
+from benchmark.execution.calibration import estimate
+from benchmark.execution.machine import usable_cores
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
@@ -61,7 +64,12 @@ def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options:
             cluster = Cluster(options.cluster, {run.algorithm for run in todo})
             stack.callback(cluster.cancel)
             jobs = options.jobs or 2 * cluster.workers  # a worker finds its next job waiting
-        with Display(name, runs, store.ended()) as display:
+        folder = options.results / Path(options.experiment).stem
+        workers = cluster.workers if cluster else min(jobs, usable_cores())
+        how_long, time_s, costs = estimate(todo, folder, workers)
+        kept = "Ctrl-C keeps what is finished"
+        print(f"{name}: {len(todo):,} runs to train, {how_long} ({kept}).", file=sys.stderr)
+        with Display(name, costs, time_s, n_done) as display:
             errors = driver.run(runs, store, jobs, display.advance, cluster)
     if errors:
         failed = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"

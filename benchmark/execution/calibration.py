@@ -1,65 +1,52 @@
-"""Estimates what missing runs cost, from stored runs of the same populations on such a machine."""
+"""Estimates what missing runs cost, judged by the published results of the same experiment."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Final, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
-from agents import load_algorithm
+import pandas as pd
+
 from benchmark.execution.plan import plan
-from benchmark.execution.provenance import machine
-from benchmark.execution.store import Provenance, Store
+from benchmark.execution.progress import about
 from benchmark.experiments import RunSpecification
-from envs import InputError
-
-DOUBT: Final = 1.3  # by what factor a time may be wrong: a rule of thumb
+from envs.inputs import shortened
 
 
 class Estimate(NamedTuple):
-    """What it costs to execute missing runs; time and memory are of populations with stored runs."""
+    """How long it takes to execute missing runs."""
 
-    jobs: int
-    seconds: tuple[float, float]  # at least, and at most
-    peak_memory: float  # bytes, of all processes together; 0 if the system does not say
-    size: int  # bytes of records, before compression
-    known: int  # how many populations have stored runs
-    unknown: Sequence[str]  # the variant of every other population
+    text: str
+    time_s: float  # 0 if unknown
+    costs: Mapping[str, float]  # seconds of every run, by digest; 1 of each if that of some is unknown
 
 
-def estimate(
-    runs: Sequence[RunSpecification],
-    missing: Sequence[RunSpecification],
-    store: Store | None,
-    jobs: int,
-    cores: int,
-) -> Estimate:
-    """Returns what it costs to execute those of these runs that are missing, so many jobs at a time."""
-    planned, todo = plan(missing), {run.digest for run in missing}
-    variants = {job[0].population: job[0].variant for job in planned}
-    stored = {} if store is None else _stored([run for run in runs if run.digest not in todo], store)
-    known = [job for job in planned if job[0].population in stored]
-    times, peaks = [0.0], [0.0]
-    for job in known:
-        measured = stored[job[0].population]
-        times.append(len(job) * sum(run["wall_time_s"] for run in measured) / len(measured))
-        peaks += [run["peak_memory_mb"] or 0.0 for run in measured]
-    seconds = max(sum(times) / min(jobs, cores), *times)
-    n_processes = sum(load_algorithm(job[0].algorithm).placement == "process" for job in known)
-    unknown = [variant for population, variant in variants.items() if population not in stored]
-    return Estimate(
-        jobs=len(planned),
-        seconds=(seconds / DOUBT, seconds * DOUBT),
-        peak_memory=2**20 * max(peaks) * max(1, min(jobs, n_processes)),  # threads share that of one process
-        size=sum(run.record_size for run in missing),
-        known=len(variants) - len(unknown),
-        unknown=unknown,
-    )
+def estimate(missing: Sequence[RunSpecification], folder: Path, workers: int) -> Estimate:
+    """Returns how long it takes so many workers to execute these runs, by the results in a folder."""
+    published = _published(folder)
+    costs = {run.digest: published.get((run.variant, run.observation), 0.0) for run in missing}
+    if unknown := dict.fromkeys(run.variant for run in missing if not costs[run.digest]):
+        what = shortened(", ".join(unknown)) if published else "this experiment"
+        text = f"for an unknown time: no results of {what} are published here"
+        return Estimate(text, 0.0, dict.fromkeys(costs, 1.0))
+    times = [sum(costs[run.digest] for run in job) for job in plan(missing)]
+    time_s = max(sum(times) / workers, *times)
+    by = f"{workers} worker{'s' * (workers > 1)}"
+    return Estimate(f"{about(time_s)} with {by} if as fast as for the published results", time_s, costs)
 
 
-def _stored(done: Sequence[RunSpecification], store: Store) -> dict[str, list[Provenance]]:
-    stored: dict[str, list[Provenance]] = {}
-    for run in done:
-        with suppress(InputError):  # a damaged record
-            (record,) = store.get([run.digest], arrays=False)
-            if record.provenance["machine"] == machine():
-                stored.setdefault(run.population, []).append(record.provenance)
-    return stored
+def _published(folder: Path) -> dict[tuple[str, str], float]:
+    """Returns the seconds of a run by variant and observation, as far as they are known.
+
+    Runs share all the time that they took by their CPU time, or, without a table of costs, equally.
+    """
+    costs = dict[tuple[str, str], float]()
+    with suppress(OSError, ValueError, KeyError):  # nothing is published, or no costs
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        for variant, its in manifest["algorithms"].items():
+            costs |= {(variant, form): manifest["busy_time_s"] / manifest["runs"] for form in its["settings"]}
+        cost = pd.read_csv(folder / "cost.csv", index_col=["algorithm", "observation"])
+        cpu = cost["cpu_ms" if "cpu_ms" in cost else "cpu_time_s"]  # of a run
+        costs |= (cpu * (manifest["busy_time_s"] / (cpu @ cost["runs"]))).to_dict()
+    return costs

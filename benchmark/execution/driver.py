@@ -21,7 +21,7 @@ def run(
     runs: Sequence[RunSpecification],
     store: Store,
     jobs: int,
-    on_progress: Callable[[list[Record]], None] = lambda _: None,
+    on_progress: Callable[[list[str], int], None] = lambda *_: None,
     executor: Executor | None = None,
 ) -> list[str]:
     """Executes the runs that have no valid record; returns the errors of those that failed.
@@ -31,7 +31,8 @@ def run(
     A missing package is an InputError.
 
     `jobs` jobs are submitted at a time, to an executor that is cancelled at the end; by default, their
-    placements decide to which. `on_progress` gets the records of every job that has ended.
+    placements decide to which. `on_progress` gets the digests of the runs of every job that has ended, and
+    how many have failed.
     """
     todo = pending(runs, store)
     # Missing packages are refused before any work.
@@ -43,8 +44,9 @@ def run(
     def keep(future: Future[list[Record]]) -> None:
         records = _records(future, *under_way[future])
         store.add(records)
-        errors.extend(record.error for record in records if record.error is not None)
-        on_progress(records)
+        failed = [record.error for record in records if record.error is not None]
+        errors.extend(failed)
+        on_progress([record.digest for record in records], len(failed))
         del under_way[future]  # or its arrays would stay in memory
 
     try:

@@ -1,40 +1,32 @@
-"""Shows the progress of an experiment: how many runs are done and failed, and the time left."""
+"""Shows progress: how many runs, say, are done and failed, and the time left."""
 
 import time
-from collections.abc import Collection
+from collections.abc import Mapping, Sequence
 from typing import Final, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-from benchmark.execution.store import Record
-from benchmark.experiments import RunSpecification
+from rich.progress import BarColumn, Progress, TextColumn
 
 _LINE_EVERY_S: Final = 30.0  # where the output is not a terminal
-_RECENT_S: Final = 600.0  # the time left is estimated from runs that ended so recently
+_TRUST: Final = 0.1  # an expected time counts as much as the time that this share of the whole has taken
 
 
 class Display:
     """A bar, or occasional lines where the output is not a terminal."""
 
-    def __init__(
-        self, name: str, runs: Collection[RunSpecification], ended: set[str], console: Console | None = None
-    ) -> None:
-        """Counts all runs of an experiment, of which some have ended."""
-        self._console = console or Console(stderr=True)
-        self._progress = Progress(
-            TextColumn("{task.description}"),
+    def __init__(self, name: str, costs: Mapping[str, float], expected_s: float, n_done: int = 0) -> None:
+        """Takes what each thing to do costs, the time of all, 0 if unknown, and how many are done already."""
+        self._costs, self._expected_s = costs, expected_s
+        self._n, self._n_done, self._n_failed = n_done + len(costs), n_done, 0
+        self._console = Console(stderr=True)
+        columns = (
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[failed]} failed"),
-            TimeRemainingColumn(elapsed_when_finished=True),
-            console=self._console,
-            disable=not self._console.is_terminal,
-            speed_estimate_period=_RECENT_S,
+            TextColumn("{task.fields[text]}"),
         )
-        done = sum(run.digest in ended for run in runs)
-        self._task = self._progress.add_task(name, total=len(runs), completed=done, failed=0)
-        self._line_s = time.monotonic()
+        self._progress = Progress(*columns, console=self._console, disable=not self._console.is_terminal)
+        self._task = self._progress.add_task(name, total=sum(costs.values()), text="")
+        self._started_s = self._line_s = time.monotonic()
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -45,18 +37,30 @@ class Display:
         if not self._console.is_terminal:
             self._print_line()
 
-    def advance(self, records: list[Record]) -> None:
-        """Notes that a job has ended, with these records."""
-        failed = sum(record.status == "failed" for record in records)
-        all_failed = self._progress.tasks[0].fields["failed"] + failed
-        self._progress.update(self._task, advance=len(records) - failed, failed=all_failed)
+    def advance(self, ended: Sequence[str], n_failed: int = 0, name: str | None = None) -> None:
+        """Notes what has ended, how many of that have failed, and perhaps what follows."""
+        self._n_done, self._n_failed = self._n_done + len(ended) - n_failed, self._n_failed + n_failed
+        self._progress.update(self._task, advance=sum(self._costs[key] for key in ended), description=name)
+        self._progress.update(self._task, text=self._text())
         if not self._console.is_terminal and time.monotonic() - self._line_s > _LINE_EVERY_S:
             self._line_s = time.monotonic()
             self._print_line()
 
+    def _text(self) -> str:
+        share, trust = self._progress.tasks[0].percentage / 100, _TRUST if self._expected_s else 0.0
+        text = f"{self._n_done:,} of {self._n:,} done" + f", {self._n_failed} failed" * (self._n_failed > 0)
+        if self._n_done + self._n_failed == self._n or share + trust == 0:
+            return text
+        whole_s = (time.monotonic() - self._started_s + trust * self._expected_s) / (share + trust)
+        return f"{text}, {about((1 - share) * whole_s)} left"
+
     def _print_line(self) -> None:
-        task = self._progress.tasks[0]
-        failed = f", {task.fields['failed']} failed" if task.fields["failed"] else ""
-        left = f", about {task.time_remaining / 60:,.1f} min left" if task.time_remaining else ""
-        line = f"{task.description}: {task.completed:,.0f} of {task.total:,.0f} runs{failed}{left}"
+        line = f"{self._progress.tasks[0].description}: {self._text()}"
         self._console.print(line, markup=False, soft_wrap=True)
+
+
+def about(seconds: float) -> str:
+    """Returns a time for readers, such as "about 17 minutes"."""
+    if seconds < 90:
+        return "about a minute" if seconds > 40 else "less than a minute"
+    return f"about {seconds / 60:.0f} minutes" if seconds < 6000 else f"about {seconds / 3600:.1f} hours"

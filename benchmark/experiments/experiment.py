@@ -106,6 +106,11 @@ class Population:
     learner: Learner
     first: RunSpecification
     seeds: range  # as declared
+    n_beside: int  # seeds of the variant that it is the reference for, else of its own
+
+    def taken(self, seeds: Sequence[int] | None) -> Sequence[int]:
+        """Returns the declared seeds, or its share of given ones; that of a reference is at least two."""
+        return self.seeds if seeds is None else seeds[: max(2, len(seeds) * len(self.seeds) // self.n_beside)]
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
@@ -300,7 +305,8 @@ class _Loading:
             search, _ = choices.source_of(declared, learner.variant, condition.tuned_by)
             with self.noted(f"{where}.tuned_by: "):
                 choices.check_unseen(scenario, search)
-        return Population(condition, scenario, learner, run, seeds)
+        n_beside = len(declared.seeds_of(variant.reference_for or learner.variant, condition))
+        return Population(condition, scenario, learner, run, seeds, n_beside)
 
     def _settings(self, learner: Learner, condition: Condition) -> LearnerSettings:
         """Returns a learner's settings under a condition, checked."""
@@ -391,10 +397,10 @@ def check_size(run: RunSpecification) -> None:
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
     """Lists every run of an experiment once, see `interleaved`; of one with stages, those of the first."""
     populations = experiment.populations
-    n_runs = sum(len(population.seeds if seeds is None else seeds) for population in populations)
+    n_runs = sum(len(population.taken(seeds)) for population in populations)
     if n_runs > MOST_RUNS:
         raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
-    return interleaved([(population, population.runs(seeds)) for population in populations])
+    return interleaved([(population, population.runs(population.taken(seeds))) for population in populations])
 
 
 def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]]) -> list[RunSpecification]:

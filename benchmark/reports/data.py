@@ -96,7 +96,9 @@ def load(
     notes = [f"Partial: {missing}."] if missing else []
     notes += [f"Left out, since there are fewer than two runs: {', '.join(sorted(few))}."] if few else []
     if seeds is not None:
-        notes.append(f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared.")
+        fewer = " at most" * any(each.taken(seeds) != seeds for each in experiment.populations)
+        which = f"the seeds {min(seeds)} to {max(seeds)} instead of those declared"
+        notes.append(f"Every learner has{fewer} {which}.")
     return Data(experiment, store, shown, columns, " ".join(notes), bool(missing))
 
 

@@ -6,9 +6,11 @@ Training whole nets takes too long for that: rates by CPU time are the units of 
 
 import json
 import random
+import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,8 +20,6 @@ import gymnasium
 import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence
-from rich.console import Console
-from rich.progress import track
 
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
@@ -28,6 +28,7 @@ from agents.policy import uniform_policy
 from agents.process import N_ACTIONS
 from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
+from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, Reporting
 from benchmark.reports import document, files
@@ -41,6 +42,7 @@ _NETS: Final = Path(__file__).with_name("speed_nets.toml")
 _LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
 _TILE_LOOP: Final = "the same loop with 16 tilings in Anywhere: weights in lists, traces in a dict"
 _SB3: Final = "Stable-Baselines3, by CPU time"
+_SIDES: Final = {"per_second": "this project", "baseline": "alternative"}  # by column
 Side = tuple[float, Callable[[], object]]  # how many units one call of a function does
 
 
@@ -65,7 +67,9 @@ def measure(results: Path, *, smoke: bool) -> None:
 
     directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
     with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
-        frame = _measured(all_rows(smoke, Path(scratch)), n_turns=2 if smoke else 16)
+        print("speed: preparing what is measured ...", file=sys.stderr)
+        rows, published = all_rows(smoke, Path(scratch)), results / REPORT.name / "speed.csv"
+        frame = _measured(rows, 2 if smoke else 16, published)
         print(to_markdown(frame))
         manifest = {
             "experiment": REPORT.name,
@@ -88,26 +92,42 @@ def measure(results: Path, *, smoke: bool) -> None:
     print(f"written to {directory}")
 
 
-def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
+def _measured(rows: list[Row], n_turns: int, published: Path) -> pd.DataFrame:
     """Lets the sides of all rows take turns, fewer of them by CPU time, and tabulates their rates.
 
-    The first turn of a side, which compiles, imports and fills caches, does not count.
+    The first turn of a side, which compiles, imports and fills caches, does not count. The time left is
+    estimated from the published rates.
     """
-    seconds = defaultdict[tuple[str, bool], list[float]](list)
-    turns = [(turn, row, ours) for turn in range(n_turns) for row in rows for ours in (True, False)]
-    for turn, row, ours in track(turns, "measuring", console=Console(stderr=True)):
-        if turn < 5 or not row.is_by_cpu_time:
+    sides = {
+        (row, column): row.ours if column == "per_second" else row.other for row in rows for column in _SIDES
+    }
+    turns = {
+        f"{row.name.replace('_', ' ')}, {_SIDES[column]}, turn {turn + 1}": (row, column)
+        for turn in range(n_turns)
+        for row, column in sides
+        if turn < 5 or not row.is_by_cpu_time
+    }
+    costs, expected_s = dict.fromkeys(turns, 1.0), 0.0
+    with suppress(OSError, ValueError, KeyError):  # nothing is published, or of other rows
+        rates = pd.read_csv(published, index_col="name").to_dict()
+        costs = {turn: sides[side][0] / rates[side[1]][side[0].name] for turn, side in turns.items()}
+        expected_s = sum(costs.values())
+    seconds = defaultdict[tuple[Row, str], list[float]](list)
+    with Display("speed", costs, expected_s) as display:
+        for turn, (row, column) in turns.items():
+            display.advance([], name=turn)
             clock = time.process_time if row.is_by_cpu_time else time.perf_counter
             started_s = clock()
-            (row.ours if ours else row.other)[1]()
-            seconds[row.name, ours].append(clock() - started_s)
+            sides[row, column][1]()
+            seconds[row, column].append(clock() - started_s)
+            display.advance([turn])
 
-    def rate(row: Row, ours: bool) -> float:
-        units, counted = (row.ours if ours else row.other)[0], seconds[row.name, ours][1:]
+    def rate(row: Row, column: str) -> float:
+        units, counted = sides[row, column][0], seconds[row, column][1:]
         return units * len(counted) / sum(counted) if row.is_by_cpu_time else units / min(counted)
 
     columns = ["name", "per_second", "baseline", "unit", "against"]
-    measured = [(row.name, rate(row, True), rate(row, False), row.unit, row.against) for row in rows]
+    measured = [(row.name, *(rate(row, side) for side in _SIDES), row.unit, row.against) for row in rows]
     frame = pd.DataFrame(measured, columns=columns)
     frame.insert(3, "ratio", frame["per_second"] / frame["baseline"])
     return frame

@@ -1,19 +1,19 @@
 """Estimates of what runs cost, against costs that are planted."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmark.execution.calibration import DOUBT, estimate
-from benchmark.execution.provenance import machine
-from benchmark.execution.store import Record, Store
-from benchmark.experiments import RunSpecification, load_experiment
-from tests.support import specifications
+from benchmark.execution.calibration import estimate
+from benchmark.execution.store import Record
+from benchmark.experiments import RunSpecification, all_specifications, load_experiment
+from tests.support import ROOT, specifications
 
 
-def record(run: RunSpecification, seconds: float, peak_mb: float, where: str = "") -> Record:
-    measured = {"wall_time_s": seconds, "peak_memory_mb": peak_mb, "machine": where or machine()}
+def record(run: RunSpecification, seconds: float, peak_mb: float) -> Record:
+    measured = {"wall_time_s": seconds, "peak_memory_mb": peak_mb}
     return Record(run.digest, run.content, "done", measured, {"greedy": np.zeros(4, np.uint8)})
 
 
@@ -21,18 +21,46 @@ COMPARED = load_experiment("compare_deep")
 # A hundred runs, a job each
 NETS = specifications(COMPARED, "default", "S1", "dqn_sb3", "one_hot", range(100))
 TABLES = specifications(COMPARED, "default", "S1", "q_learning", "index")
+MADE = """algorithm,observation,runs,cpu_time_s
+q_learning,index,100,1.0
+dqn_sb3,one_hot,10,90.0
+"""
 
 
-def test_stored_runs_of_such_a_machine_are_believed(tmp_path: Path) -> None:
-    with Store(tmp_path / "runs.db") as store:
-        store.add(record(run, 3.0, 450.0) for run in NETS[:25])
-        store.add([record(NETS[25], 1e6, 450.0, "another machine")])
-        store.add([record(NETS[26], 3.0, 500.0)])
-        estimated = estimate([*NETS, *TABLES], [*NETS[50:], *TABLES], store, 2, 2)
-        few = estimate(NETS, NETS[98:], store, jobs=64, cores=2)
-    assert estimated.seconds == pytest.approx((75 / DOUBT, 75 * DOUBT))
-    assert estimated.size == 50 * NETS[0].record_size + len(TABLES) * TABLES[0].record_size
-    assert few.seconds == pytest.approx((3 / DOUBT, 3 * DOUBT))
-    for cost in (estimated, few):  # two jobs, each in a process of its own
-        assert (cost.peak_memory, cost.known) == (2 * 500 * 2**20, 1)
-    assert (estimated.unknown, few.unknown) == (["q_learning"], [])
+def publish(folder: Path, costs: str = MADE, **more: object) -> Path:
+    """Publishes that 100 tables took a second of CPU time each, 10 nets 90, and all of them 2,000 s."""
+    algorithms = {"q_learning": {"settings": {"index": 0}}, "dqn_sb3": {"settings": {"one_hot": 0}}}
+    manifest = {"busy_time_s": 2000.0, "runs": 110, "algorithms": algorithms} | more
+    folder.mkdir(exist_ok=True)
+    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    if costs:
+        (folder / "cost.csv").write_text(costs, encoding="utf-8")
+    return folder
+
+
+def test_runs_share_the_time_of_published_ones_by_cpu_time(tmp_path: Path) -> None:
+    text, time_s, costs = estimate([*NETS[50:], *TABLES], publish(tmp_path), 2)
+    assert [costs[NETS[50].digest], costs[TABLES[0].digest]] == pytest.approx([180, 2])
+    assert time_s == pytest.approx(50 * 180 / 2 + 100 * 2 / 2)
+    assert text == "about 77 minutes with 2 workers if as fast as for the published results"
+    assert estimate(NETS[:4], tmp_path, 64).time_s == pytest.approx(180)  # no job is shorter than its run
+    assert estimate(NETS[:1], tmp_path, 1).text.startswith("about 3 minutes with 1 worker if ")
+
+
+def test_without_a_table_of_costs_runs_are_alike_and_unknown_learners_are_named(tmp_path: Path) -> None:
+    assert estimate(NETS[:1], publish(tmp_path, ""), 2).time_s == pytest.approx(2000 / 110)
+    publish(tmp_path, "", algorithms={"q_learning": {"settings": {"index": {}}}})
+    for folder, what in ((tmp_path, "dqn_sb3"), (tmp_path / "none", "this experiment")):
+        text, time_s, costs = estimate(NETS[:2], folder, 2)
+        assert text == f"for an unknown time: no results of {what} are published here"
+        assert (time_s, [*costs.values()]) == (0, [1, 1])
+
+
+@pytest.mark.parametrize("name", ["ablation", "compare_deep", "equivalence", "reproduce"])
+def test_costs_of_published_results_add_up(name: str) -> None:
+    folder = ROOT / "results" / name
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    missing = all_specifications(load_experiment(name))
+    assert sum(estimate(missing, folder, 2).costs.values()) == pytest.approx(
+        manifest["busy_time_s"], rel=0.01
+    )

@@ -27,9 +27,7 @@ def test_every_run_is_reported_once(tmp_path: Path) -> None:
     reported: list[str] = []
     with Store(tmp_path / "runs.db") as store:
         for _ in range(2):  # the second time, nothing is left to do
-            assert not run(
-                runs, store, 2, lambda records: reported.extend(record.digest for record in records)
-            )
+            assert not run(runs, store, 2, lambda ended, _: reported.extend(ended))
             assert sorted(reported) == sorted(run.digest for run in runs)
         assert pending(runs, store) == []
 
@@ -92,8 +90,8 @@ def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: 
 
     calls: list[int] = []
 
-    def interrupt(records: list[Record]) -> None:
-        calls.append(len(records))
+    def interrupt(ended: list[str], _: int) -> None:
+        calls.append(len(ended))
         if len(calls) == 1:
             raise KeyboardInterrupt
 

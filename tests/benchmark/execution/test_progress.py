@@ -6,11 +6,7 @@ import re
 import pytest
 from rich.console import Console
 
-from benchmark.execution.progress import Display
-from benchmark.execution.store import Record
-from benchmark.experiments import all_specifications, load_experiment
-
-RUNS = all_specifications(load_experiment("reproduce_smoke"))
+from benchmark.execution.progress import Display, about
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
@@ -20,15 +16,51 @@ def test_runs_are_counted_in_a_bar_or_in_occasional_lines(
     now = [0.0]
     monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
     console = Console(file=(file := io.StringIO()), force_terminal=is_terminal, width=110, color_system=None)
-    with Display("mine", RUNS, {RUNS[9].digest}, console) as display:
-        display.advance([Record(RUNS[0].digest, "{}", "failed", {}, {})])
+    monkeypatch.setattr("benchmark.execution.progress.Console", lambda **_: console)
+    costs = {"slow": 9000.0, "failing": 500.0, "quick": 500.0}  # of 10,000 s, where 2 workers take 5,000
+    with Display("mine", costs, 5000.0, 1233) as display:
+        display.advance([], name="first")
         display._progress.refresh()
-        now[0] = 31.0
-        display.advance([Record(RUNS[1].digest, "{}", "diverged", {}, {})])
+        now[0] = 20.0
+        display.advance(["failing"], 1)
+        display._progress.refresh()
+        now[0] = 500.0
+        display.advance(["quick"])
     lines = [" ".join(re.sub("[━╸╺]", "", line).split()) for line in file.getvalue().splitlines()]
+    # After a tenth of the work, the expected time counts half. It was right.
+    last = "first: 1,234 of 1,236 done, 1 failed, about 75 minutes left"
     if is_terminal:
-        assert any(f"mine 1/{len(RUNS)} 1 failed" in line for line in lines)
-        assert f"mine 2/{len(RUNS)} 1 failed" in "".join(lines[-2:])
+        assert "first 1,233 of 1,236 done, about 83 minutes left" in "".join(lines)
+        assert last.replace(":", "") in "".join(lines[-2:])
     else:
-        assert len(lines) == 2
-        assert all(line.startswith(f"mine: 2 of {len(RUNS)} runs, 1 failed") for line in lines)
+        assert lines == [last] * 2
+
+
+def test_without_an_expected_time_that_left_is_judged_by_what_is_done(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
+    with Display("mine", dict.fromkeys("abcd", 1.0), 0.0) as display:
+        display._print_line()
+        now[0] = 600.0
+        display.advance(["a"])
+        display.advance(["b", "c", "d"])
+    assert capsys.readouterr().err.splitlines() == [
+        "mine: 0 of 4 done",
+        "mine: 1 of 4 done, about 30 minutes left",
+        "mine: 4 of 4 done",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (7, "less than a minute"),
+        (80, "about a minute"),
+        (1000, "about 17 minutes"),
+        (9000, "about 2.5 hours"),
+    ],
+)
+def test_times_are_rounded_for_readers(seconds: float, text: str) -> None:
+    assert about(seconds) == text

@@ -169,6 +169,16 @@ def test_a_reference_takes_settings_and_observations_from_its_variant() -> None:
         assert check.algorithm == checked.algorithm.removeprefix("compiled_")
 
 
+@pytest.mark.parametrize(("given", "of_references"), [(1, 1), (10, 2), (35, 3), (100, 10)])
+def test_a_reference_has_its_share_of_given_seeds_or_two(given: int, of_references: int) -> None:
+    full = load_experiment("compare_deep")
+    seeds: dict[str, set[int]] = {}
+    for run in all_specifications(full, range(given)):
+        seeds.setdefault(run.variant, set()).add(run.seed)
+    for name, variant in full.declared.algorithms.items():
+        assert seeds[name] == set(range(of_references if variant.reference_for else given))
+
+
 def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
     runs = all_specifications(COMPARED)
     first = runs[: len(COMPARED.populations)]

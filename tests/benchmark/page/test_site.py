@@ -12,7 +12,7 @@ import pytest
 from benchmark.page import build, reference, site
 from envs import InputError, scenario_names
 from envs.scenario import SCENARIO_DIRECTORY, load_scenario
-from tests.support import ROOT
+from tests.support import ROOT, make
 
 RESULTS = ROOT / "results"
 GUIDE = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
@@ -28,7 +28,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "site").mkdir()
     for name in ("search.js", "old.html"):  # a site made before
         (folder / "site" / name).touch()
-    site.write(folder / "results", folder / "site", ["envs"])
+    done = make("docs", "PACKAGES=envs", f"RESULTS={folder}/results", f"SITE={folder}/site")
+    assert done.returncode == 0, done.stderr
     return folder / "site"
 
 

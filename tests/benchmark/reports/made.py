@@ -128,7 +128,7 @@ def data_of(
         score = success if cell.score is None else over_training(cell.score)
         seeds, steps = range(len(success)), np.linspace(0, cell.budget, success.shape[1], dtype=int)
         learner, condition = learners[f"{cell.name}, {cell.observation}"], conditions[cell.condition]
-        made: Any = (condition, scenarios[cell.scenario], learner, None, seeds)
+        made: Any = (condition, scenarios[cell.scenario], learner, None, seeds, len(seeds))
         populations.append(Population(*made))
         over_time = {"success": success, "score": score.clip(0, 1), "unbounded_score": score}
         over_time["training_wrong_pings"] = np.broadcast_to(np.asarray(cell.wrong_pings), success.shape)

@@ -13,7 +13,7 @@ from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.reports.search.results import at_edges, expected_best, gain
-from tests.support import ROOT, mistyped_columns
+from tests.support import ROOT, make, mistyped_columns
 
 PUBLISHED = ROOT / "results" / "tuning"
 TUNING = load_experiment("tuning")
@@ -51,9 +51,13 @@ def test_means_are_over_scenarios() -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What a miniature publishes."""
+    """What `make tune` publishes of a miniature."""
     results = tmp_path_factory.mktemp("results")
-    assert main(["run", "tuning_smoke", "--results", str(results), "--report"]) == 0
+    done = make("tune", "EXPERIMENT=tuning_smoke", f"RESULTS={results}")
+    assert done.returncode == 0, done.stderr
+    assert "72 runs done" in done.stdout
+    assert "the chosen settings are in" in done.stdout
+    assert "dqn, coordinates" in (results / "tuning_smoke" / "README.md").read_text(encoding="utf-8")
     return results / "tuning_smoke"
 
 
