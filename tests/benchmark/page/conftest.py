@@ -95,8 +95,8 @@ class Opened:
         cells = self.panel(side, ".map svg > g:first-child > g")
         return cells.nth(row * (7 if cells.count() == 35 else 12) + column)
 
-    def unfold(self) -> None:
-        self.page.locator("details").evaluate_all("all => all.forEach((details) => { details.open = true })")
+    def unfold(self, which: str = "details") -> None:
+        self.page.locator(which).evaluate_all("all => all.forEach((details) => { details.open = true })")
 
     def walk(self, n_steps: int) -> None:
         self.page.locator("#walk-one").evaluate("(button, n) => { while (n--) button.click(); }", n_steps)
