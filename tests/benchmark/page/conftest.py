@@ -66,7 +66,7 @@ class Opened:
 
     def __init__(self, browser: Browser, folder: Path, fragment: str, **options: Any) -> None:
         self.page: Page = browser.new_page(**({"viewport": {"width": 1280, "height": 900}} | options))
-        self.page.set_default_timeout(20_000)  # ms; on a loaded machine
+        self.page.set_default_timeout(60_000)  # ms; on a loaded machine
         self.messages: list[str] = []
         self.requested: list[str] = []
         self.page.on("console", lambda message: self.messages.append(message.text))

@@ -253,7 +253,7 @@ def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) 
     taken = walk(model, masks, population.run.horizon)
     had_choice = contains(masks)[model.observation[list(taken.states[:-1])]].sum(axis=1) > 1
     opened.page.locator("#walk-again").click()
-    opened.walk(len(taken.actions) + 5)
+    opened.walk(len(taken.actions))
     summary = opened.panel("left", ".walked").inner_text()
     n_steps = len(taken.actions)
     where = [f"row {row}, column {column}" for row, column in model.position[list(taken.cells)].tolist()]
