@@ -117,10 +117,11 @@ def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_pag
     assert again.page.locator("#shown").input_value() == "difference"
 
 
-@pytest.mark.parametrize("fragment", ["%", "nowhere.%E0.x~~nothing~7~~", "S2.dqn.~.~-3~"])
-def test_mistyped_address_is_taken_as_far_as_it_goes(open_page: Open, fragment: str) -> None:
-    readout = open_page(fragment=f"#explorer={fragment}").panel("left", ".readout")
-    assert "Row 0, column 0" in readout.inner_text()
+def test_mistyped_address_is_taken_as_far_as_it_goes(open_page: Open) -> None:
+    opened = open_page(fragment="#explorer=%")
+    for fragment in ("%", "nowhere.%E0.x~~nothing~7~~", "S2.dqn.~.~-3~"):
+        opened.page.evaluate(f"location.hash = '#explorer={fragment}'")
+        assert "Row 0, column 0" in opened.panel("left", ".readout").inner_text()
 
 
 def test_address_is_followed_and_names_the_experiment(opened: Opened) -> None:
@@ -189,20 +190,20 @@ def test_explorer_by_keyboard_alone(opened: Opened) -> None:
     assert opened.page.locator("#learn").get_attribute("aria-pressed") == "false"
 
 
-@pytest.mark.parametrize("column", [4, 5])
-def test_tables_sort(opened: Opened, column: int) -> None:
+def test_tables_sort(opened: Opened) -> None:
     opened.unfold()
     table = opened.page.locator("#compare_deep [data-item=summary]")
 
-    def shown() -> list[float]:
+    def shown(column: int) -> list[float]:
         texts = [cell.split(" ")[0] for cell in table.locator(f"td:nth-child({column})").all_inner_texts()]
         return [np.inf if text == "never" else number(text) for text in texts]
 
-    written = shown()
-    assert written not in (sorted(written), sorted(written, reverse=True))
-    for expected in (sorted(written), sorted(written, reverse=True), written):
-        table.locator(f"th:nth-child({column}) button").click()
-        assert shown() == expected
+    for column in (4, 5):
+        written = shown(column)
+        assert written not in (sorted(written), sorted(written, reverse=True))
+        for expected in (sorted(written), sorted(written, reverse=True), written):
+            table.locator(f"th:nth-child({column}) button").click()
+            assert shown(column) == expected
 
 
 def test_number_is_marked_in_the_rows_that_it_comes_from(opened: Opened, results: Path) -> None:
