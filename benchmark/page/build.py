@@ -230,7 +230,7 @@ class _Part:
             tokens = self._parser.parse(body)
             for token in tokens:
                 token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
-            boxed = _TABLE.sub(_BOX, self._html(tokens))
+            boxed = _TABLE.sub(_BOX, str(self._html(tokens)))
             if heading or tokens:
                 section = {
                     "heading": self.inline(heading),

@@ -66,7 +66,7 @@ class Opened:
 
     def __init__(self, browser: Browser, folder: Path, fragment: str, **options: Any) -> None:
         self.page: Page = browser.new_page(**({"viewport": {"width": 1280, "height": 900}} | options))
-        self.page.set_default_timeout(20_000)  # ms; on a loaded machine
+        self.page.set_default_timeout(60_000)  # ms; on a loaded machine
         self.messages: list[str] = []
         self.requested: list[str] = []
         self.page.on("console", lambda message: self.messages.append(message.text))
@@ -95,8 +95,8 @@ class Opened:
         cells = self.panel(side, ".map svg > g:first-child > g")
         return cells.nth(row * (7 if cells.count() == 35 else 12) + column)
 
-    def unfold(self) -> None:
-        self.page.locator("details").evaluate_all("all => all.forEach((details) => { details.open = true })")
+    def unfold(self, which: str = "details") -> None:
+        self.page.locator(which).evaluate_all("all => all.forEach((details) => { details.open = true })")
 
     def walk(self, n_steps: int) -> None:
         self.page.locator("#walk-one").evaluate("(button, n) => { while (n--) button.click(); }", n_steps)

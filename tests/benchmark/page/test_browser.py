@@ -117,10 +117,11 @@ def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_pag
     assert again.page.locator("#shown").input_value() == "difference"
 
 
-@pytest.mark.parametrize("fragment", ["%", "nowhere.%E0.x~~nothing~7~~", "S2.dqn.~.~-3~"])
-def test_mistyped_address_is_taken_as_far_as_it_goes(open_page: Open, fragment: str) -> None:
-    readout = open_page(fragment=f"#explorer={fragment}").panel("left", ".readout")
-    assert "Row 0, column 0" in readout.inner_text()
+def test_mistyped_address_is_taken_as_far_as_it_goes(open_page: Open) -> None:
+    opened = open_page(fragment="#explorer=%")
+    for fragment in ("%", "nowhere.%E0.x~~nothing~7~~", "S2.dqn.~.~-3~"):
+        opened.page.evaluate(f"location.hash = '#explorer={fragment}'")
+        assert "Row 0, column 0" in opened.panel("left", ".readout").inner_text()
 
 
 def test_address_is_followed_and_names_the_experiment(opened: Opened) -> None:
@@ -189,20 +190,20 @@ def test_explorer_by_keyboard_alone(opened: Opened) -> None:
     assert opened.page.locator("#learn").get_attribute("aria-pressed") == "false"
 
 
-@pytest.mark.parametrize("column", [4, 5])
-def test_tables_sort(opened: Opened, column: int) -> None:
+def test_tables_sort(opened: Opened) -> None:
     opened.unfold()
     table = opened.page.locator("#compare_deep [data-item=summary]")
 
-    def shown() -> list[float]:
+    def shown(column: int) -> list[float]:
         texts = [cell.split(" ")[0] for cell in table.locator(f"td:nth-child({column})").all_inner_texts()]
         return [np.inf if text == "never" else number(text) for text in texts]
 
-    written = shown()
-    assert written not in (sorted(written), sorted(written, reverse=True))
-    for expected in (sorted(written), sorted(written, reverse=True), written):
-        table.locator(f"th:nth-child({column}) button").click()
-        assert shown() == expected
+    for column in (4, 5):
+        written = shown(column)
+        assert written not in (sorted(written), sorted(written, reverse=True))
+        for expected in (sorted(written), sorted(written, reverse=True), written):
+            table.locator(f"th:nth-child({column}) button").click()
+            assert shown(column) == expected
 
 
 def test_number_is_marked_in_the_rows_that_it_comes_from(opened: Opened, results: Path) -> None:
@@ -253,7 +254,7 @@ def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) 
     taken = walk(model, masks, population.run.horizon)
     had_choice = contains(masks)[model.observation[list(taken.states[:-1])]].sum(axis=1) > 1
     opened.page.locator("#walk-again").click()
-    opened.walk(len(taken.actions) + 5)
+    opened.walk(len(taken.actions))
     summary = opened.panel("left", ".walked").inner_text()
     n_steps = len(taken.actions)
     where = [f"row {row}, column {column}" for row, column in model.position[list(taken.cells)].tolist()]
@@ -476,7 +477,7 @@ def box_of(opened: Opened, selector: str) -> dict[str, float]:
 def test_published_page_answers_at_once_and_is_short(open_page: Open, published: Path) -> None:
     opened = open_page(published, viewport={"width": 1366, "height": 768})
     opened.page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
-    boxes = [box_of(opened, part) for part in ("nav", "h1", ".answer", "#finding img")]
+    boxes = [box_of(opened, part) for part in ("nav", "h1", ".answer li:nth-child(3)", "#finding img")]
     assert boxes[0]["y"] < boxes[1]["y"] < boxes[2]["y"]
     assert all(0 <= box["x"] <= box["x"] + box["width"] <= 1366 for box in boxes)
     assert all(box["y"] + box["height"] <= 768 for box in boxes)
@@ -502,7 +503,7 @@ def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
     for each in (768, 1920, width):
         opened.page.set_viewport_size({"width": each, "height": 844})
         assert opened.page.evaluate("document.documentElement.scrollWidth") == each  # nothing sticks out
-    opened.unfold()
+    opened.unfold("#explorer details, #compare_deep details")  # the other reports are the same
     assert opened.page.evaluate("document.documentElement.scrollWidth") == width
     opened.walk(1)
     for context in (None, "dialog"):

@@ -99,19 +99,15 @@ function nextMap() {
   return Number(slider.value) < last;
 }
 
+// Finished walks begin again; ties and chance may then go another way.
 function nextStep() {
+  if (panels.every(({ walk }) => walk.end)) for (const panel of panels) panel.startWalk(panel.walk.start, panel.walk.number + 1);
   const going = panels.map((panel) => panel.walk.step());
   for (const panel of panels) panel.drawWalk();
   return going.some(Boolean);
 }
 
-// Finished walks begin again; ties and chance may then go another way.
-function replay() {
-  if (panels.every(({ walk }) => walk.end)) for (const panel of panels) panel.startWalk(panel.walk.start, panel.walk.number + 1);
-}
-
 export function start() {
-  byId("walk-all").addEventListener("click", replay);
   const stopTraining = player(byId("learn"), 450, nextMap);
   const stopWalking = player(byId("walk-all"), 250, nextStep);
   byId("walk-one").addEventListener("click", () => {

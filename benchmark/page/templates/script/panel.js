@@ -63,7 +63,9 @@ export class Panel {
       if (!sameSize(room, before?.room)) this.cursor = room.starts[0] % room.nCells;
     }
     const nBlocks = room.kind.length / room.nCells;
-    const block = alike(room, roomOfBlock ?? room) ? Math.trunc(Number(wish.block)) : NaN;
+    // People stand as wished for, or else as on the other map.
+    const wanted = alike(room, roomOfBlock ?? room) ? wish.block : alike(room, this.other?.agent.room) ? this.other.block : NaN;
+    const block = Math.trunc(Number(wanted));
     this.block = block >= 0 && block < nBlocks ? block : room.blockOf(room.starts[0]);
     this.fillSituation();
     this.map = 0;
