@@ -75,7 +75,7 @@ def answer(tables: Frames, experiment: Experiment) -> Figure | None:
     unseen = rows[[f"unseen_success{end}" for end in ("", "_low", "_high")]]
     scenes = {x.condition.axes.get("grid"): x.scenario for x in experiment.populations}
     who = "people" if scenes[declared.grid].group else "the person"
-    with figure_of(1, 2, (5.8, 3.4)) as (figure, (axes,)):
+    with figure_of(1, 2, (5.8, 1.2 + 0.55 * len(rows))) as (figure, (axes,)):
         texts = [_NEVER if np.isinf(steps) else f"{steps:,.0f}" for steps in rows["steps"]]
         _dots(axes[0], _shown(rows), texts, experiment)
         _dots(axes[1], unseen, [f"{value:.2f}" for value in unseen["unseen_success"]], experiment)
