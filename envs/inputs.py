@@ -254,8 +254,9 @@ def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwi
 
 def guess(name: str, accepted: Iterable[str]) -> str:
     """Returns a question with the accepted name that is most like another one; empty if none is like it."""
-    nearest = difflib.get_close_matches(name[:_LONGEST_NAME], accepted, n=1, cutoff=0.6)
-    return f" (did you mean {nearest[0]}?)" if nearest else ""
+    lower = {other.lower(): other for other in accepted}
+    nearest = difflib.get_close_matches(name[:_LONGEST_NAME].lower(), lower, n=1, cutoff=0.6)
+    return f" (did you mean {lower[nearest[0]]}?)" if nearest else ""
 
 
 def _reasons(error: ErrorDetails) -> list[str]:

@@ -28,12 +28,12 @@ def estimate(missing: Sequence[RunSpecification], folder: Path, workers: int) ->
     costs = {run.digest: published.get((run.variant, run.observation), 0.0) for run in missing}
     if unknown := dict.fromkeys(run.variant for run in missing if not costs[run.digest]):
         what = shortened(", ".join(unknown)) if published else "this experiment"
-        text = f"for an unknown time: no results of {what} are published here"
+        text = f"for an unknown time: there are no results of {what} yet"
         return Estimate(text, 0.0, dict.fromkeys(costs, 1.0))
     times = [sum(costs[run.digest] for run in job) for job in plan(missing)]
     time_s = max(sum(times) / workers, *times)
     by = f"{workers} worker{'s' * (workers > 1)}"
-    return Estimate(f"{about(time_s)} with {by} if as fast as for the published results", time_s, costs)
+    return Estimate(f"{about(time_s)} with {by}, if as fast as for the results in {folder}", time_s, costs)
 
 
 def _published(folder: Path) -> dict[tuple[str, str], float]:

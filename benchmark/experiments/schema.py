@@ -541,6 +541,8 @@ def _path(experiment: str | Path) -> Path:
             raise InputError(f"{path}: {reason}; rename it.")
         return path
     if str(experiment) not in names:
+        if (file := Path(f"{experiment}.toml")).is_file():
+            raise InputError(f"experiments: unknown experiment {experiment}; accepted: the file {file}.")
         unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
     return shipped
 

@@ -169,7 +169,8 @@ class _Part:
             lambda item, is_folded: f"\n\n{_MARK}{'FOLD ' * is_folded}{item.name}{_MARK}\n\n"
         )
         report = {
-            "id": self.name,
+            "name": self.name,
+            "id": f"report-{self.name}",  # no other part has an id that begins so
             "question": document.question,
             "answer": [self.inline(sentence) for sentence in answer],
             "top": self._figure(top) if top is not None else None,
@@ -234,7 +235,7 @@ class _Part:
             if heading or tokens:
                 section = {
                     "heading": self.inline(heading),
-                    "id": f"{self.name}-{_slug(heading)}" if heading else "",
+                    "id": f"report-{self.name}-{_slug(heading)}" if heading else "",
                     "is_folded": heading == _FOLDED,
                     "body": Markup(_MARKED.sub(content, boxed)),
                 }

@@ -31,6 +31,7 @@ _STYLES: Final[dict[str, Style]] = {
 }
 _N_MARKERS: Final = 6  # of a curve
 _COLUMNS: Final = 3  # of panels
+_MOST_LEARNERS: Final = 8  # that are drawn without being declared
 FEW: Final = 4  # scenarios whose learners are listed, and drawn over training
 
 
@@ -45,11 +46,16 @@ def labelled(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def drawn_learners(experiment: Experiment) -> list[str]:
-    """Lists the learners that the outcome is about, or else those compared, or else all but planners."""
+    """Lists the learners that the outcome is about, or else those compared, or else all but planners.
+
+    If nothing is declared and there are few, these are all but planners, too.
+    """
     baseline, decisive = reporting_of(experiment).baseline, decisive_learners(experiment)
     names = [*baseline, *decisive] if decisive else compared_learners(experiment)
-    learners = experiment.learners.items()
-    return names or [name for name, learner in learners if learner.family != "planner"]
+    own = [learner for learner in experiment.learners.values() if not learner.reference_for]
+    every = [learner.name for learner in own if learner.family != "planner"]
+    is_declared = reporting_of(experiment) is experiment.report
+    return names if names and (is_declared or len(every) > _MOST_LEARNERS) else every
 
 
 def style_of(learner: str, experiment: Experiment, observation: str | None = None) -> Style:

@@ -129,9 +129,7 @@ def test_damaged_store_is_a_problem_and_runs_are_counted_without_it(tmp_path: Pa
     assert code == 1
     assert any(line.startswith("problem") and "runs.db" in line for line in about("store", lines))
     assert about("runs", lines) == ["ok 156 of 156 are missing"]
-    assert about("time", lines) == [
-        "ok for an unknown time: no results of this experiment are published here"
-    ]
+    assert about("time", lines) == ["ok for an unknown time: there are no results of this experiment yet"]
 
 
 # The experiment
@@ -151,7 +149,7 @@ def test_costs_of_missing_runs_are_estimated(
     assert code == 0
     assert about("runs", lines) == ["ok 792 of 800 are missing"]
     (time,) = about("time", lines)
-    assert time.startswith("ok about 40 minutes with 1 worker ")  # 792 runs of 3 s
+    assert time.startswith("ok about 40 minutes with 1 worker, ")  # 792 runs of 3 s
     assert about("disk", lines)[-1].startswith("ok ")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: type("Usage", (), {"free": 1000}))
     code, lines = examine(str(path))

@@ -29,6 +29,8 @@ FILES = {
     [
         ("run reproduct", "reproduct (did you mean reproduce?)"),
         ("run reproduct", ", or the path of a .toml file."),
+        ("run FOLDER/mistaken_agent", "unknown experiment"),
+        ("run FOLDER/reproduce", "FOLDER/reproduce; accepted: the file FOLDER/reproduce.toml."),
         ("run FOLDER/reproduce.toml", "reproduce"),  # its results would be those of the shipped one
         ("run reproduce --jobs 0", "--jobs 0: "),
         ("run reproduce --seeds 9-2", "--seeds 9-2: "),
@@ -42,6 +44,7 @@ FILES = {
         ("doctor no_such", "no_such"),
         ("watch --scenario S9", "S9"),
         ("watch --scenario anywhere", "anywhere (did you mean Anywhere?)"),
+        ("watch --scenario s1", "s1 (did you mean S1?)"),
         ("watch --scenario nowhere.toml", "nowhere.toml: "),
         ("watch --algorithm dqm", "dqn"),
         ("watch --algorithm dqn --observation index", "observation index"),

@@ -42,9 +42,9 @@ def test_runs_share_the_time_of_published_ones_by_cpu_time(tmp_path: Path) -> No
     text, time_s, costs = estimate([*NETS[50:], *TABLES], publish(tmp_path), 2)
     assert [costs[NETS[50].digest], costs[TABLES[0].digest]] == pytest.approx([180, 2])
     assert time_s == pytest.approx(50 * 180 / 2 + 100 * 2 / 2)
-    assert text == "about 77 minutes with 2 workers if as fast as for the published results"
+    assert text == f"about 77 minutes with 2 workers, if as fast as for the results in {tmp_path}"
     assert estimate(NETS[:4], tmp_path, 64).time_s == pytest.approx(180)  # no job is shorter than its run
-    assert estimate(NETS[:1], tmp_path, 1).text.startswith("about 3 minutes with 1 worker if ")
+    assert estimate(NETS[:1], tmp_path, 1).text.startswith("about 3 minutes with 1 worker, if ")
 
 
 def test_without_a_table_of_costs_runs_are_alike_and_unknown_learners_are_named(tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_without_a_table_of_costs_runs_are_alike_and_unknown_learners_are_named(
     publish(tmp_path, "", algorithms={"q_learning": {"settings": {"index": {}}}})
     for folder, what in ((tmp_path, "dqn_sb3"), (tmp_path / "none", "this experiment")):
         text, time_s, costs = estimate(NETS[:2], folder, 2)
-        assert text == f"for an unknown time: no results of {what} are published here"
+        assert text == f"for an unknown time: there are no results of {what} yet"
         assert (time_s, [*costs.values()]) == (0, [1, 1])
 
 

@@ -93,4 +93,12 @@ def test_it_leads_the_page_of_all_results(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder, tmp_path / "when", ignore=shutil.ignore_patterns("index.html", ".*"))
     page = build.write(tmp_path).read_text(encoding="utf-8")
     assert 'data-folder="when/"' in page
-    assert page.index('id="when"') < page.index('id="map"')
+    assert page.index('id="report-when"') < page.index('id="map"')
+
+
+def test_an_experiment_may_be_called_as_a_part_of_the_page(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "map", ignore=shutil.ignore_patterns("index.html", ".*"))
+    page = re.sub("src='data:[^']*'", "", build.write(tmp_path, "map").read_text(encoding="utf-8"))
+    ids = re.findall(r'<[^>]* id="([^"]*)"', page)
+    assert len(ids) == len({*ids})
+    assert {"map", "report-map"} <= {*ids}

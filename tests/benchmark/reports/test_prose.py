@@ -63,7 +63,7 @@ def test_other_runs_have_no_text(change: str, tmp_path: Path) -> None:
 
 def test_paragraphs_are_found_by_their_title() -> None:
     folder = Folder(ROOT / "results" / "when")
-    assert prose.paragraphs(folder).startswith("PPO beats ")
+    assert prose.paragraphs(folder).startswith("PPO learns faster ")
     assert prose.paragraphs(folder, "Unseen places").startswith("**Unseen places.** ")
     with pytest.raises(KeyError, match="nothing"):
         prose.paragraphs(folder, "nothing")

@@ -22,7 +22,7 @@ function refresh() {
   slider.max = steps.length - 1;
   slider.disabled = byId("learn").disabled = steps.length === 1;
   slider.value = place;
-  const text = slider.disabled ? `only ${grouped(shown.step)} is published` : `${grouped(shown.step)} of ${grouped(steps.at(-1))}`;
+  const text = slider.disabled ? `only step ${grouped(shown.step)} is published` : `${grouped(shown.step)} of ${grouped(steps.at(-1))}`;
   byId("step-text").textContent = text;
   const hasValues = panels.some((panel) => panel.agent.hasValues);
   for (const option of kinds.options) option.disabled = !hasValues && option.value !== "policy";
