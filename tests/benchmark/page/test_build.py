@@ -77,7 +77,8 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
     page = Page(results / "index.html")
     assert build.write(results).read_text(encoding="utf-8") == page.source
     starts = ["<nav", 'id="finding"', "<h1>", '<p class="lead">', "<img", 'id="explorer"', 'id="results"',
-              'id="report-compare_deep"', 'id="report-reproduce"', 'id="report-speed"', "<footer>"]  # fmt: skip
+              'id="report-compare_deep"', 'id="report-reproduce"', 'id="report-speed"',
+              "<footer>"]  # fmt: skip
     places = [page.source.index(start) for start in starts]
     assert places == sorted(places)
     ids = [value for name, value in page.attributes if name == "id"]
