@@ -37,7 +37,7 @@ except BaseException as error:  # imports take a second
 
 _EPILOG = """\
 examples:
-  python -m benchmark list                         what there is, and how many runs are stored
+  python -m benchmark list                         experiments and their stored runs, scenarios, algorithms
   python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
   python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
   python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
@@ -143,8 +143,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     named = "a name shown by 'list', or the path of a TOML file"
-    seeds = "seeds, for example 0-29 or 7 (default: the declared ones; not of searches or maps); "
-    seeds += "references have their share; tables and figures of other seeds go into EXPERIMENT_seeds_A-B"
+    seeds = "seeds, for example 0-29 or 7 (default: as declared; not for searches and maps); "
+    seeds += "reference implementations get a proportional share; tables and figures of other seeds go into "
+    seeds += "EXPERIMENT_seeds_A-B"
     jobs = "number of jobs to run at a time; results do not depend on it (default: number of cores"
 
     def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
@@ -201,10 +202,10 @@ def _parser() -> argparse.ArgumentParser:
     about += "to the agent: offset, nearest, two_nearest or centre, also with _one_hot or _coordinates"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
-    about = "write results/leaderboard/NAME.toml, for the leaderboard; the next options are for it alone"
+    about = "write results/leaderboard/NAME.toml, for the leaderboard; the options below require it"
     _add(assess, "--submit", "FILE", about, Path)
     _add(assess, "--learner", "TEXT", "what learned the policy")
-    _add(assess, "--training-steps", "N", "environment steps of its training; 0 without any", int)
+    _add(assess, "--training-steps", "N", "environment steps of training (0 if untrained)", int)
     _add(assess, "--search-trials", "N", "how many settings were tried; 0 without a search", int)
     _add(assess, "--note", "TEXT", "anything else, such as the settings or where the code is")
 

@@ -25,7 +25,7 @@ from envs.observations import OBSERVATIONS, compile_seen
 from envs.scenario import scenario_names
 
 _HEAD: Final = (
-    "# Made by python -m benchmark assess --submit. Only declared, not checked: all above scenario.\n"
+    "# Made by python -m benchmark assess --submit. Keys above scenario are declared, not checked.\n"
 )
 _TOLERANCE: Final = 1e-9  # of probabilities and scores
 _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
@@ -79,7 +79,7 @@ def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
     check_file(path, ".toml")
     check_file_name(path, "a submission is")
     if path.exists():
-        raise InputError(f"{path}: is there already; accepted: a new file.")
+        raise InputError(f"{path}: exists already; accepted: a new file.")
     scenario = assessment.scenario
     if scenario.name not in scenario_names() or scenario != load_scenario(scenario.name):
         raise InputError(f"{path}: scenario = {scenario.name}: accepted: a shipped scenario, unchanged.")
@@ -109,7 +109,7 @@ def checked(path: Path) -> Submission:
         found = getattr(submission, key)
         is_same = found == value if isinstance(value, str) else math.isclose(found, value, abs_tol=_TOLERANCE)
         if not is_same:
-            raise InputError(f"{path}: {key} = {shortened(str(found))}: accepted: {value}, computed again.")
+            raise InputError(f"{path}: {key} = {shortened(str(found))}: recomputed: {value}.")
     return submission
 
 

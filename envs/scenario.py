@@ -443,7 +443,7 @@ class Scenario(Table):
 
     def _check_ways(self, n: int, n_placed: int) -> None:
         most = _MOST_ZONES // (len(self.grid.position) * max(len(self.stages), len(self._first_phases)))
-        who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the issuer"
+        who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the person"
         narrower = ", or a narrower range of group.apart" if self.group else ""
         accepted = f"at most {most:,} with so many cells and phases; list fewer cells{narrower}"
         require(n <= most, f"issuer.position: {who} can stand in {n:,} ways", accepted)
@@ -598,7 +598,7 @@ class Scenario(Table):
     def _check_sizes(self) -> None:
         issuer, n_cells = self.issuer, self.grid.rows * self.grid.columns
         n_ticks = sum(stage.steps or 1 for stage in self.stages)
-        n_states, whose = n_cells * self.ping_limit * n_ticks, "the group" if self.group else "the issuer"
+        n_states, whose = n_cells * self.ping_limit * n_ticks, "the group" if self.group else "the person"
         twice, n_states = " x 2 for delayed feedback" * self.is_delayed, n_states * (1 + self.is_delayed)
         where = f"cells x ping_limit x ticks of the phases{twice} = {n_states} states for each position"
         require(n_states <= _MOST_STATES_OF_PLACE, f"{where} of {whose}", f"at most {_MOST_STATES_OF_PLACE}")
@@ -625,11 +625,11 @@ class Scenario(Table):
             )
         listed = [] if group else _listed(self.issuer.position)
         for place, has_target in zip(listed, self._has_target.tolist(), strict=False):
-            where = f"regions: with the issuer at {json.dumps(place)}, the agent can enter no target region"
+            where = f"regions: with the person at {json.dumps(place)}, the agent can enter no target region"
             accepted = "a target shape that reaches beyond the uncomfortable one"
             require(has_target, where, accepted)
         is_used = np.asarray(self._is_start.any(axis=(0, 1)))
-        whose = f"the issuer at {position}{' or another person' * bool(self.others)}"
+        whose = f"the person at {position}{' or another person' * bool(self.others)}"
         for cell in _listed(self.grid.start):
             where = f"grid.start = {json.dumps(cell)} lies inside a region of {whose}"
             is_outside = bool(is_used[cell[0] * self.grid.columns + cell[1]])
@@ -643,7 +643,7 @@ class Scenario(Table):
         n, unseen, most = self.issuer.places, self.issuer.unseen, int(is_free.sum())
         require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
         where = f"issuer.places = {n} with issuer.unseen = {unseen}"
-        can = "the group can stand in so many ways" if group else "the issuer can stand in so many cells"
+        can = "the group can stand in so many ways" if group else "the person can stand in so many cells"
         require((n or 0) + unseen <= most, where, f"at most {most} together: {can}")
 
 

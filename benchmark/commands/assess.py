@@ -36,7 +36,7 @@ def main(options: argparse.Namespace) -> int:
         leaderboard.submit(assessment, options.submit, **declared)
     print(assessment)
     if options.submit is not None:
-        print(f"\nsubmission: {options.submit}; in results/leaderboard, 'report' lists it")
+        print(f"\nsubmission: {options.submit} ('report' lists it if it is in results/leaderboard)")
     if options.save is not None:
         assessment.draw(options.save)
         print(f"\nmap: {options.save}")

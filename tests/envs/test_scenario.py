@@ -71,7 +71,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     (ANYWHERE | {"grid.start": "anywhere", "regions.target_radius": 11}, 'issuer.position = "anywhere"'),
     # Regions
     ({"regions.target": CIRCLE}, "uncomfortable_radius"),
-    ({"regions": shapes(CIRCLE, CIRCLE)}, "regions: with the issuer at [6, 8]"),
+    ({"regions": shapes(CIRCLE, CIRCLE)}, "regions: with the person at [6, 8]"),
     ({"regions": shapes(CIRCLE, {"kind": "circle"})}, "the key regions.target.circle.radius is missing"),
     ({"regions.unit": "metres"}, 'unit = "metres"'),
     ({"regions": shapes(CIRCLE, CIRCLE | {"radius": 2}) | {"unit": "metres"}}, "grid.metres_per_cell"),

@@ -146,8 +146,8 @@ def unseen(tables: Frames, experiment: Experiment) -> Figure | None:
 
 
 @results.verdicts.figure(
-    "Which of two learners needs fewer steps, where that is decided, and how many times as many the other "
-    "one needs: a row for each contrast, a column for each point of the grids."
+    "Contrasts (rows) at each point of the grids (columns): where decided, which learner needs fewer steps, "
+    "and how many times as many the other needs."
 )
 def who(tables: Frames, experiment: Experiment) -> Figure:
     """Draws all contrasts; grids share a line while there is room."""

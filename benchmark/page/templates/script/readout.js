@@ -35,7 +35,7 @@ export function described(agent, map, step) {
   const note = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
   const place = curve ? curve.step.indexOf(shown) : -1;
   const mean = place < 0 ? [] : [
-    `. Mean score of all runs${curve.isStochastic ? ", which draw their actions" : ""}: `, sourced(curve.file, curve.line[place], show(curve.mean[place])),
+    `. Mean score of all runs${curve.isStochastic ? " (stochastic policy)" : ""}: `, sourced(curve.file, curve.line[place], show(curve.mean[place])),
     ` [${show(curve.low[place])}, ${show(curve.high[place])}]`,
   ];
   const result = `unbounded score ${show(agent.score[map])}, success probability ${show(agent.success[map])}`;

@@ -29,7 +29,7 @@ export class Walk {
     Object.assign(this, { agent, map, start, number });
     this.state = start;
     this.steps = [];
-    this.end = agent.room.isOver(start) ? "The episode is over there." : ""; // why the walk is over
+    this.end = agent.room.isOver(start) ? "The episode has ended in this cell." : ""; // why the walk is over
     this.visits = new Map(); // number of steps taken when a state was left, since the last choice
     this.random = mulberry32(SEED + number);
   }
