@@ -135,7 +135,7 @@ class Assessment:
     def draw(self, path: str | Path) -> None:
         """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
 
-        If it observes more than its cell, the map is of the issuer's first position and the first phase,
+        If it observes more than its cell, the map is of the person's first position and the first phase,
         before any wrong PING.
 
         Raises:

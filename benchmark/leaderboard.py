@@ -131,7 +131,9 @@ def texts(results: Path) -> dict[Path, str]:
     folder = results / "leaderboard"
     submitted = [(path, checked(path)) for path in sorted(folder.glob("[!.]*.toml"))]
     tables = {name: list[dict[str, str]]() for name in scenario_names()}
-    for path, each in sorted(submitted, key=lambda pair: (-pair[1].score, -pair[1].success)):
+    for path, each in sorted(
+        submitted, key=lambda pair: (-round(pair[1].score, 4), -round(pair[1].success, 4))
+    ):
         row = {
             "name": f"[{path.stem}]({path.name})",
             "learner": each.learner,

@@ -188,7 +188,7 @@ def override(data: Mapping[str, object], overrides: Mapping[str, object], source
 
     A key that passes through a value that is not a table raises an InputError.
     """
-    result, changes = json.loads(json.dumps([data, overrides], default=str))
+    result, changes = json.loads(json.dumps([dict(data), dict(overrides)], default=str))
     for dotted, value in changes.items():
         *tables, key = dotted.split(".")
         table = result

@@ -1,9 +1,9 @@
 """Forms of observation, as tables of all observations.
 
-Most forms are egocentric: instead of the agent's cell and those of the issuer and its group, the agent is
+Most forms are egocentric: instead of the agent's cell and those of the person and the group, the agent is
 given where people stand relative to itself. "offset" is about all of them, "nearest" about the nearest,
 "two_nearest" about two, and "centre" about the centre of all; for a single person, these are the same. Where
-the issuer is not seen, they are the same as the first three.
+the person is not seen, they are the same as the first three.
 """
 
 from typing import Any, Final

@@ -32,10 +32,10 @@ Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_pl
 
 
 class PlainFeedback(Table):
-    """No reward, or minus the issuer's L1 distance from the agent, relative to the farthest start.
+    """No reward, or minus the person's L1 distance from the agent, relative to the farthest start.
 
     Delayed feedback, also by distance, comes with the action after the PING, and never if the PING ends the
-    episode. The issuer must not move then, since the model does not remember where it stood at the PING.
+    episode. The person must not move then, since the model does not remember where it stood at the PING.
     """
 
     kind: Literal["none", "distance", "delayed"]
@@ -108,31 +108,31 @@ class Issuer(Table):
     omitted_at_default: ClassVar[Set[str]] = {"heading", "walk", "places", "unseen", "permuted"}
 
     position: Place
-    """Where the issuer stands when an episode starts."""
+    """Where the person stands when an episode starts."""
     places: Annotated[int, Field(ge=1, le=MAX_STATES)] | None = None
-    """How many of the cells of `position` it may stand in, drawn once, see `draw`; all by default. With a
+    """How many of the cells of `position` are places, drawn once, see `draw`; all by default. With a
     `group`, how many of the ways in which all of them may stand."""
     unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
     """Further such places, drawn after these: part of the observations, but no episode starts with them."""
     permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Share of its cells whose coordinates are permuted: as coordinates, an agent observes another cell."""
     feedback: Feedback
-    """The reward that the issuer adds to every PING."""
+    """The reward that the person adds to every PING."""
     heading: Heading = "up"
-    """Where the issuer looks."""
+    """Where the person looks."""
     walk: Walk | None = None
-    """How the issuer walks; by default it does not."""
+    """How the person walks; by default not at all."""
 
 
 class Group(Table):
-    """People who are drawn together with the issuer, and have its regions and feedback.
+    """People who are drawn together with the person of `issuer`, and have the same regions and feedback.
 
     Each set of cells of `issuer.position` at these distances is a place, if it leaves a start and a target
     region. The nearest of them answers a PING. Strangers have a region each; people who talk have a ring.
     """
 
     people: Annotated[int, Field(ge=2, le=6)]
-    """How many people, the issuer included."""
+    """How many people, the one of `issuer` included."""
     apart: tuple[Length, Length]
     """Smallest and largest distance between any two of them, in the unit of `regions`."""
 

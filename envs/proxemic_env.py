@@ -24,11 +24,11 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     """A gridworld in which an agent learns how close to a person it may come.
 
     ## Description
-    A person, the issuer, stands on a grid, surrounded by an uncomfortable region and, beyond it, a target
+    A person stands on a grid, surrounded by an uncomfortable region and, beyond it, a target
     region. The agent does not see the regions. It walks, and by a PING asks whether it is in the target
-    region; a PING anywhere else meets the issuer's disagreement.
+    region; a PING anywhere else meets the person's disagreement.
 
-    S1 to S3 are the scenarios of the paper, which differ in the issuer's feedback. Comments in the files of
+    S1 to S3 are the scenarios of the paper, which differ in the person's feedback. Comments in the files of
     `envs/scenarios` describe them and the others. `envs.model` says in which order things happen in a step.
 
     ## Action Space
@@ -36,7 +36,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     A move off the grid or into a wall leaves the agent where it is.
 
     ## Observation Space
-    The components that the scenario names (`observe`): the agent's cell, and in some scenarios the issuer's
+    The components that the scenario names (`observe`): the agent's cell, and in some scenarios the person's
     cell, the phase or the number of wrong PINGs. Components with n1, n2, ... values are combined in this
     order, in one of these forms (`observation`):
 
@@ -45,19 +45,19 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per component, with a 1 at its value
     - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number per other component,
       each divided by its maximum
-    - `"offset"`, `"offset_one_hot"`, `"offset_coordinates"`: the same, with the issuer's cell relative to the
+    - `"offset"`, `"offset_one_hot"`, `"offset_coordinates"`: the same, with the person's cell relative to the
       agent's in place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
     - `"nearest"`, `"two_nearest"`, `"centre"`, also with `"_one_hot"` and `"_coordinates"`: the same with the
-      nearest person, the two nearest, or the centre of all people, if the issuer has a group
+      nearest person, the two nearest, or the centre of all people, if the person has a group
 
-    The issuer's cell has a value for each cell in which the issuer may be. A group has a value for each way
+    The person's cell has a value for each cell in which the person may be. A group has a value for each way
     in which it may stand; as offsets, for each combination that occurs, the nearest person first. Its one-hot
     form has a 1 for each person, and its coordinates are those of all people. The observed number of wrong
     PINGs is at most `ping_limit - 1`.
 
     ## Starting State
     One of the scenario's starts, all equally likely, with no wrong PING so far: a cell of the agent outside
-    every region, a place of the issuer and a tick of a phase. In S1 to S3 the only start is cell (0, 0).
+    every region, a place of the person and a tick of a phase. In S1 to S3 the only start is cell (0, 0).
 
     ## Rewards
     The grid's reward for the event plus, for every PING, the feedback of the nearest person, which may come

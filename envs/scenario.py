@@ -89,7 +89,7 @@ Chances = Annotated[
 
 
 class Phase(Table):
-    """What is different about the issuer for some time, and how the phase ends.
+    """What is different about the person for some time, and how the phase ends.
 
     Either every phase lasts a number of `steps`, and the first follows the last; or every phase names with
     which probability which other phase follows after each step (`next`), and stays otherwise. What a phase
@@ -101,11 +101,11 @@ class Phase(Table):
     name: Annotated[Line, Field(min_length=1, max_length=40)]
     """Name of the phase, for pictures and for `next`."""
     position: Cell | None = None
-    """Where the issuer stands in this phase."""
+    """Where the person stands in this phase."""
     heading: Heading | None = None
-    """Where the issuer looks in this phase."""
+    """Where the person looks in this phase."""
     regions: Regions | None = None
-    """The regions around the issuer in this phase."""
+    """The regions around the person in this phase."""
     steps: Steps | None = None
     """How many steps the phase lasts."""
     next: Chances | None = None
@@ -134,7 +134,7 @@ class Rewards(Table):
 class Scenario(Table):
     """A checked scenario, named after its file.
 
-    An episode has one of J places of the issuer, drawn at its start. It goes through P phases, which pass by
+    An episode has one of J places of the person, drawn at its start. It goes through P phases, which pass by
     the ticks of a clock: a phase of three steps has three ticks, one with `next` a single tick. J = P = 1
     unless the scenario says otherwise.
     """
@@ -153,14 +153,14 @@ class Scenario(Table):
     rewards: Rewards
     observe: tuple[Observed, ...] = ("agent",)
     """What the agent sees, in this order: its own cell ("agent"), or people's cells relative to it, in rows
-    and columns ("offset": of all in the issuer's group; "nearest", "two_nearest", "centre"); the cells of the
-    issuer and its group ("issuer"); the phase; the number of wrong PINGs."""
+    and columns ("offset": of all in the person's group; "nearest", "two_nearest", "centre"); the cells of the
+    person and the group ("issuer"); the phase; the number of wrong PINGs."""
     group: Group | None = None
-    """People who are drawn together with the issuer; by default none."""
+    """People who are drawn together with the person; by default none."""
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     """Other people."""
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
-    """What changes about the issuer over time."""
+    """What changes about the person over time."""
     first_phase: Literal["first", "any"] = "first"
     """In which phase an episode starts; "any": at any step of any phase, all equally likely."""
     draw: Annotated[int, Field(ge=0, le=10**9)] = 0

@@ -1,6 +1,7 @@
 """The guides for newcomers: every file, command and line of Python, in the order of the page."""
 
 import re
+import runpy
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +29,7 @@ MINIATURE = {
 
 
 def steps_of(page: str) -> Iterator[tuple[str, str]]:
-    """Yields a guide's files by name, its other Python code as "python", and its commands as "sh"."""
+    """Yields a guide's files by name, and its commands as "sh"."""
     for language, text in re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL):
         named = re.match(r"# (\w+\.\w+)\n", text)
         for part in text.splitlines() if language == "sh" else [text]:
@@ -40,12 +41,12 @@ def follow(page: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.chdir(folder)
     monkeypatch.setattr(sys, "path", [str(folder), *sys.path])  # as `python -m` does
     for kind, text in steps_of(page):
-        if kind == "python":
-            exec(compile(text, "guide", "exec"), {})
-        elif kind == "sh":
+        if kind == "sh":
             words = text.split()
             if words[:3] == ["python", "-m", "benchmark"]:
                 assert main(words[3:]) == 0, text
+            elif words[0] == "python":
+                runpy.run_path(words[1], run_name="__main__")
             else:
                 assert words[0] in ("make", ".", "mkdir"), text
         else:

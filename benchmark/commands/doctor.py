@@ -160,7 +160,8 @@ def _experiment(runs: Sequence[RunSpecification], options: argparse.Namespace) -
         return
     folder = options.results / Path(options.experiment).stem
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing")
-    yield _finding("time", estimate(missing, folder, min(options.jobs, usable_cores())).text)
+    stage = " for the first stage" if load_experiment(options.experiment).has_stages else ""
+    yield _finding("time", f"{estimate(missing, folder, min(options.jobs, usable_cores())).text}{stage}")
     free, size = _disk(options.results)[1], sum(run.record_size for run in missing)  # before compression
     text = f"at most about {decimal(size)} for records; {decimal(free)} are free"
     yield _finding("disk", text, _OTHER_FOLDER * (size >= free), "problem")

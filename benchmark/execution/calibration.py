@@ -48,5 +48,6 @@ def _published(folder: Path) -> dict[tuple[str, str], float]:
             costs |= {(variant, form): manifest["busy_time_s"] / manifest["runs"] for form in its["settings"]}
         cost = pd.read_csv(folder / "cost.csv", index_col=["algorithm", "observation"])
         cpu = cost["cpu_ms" if "cpu_ms" in cost else "cpu_time_s"]  # of a run
-        costs |= (cpu * (manifest["busy_time_s"] / (cpu @ cost["runs"]))).to_dict()
+        share = cost["runs"].sum() / manifest["runs"]  # of all runs, that the table is about
+        costs |= (cpu * (share * manifest["busy_time_s"] / (cpu @ cost["runs"]))).to_dict()
     return costs

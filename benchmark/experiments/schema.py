@@ -43,7 +43,7 @@ DEFAULT_CONDITION: Final = "default"
 MOST_POINTS: Final = 10_000  # of a grid
 
 # Folders of results that are not those of an experiment, or not of its declared seeds
-_RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*")
+_RESERVED: Final = ("leaderboard", "speed", "speed_smoke", "*_partial", "*_seeds_*")
 # What a reference implementation takes from its variant, and does not set itself.
 _SHARED: Final = {"settings", "policy", "tuned_by", "rank"}
 
@@ -108,6 +108,8 @@ class Changes(Table):
 
 class Reading(Changes):
     """One way to read the paper, or a control."""
+
+    omitted_at_default: ClassVar[Set[str]] = {"title"}
 
     title: Annotated[Line, Field(max_length=60)] = ""
     """What a figure calls it; by default its name."""
@@ -541,7 +543,7 @@ def _path(experiment: str | Path) -> Path:
             raise InputError(f"{path}: {reason}; rename it.")
         return path
     if str(experiment) not in names:
-        if (file := Path(f"{experiment}.toml")).is_file():
+        if isfile(file := f"{experiment}.toml"):  # noqa: PTH113
             raise InputError(f"experiments: unknown experiment {experiment}; accepted: the file {file}.")
         unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
     return shipped

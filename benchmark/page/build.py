@@ -23,7 +23,6 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 from matplotlib import pyplot as plt
-from PIL import Image
 
 from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import in_dark, learner_style, svg
@@ -264,19 +263,12 @@ class _Part:
 
     def _figure(self, item: Item) -> dict[str, object]:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
-        path = self.folder.path / self.folder.figure(item.name)
-        if path.suffix == ".svg":
-            drawn = path.read_text(encoding="utf-8")
-            width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
-            for character in _ESCAPED:
-                drawn = drawn.replace(character, quote(character))
-            address = f"svg+xml,{drawn}"
-        else:
-            address = f"png;base64,{_base64(path.read_bytes())}"
-            with Image.open(path) as image:
-                width, height = (round(size * 96 / image.info.get("dpi", (96,))[0]) for size in image.size)
+        drawn = (self.folder.path / self.folder.figure(item.name)).read_text(encoding="utf-8")
+        width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
+        for character in _ESCAPED:
+            drawn = drawn.replace(character, quote(character))
         texts = {"caption": self.inline(item.caption), "alt": item.caption}
-        return {**texts, "address": Markup(address), "width": width, "height": height}
+        return {**texts, "address": Markup(f"svg+xml,{drawn}"), "width": width, "height": height}
 
 
 def _slug(text: str) -> str:

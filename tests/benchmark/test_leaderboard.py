@@ -58,12 +58,12 @@ def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("score = 1.0", "score = 0.999", "score = 0.999: accepted: 1.0"),
+        ("score = 1.0", "score = 0.999", "score = 0.999: recomputed: 1.0"),
         ("score = 1.0", "score = nan", "score = NaN: "),
         ("score = 1.0", "", "the key score is missing."),
-        ("success = 1.0", "success = 1.00001", "success = 1.00001: accepted: 1.0"),
-        (r"steps = 11\.0", "steps = -11.0", "steps = -11.0: accepted: 11.0"),
-        (r"policy = \[2", "policy = [0", "score = 1.0: accepted: 0.43"),
+        ("success = 1.0", "success = 1.00001", "success = 1.00001: recomputed: 1.0"),
+        (r"steps = 11\.0", "steps = -11.0", "steps = -11.0: recomputed: 11.0"),
+        (r"policy = \[2", "policy = [0", "score = 1.0: recomputed: 0.43"),
         (r"policy = \[2", "policy = [3", "policy, of 120 numbers: accepted: 120 numbers from 0 to 2"),
         (r"policy = \[2", "policy = [-1", "policy, of 120 numbers: accepted: 120 numbers from 0 to 2"),
         (r"policy = \[2, ", "policy = [", "policy, of 119 numbers: accepted: 120 numbers from 0 to 2"),

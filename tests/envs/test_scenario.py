@@ -123,7 +123,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     (PAIR | {"group.apart": [4, 2]}, "apart = [4.0, 2.0]: accepted: the smallest distance first"),
     (PAIR | {"group.people": 6, "group.apart": [0, 20]}, "of the 6 people of the group can stand in"),
     (ANYWHERE | {"grid.rows": 300, "grid.columns": 300, "issuer.places": 1, "ping_limit": 1}, "90,000 ways"),
-    ({"ping_limit": 834}, "100080 states for each position of the issuer: accepted: at most 100000"),
+    ({"ping_limit": 834}, "100080 states for each position of the person: accepted: at most 100000"),
     # 120 cells x 5 wrong PINGs x 21 phases x 20 positions = 252,000 states.
     (
         {

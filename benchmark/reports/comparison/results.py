@@ -137,20 +137,23 @@ def summary(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @summary.figure("How often each learner succeeds after training.")
-def _(tables: Frames, experiment: Experiment) -> Figure:
+def _(tables: Frames, experiment: Experiment) -> Figure | None:
     frame, drawn = figures.labelled(tables["summary"]), figures.drawn_learners(experiment)
     learners = [name for name in frame["learner"].unique() if name in drawn]
+    if not learners:  # of a partial report
+        return None
+    decisive = [name for name in decisive_learners(experiment) if name in learners] or learners
     values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
     rows, groups = dict[str, "pd.Series[float]"](), dict[int, str]()
     for title, names in _grouped(tables, [*frame["scenario"].unique()]).items():
         groups[len(rows)] = title
-        rows |= _rows(values.loc[names], decisive_learners(experiment) or learners)
+        rows |= _rows(values.loc[names], decisive)
     if "aggregate" in tables and len(rows) > 1 and "condition" not in tables["aggregate"]:
         mean = figures.labelled(tables["aggregate"]).set_index("learner")["success"]
         rows["mean"] = mean.reindex(learners)
     colours = mpl.colormaps[COLOUR_MAP].with_extremes(bad="white")  # without runs
     cells = [
-        [(f"{value:.2f}" if round(value, 2) < _GOOD else "", to_hex(colours(value))) for value in row]
+        [("" if round(value, 2) >= _GOOD else show(value, 2), to_hex(colours(value))) for value in row]
         for row in rows.values()
     ]
     characters = max(_CHARACTERS // len(learners), 12)
