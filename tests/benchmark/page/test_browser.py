@@ -192,7 +192,7 @@ def test_explorer_by_keyboard_alone(opened: Opened) -> None:
 
 def test_tables_sort(opened: Opened) -> None:
     opened.unfold()
-    table = opened.page.locator("#compare_deep [data-item=summary]")
+    table = opened.page.locator("#report-compare_deep [data-item=summary]")
 
     def shown(column: int) -> list[float]:
         texts = [cell.split(" ")[0] for cell in table.locator(f"td:nth-child({column})").all_inner_texts()]
@@ -209,7 +209,7 @@ def test_tables_sort(opened: Opened) -> None:
 def test_number_is_marked_in_the_rows_that_it_comes_from(opened: Opened, results: Path) -> None:
     opened.unfold()
     header, *rows = rows_of(results / "compare_deep" / "summary.csv")
-    for link, n_rows in (("#compare_deep .sortable a.n", 1), ("#compare_deep > details > p a.n", len(rows))):
+    for link, n_rows in (("#report-compare_deep .sortable a.n", 1), ("#report-compare_deep > details > p a.n", len(rows))):
         number_link = opened.page.locator(link).first
         shown = number_link.inner_text()
         number_link.click()
@@ -503,7 +503,7 @@ def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
     for each in (768, 1920, width):
         opened.page.set_viewport_size({"width": each, "height": 844})
         assert opened.page.evaluate("document.documentElement.scrollWidth") == each  # nothing sticks out
-    opened.unfold("#explorer details, #compare_deep details")  # the other reports are the same
+    opened.unfold("#explorer details, #report-compare_deep details")  # the other reports are the same
     assert opened.page.evaluate("document.documentElement.scrollWidth") == width
     opened.walk(1)
     for context in (None, "dialog"):
