@@ -209,7 +209,10 @@ def test_tables_sort(opened: Opened) -> None:
 def test_number_is_marked_in_the_rows_that_it_comes_from(opened: Opened, results: Path) -> None:
     opened.unfold()
     header, *rows = rows_of(results / "compare_deep" / "summary.csv")
-    for link, n_rows in (("#report-compare_deep .sortable a.n", 1), ("#report-compare_deep > details > p a.n", len(rows))):
+    for link, n_rows in (
+        ("#report-compare_deep .sortable a.n", 1),
+        ("#report-compare_deep > details > p a.n", len(rows)),
+    ):
         number_link = opened.page.locator(link).first
         shown = number_link.inner_text()
         number_link.click()
