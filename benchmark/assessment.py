@@ -23,7 +23,6 @@ from envs.scene import scene_of
 
 with needed_by("benchmark.assessment"):
     import pandas as pd
-    from matplotlib import pyplot as plt
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -142,9 +141,7 @@ class Assessment:
           InputError: The file name has another ending, or there is no such folder.
         """
         check_file(Path(path), *PICTURES)
-        figure = draw_map(self)
-        save_figure(figure, Path(path), is_tight=True)
-        plt.close(figure)
+        save_figure(draw_map(self), Path(path), is_tight=True)
 
 
 def assess(

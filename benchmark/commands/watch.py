@@ -65,7 +65,7 @@ def has_window() -> bool:
 
 def in_window(film: Film) -> None:
     """Plays the film once in a window, until the reader closes it."""
-    screen = Screen(film)
+    screen = Screen(film, plt.figure)
     # The animation is kept, or it would not be played.
     kept = FuncAnimation(screen.figure, screen.show, film.steps, interval=FRAME_MS, repeat=False)
     plt.show()

@@ -6,7 +6,7 @@ actions are equally good, or where it has diverged.
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 import pandas as pd
 from matplotlib import patheffects
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -81,14 +81,14 @@ def film_of(title: str, records: Records, agent: int = 0) -> Film:
 class Screen:
     """A figure on which a film is shown."""
 
-    def __init__(self, film: Film) -> None:
+    def __init__(self, film: Film, new: Callable[..., Figure] = Figure) -> None:
         """Makes the figure and shows the first map."""
         self.film, grid = film, film.model.scenario.grid
         cell = min(_CELL, _LONGEST_SIDE / max(grid.rows, grid.columns))
         width, height = max(cell * grid.columns, _NARROWEST) + _GAP, max(cell * grid.rows, _LOWEST) + _GAP
         self._title = fill(film.title, int(width * _CHARACTERS))
         height += (self._title.count("\n") + 3) * _LINE
-        with figure_of(1, 1, (width + _BAR, height)) as (self.figure, axes):
+        with figure_of(1, 1, (width + _BAR, height), new) as (self.figure, axes):
             self.figure.set_dpi(_DPI)
             self._axis, self._norm = axes[0, 0], Normalize(*colour_limits(film.values.ravel()))
             colour_bar(self.figure, [self._axis], self._norm, "value", extend="both")
@@ -150,7 +150,6 @@ def learning(film: Film) -> list[Image.Image]:
     for step in film.steps:
         screen.show(step)
         frames.append(screen.image())
-    plt.close(screen.figure)
     return frames
 
 

@@ -1,7 +1,7 @@
 """What all figures share: their style, the colours and markers of learners, and how they are saved."""
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
@@ -13,7 +13,6 @@ mpl.use("Agg")
 
 import pandas as pd
 import seaborn as sns
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
@@ -86,7 +85,7 @@ def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
     if path.suffix.lower() == ".svg":
         path.write_text(svg(figure, is_tight=is_tight), encoding="utf-8")
         return
-    with plt.rc_context({**_RC, "savefig.dpi": 144}):
+    with mpl.rc_context({**_RC, "savefig.dpi": 144}):
         metadata = dict.fromkeys(["Software"])
         figure.savefig(path, metadata=metadata, bbox_inches="tight" if is_tight else None)
 
@@ -94,17 +93,23 @@ def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
 def svg(figure: Figure, *, is_tight: bool = False) -> str:
     """Returns the figure as the text of an SVG, see `save_figure`."""
     text = io.StringIO()
-    with plt.rc_context({**_RC, "savefig.dpi": "figure"}):
+    with mpl.rc_context({**_RC, "savefig.dpi": "figure"}):
         metadata = dict.fromkeys(["Date", "Creator"])
         figure.savefig(text, format="svg", metadata=metadata, bbox_inches="tight" if is_tight else None)
     return compact(text.getvalue(), _IN_DARK)
 
 
 @contextmanager
-def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns)."""
-    with plt.rc_context(_RC):
-        figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
+def figure_of(
+    rows: int, columns: int, size: tuple[float, float], new: Callable[..., Figure] = Figure
+) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns).
+
+    It is closed with its last reference, unless it is new in pyplot, which is needed for a window alone.
+    """
+    with mpl.rc_context(_RC):
+        figure = new(figsize=size, layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False)
         yield figure, axes
         for text in figure.findobj(Text):
             # "$" is a character except in the ticks of logarithmic axes, which have no text until drawn.

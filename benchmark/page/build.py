@@ -22,7 +22,6 @@ import jinja2
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
-from matplotlib import pyplot as plt
 
 from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import in_dark, learner_style, svg
@@ -114,9 +113,7 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
 
 @cache
 def _scenes() -> str:
-    figure = shipped()
-    plt.close(figure)
-    return svg(figure)
+    return svg(shipped())
 
 
 class _Part:

@@ -97,7 +97,7 @@ class Item:
             if data.is_partial:
                 figure.suptitle("PARTIAL: runs are missing", color="firebrick")
             save_figure(figure, directory / f"{self.name}.svg")
-            plt.close(figure)
+            plt.close(figure)  # if its author made it in pyplot
         if self.write is not None:
             called(self.write, data, path=directory / self.file)
 

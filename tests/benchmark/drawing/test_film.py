@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from PIL import Image
 
@@ -23,7 +22,6 @@ def shown(film: Film) -> Axes:
     """Shows the last map of a film."""
     screen = Screen(film)
     screen.show(film.steps[-1])
-    plt.close(screen.figure)
     return screen.figure.axes[0]
 
 
@@ -72,7 +70,6 @@ def test_titles_say_step_score_and_ending(film: Film) -> None:
 
 def test_a_film_shows_the_last_map_before_a_step(film: Film) -> None:
     screen = Screen(film)
-    plt.close(screen.figure)
     for step, last in ((0, 0), (399, 0), (400, 400), (9_999, 9_600), (50_000, 10_000)):
         screen.show(step)
         assert f"\nstep {last:,} " in screen.figure.axes[0].get_title("left")

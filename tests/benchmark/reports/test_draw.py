@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib import pyplot as plt
 
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications
@@ -147,7 +146,6 @@ def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, tmp_path: Pat
         frames = draw.tables_of(items, data)
         pictures = [item.picture(data, frames) for item in items]
     assert len([*filter(None, pictures)]) >= 2
-    plt.close("all")
 
 
 def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
