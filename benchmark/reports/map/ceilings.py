@@ -16,7 +16,8 @@ from envs.observations import INDICES, compile_seen
 
 @item(
     "ceilings",
-    "exact: how often one action for each row can be optimal, and success with these, no upper limit",
+    "exact: the share of states in which one action per row can be optimal, and success with these actions, "
+    "which others may exceed",
     {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
     meanings={
         "grid": "grid of the experiment, whose scene it is",

@@ -179,7 +179,7 @@ def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 @_item(
     "reference",
-    "exploratory: DQN and PPO of Stable-Baselines3 compared with the compiled ones",
+    "exploratory: reference implementations compared with the learners whose settings they share",
     _columns("grid point x y n n_reference steps steps_reference faster")
     | {"n": "runs of x", "steps": "median steps of x"},
 )

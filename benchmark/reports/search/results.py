@@ -100,7 +100,7 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         }
 
 
-@_item("best_of", "what is expected of the best of b trials")
+@_item("best_of", "the expected result of the best of b trials")
 def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates `expected_best` of the trials without trial 0, with intervals over trials.
 
@@ -118,8 +118,8 @@ def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @best_of.figure(
-    "What tuning buys: the expected result of the best of so many trials, of each algorithm with the form of "
-    "observation that is best."
+    "What tuning buys: the expected result of the best of b trials, for each algorithm with its best form of "
+    "observation."
 )
 def _(tables: Frames, experiment: Experiment) -> Figure:
     frame, chosen, best = tables["best_of"], tables["chosen"], dict[str, Learner]()

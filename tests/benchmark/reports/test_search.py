@@ -115,7 +115,7 @@ def test_a_search_by_earliness_is_published(tmp_path: Path) -> None:
     chosen, text = pd.read_csv(folder / "chosen.csv"), (folder / "README.md").read_text(encoding="utf-8")
     assert chosen["chosen"].max() > 0.1
     assert trials["fresh_earliness"].max() == pytest.approx(chosen["chosen"].max(), abs=1e-5)
-    assert "stays at or above 0.05 from then to step 2*s*" in " ".join(text.split())
+    assert "stays at or above 0.05 from then until step 2*s* or the end" in " ".join(text.split())
     assert "Which settings matter" not in text
     assert "area" not in text
     made = read_chosen(path, "here").learners
