@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb, to_rgba
 
 from benchmark.drawing.style import _KNOWN, INK, WIDTH, figure_of, learner_style, name_lines, save_figure
@@ -52,6 +53,14 @@ def test_names_of_lines_do_not_overlap_and_are_in_order(ends: list[float]) -> No
     assert all(box.x0 > axes[0, 0].bbox.x1 and box.x1 < figure.bbox.x1 for box in boxes)
     assert boxes[0].y0 > 0
     assert boxes[-1].y1 < figure.bbox.y1
+
+
+def test_figures_are_not_kept_by_pyplot() -> None:
+    """It warns of more than twenty in one process."""
+    kept = plt.get_fignums()
+    with figure_of(1, 1, (4.0, 3.0)):
+        pass
+    assert plt.get_fignums() == kept
 
 
 @pytest.mark.parametrize("text", ["$x^2$", r"$\frac$", "a_b, 5 $", r"\$x$"])
