@@ -244,7 +244,10 @@ def _lines(experiment: Experiment, panels: Sequence[Panel], column: str) -> Figu
             else:
                 axis.set(ylim=(0, 1.04))
             _set_horizontal(axis, *axis_of(experiment, grid))
-            _apart(axis, [_curve(axis, rows, column, experiment, 2.0 * i) for i, rows in enumerate(lines)])
+            besides = range(1 - len(lines), len(lines), 2)  # points
+            _apart(
+                axis, [_curve(axis, *line, column, experiment) for line in zip(lines, besides, strict=True)]
+            )
             axis.set(title=fill(title, 44), ylabel=_WHAT[column] if axis in axes[:, 0] else "")
             axis.tick_params(labelleft=axis in axes[:, 0])
         _sized(figure, _SMALL)
@@ -256,7 +259,7 @@ def _set_horizontal(axis: Axes, name: str, numbers: Mapping[str, float], texts: 
     values = [*numbers.values()]
     if values[0] > 0:
         span = max(values[-1] / values[0], 4.0)
-        axis.set(xscale="log", xlim=(values[0] / span**0.04, values[-1] * span**_ROOM))
+        axis.set(xscale="log", xlim=(values[0] / span**0.06, values[-1] * span**_ROOM))
     else:
         axis.set_xlim(0, values[-1] * (1 + _ROOM))
     shares = (axis.transScale + axis.transLimits).transform([(value, 1) for value in values])[:, 0]
@@ -269,7 +272,7 @@ def _set_horizontal(axis: Axes, name: str, numbers: Mapping[str, float], texts: 
     axis.set_xlabel(f"number of {_LABELS.get(name, name)}")
 
 
-def _curve(axis: Axes, rows: pd.DataFrame, column: str, experiment: Experiment, beside: float) -> Annotation:
+def _curve(axis: Axes, rows: pd.DataFrame, beside: float, column: str, experiment: Experiment) -> Annotation:
     """Draws a learner's line, with hollow markers where most runs never learn; returns its name.
 
     It is some points beside its place, so that intervals do not cover each other.
