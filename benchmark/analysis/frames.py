@@ -87,7 +87,7 @@ def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
 def _recorded(run: RunSpecification) -> set[str]:
     if run.solved is not None:
         return _MAPPED
-    names = {*_RUN_COLUMNS, *_CURVE_COLUMNS} - {"unseen_success", "earliness"}
+    names = {*_RUN_COLUMNS, *_CURVE_COLUMNS} - {*_UNSEEN, "earliness"}
     is_everywhere = "every_cell" in run.evaluated_from
     return {name for name in names if is_everywhere or "every_cell_" not in name}
 
@@ -114,9 +114,11 @@ def _random_success(model: Model, horizon: int) -> float:
     return float(evaluate(model, uniform_policy(model), horizon).success)
 
 
-def _unseen_success(records: Records, _: str) -> Floats:
-    """Returns the success in unseen places, (N,); NaN without any."""
-    return np.array([[*agent["unseen_success"], math.nan][0] for agent in records.agents])
+def _unseen(when: int, named: str, records: Records, counting: str) -> Floats:
+    """Returns the success in unseen places, (N,), by a policy or the one that counts; NaN without any."""
+    which = when, int((named or counting) == "stochastic")
+    found = [agent["unseen_success"] for agent in records.agents]
+    return np.array([success[which] if success.size else math.nan for success in found])
 
 
 def _area(records: Records, policy: str) -> Floats:
@@ -134,6 +136,15 @@ def _earliness(records: Records, _: str) -> Floats:
     return np.asarray(1 - np.log(taken / run.evaluation_every) / np.log(steps[-1] / run.evaluation_every))
 
 
+# Success in unseen places: when a run has learned (0) or at the budget (1), by which policy
+_UNSEEN: Final = {
+    "unseen_success": (0, ""),
+    "unseen_greedy": (0, "greedy"),
+    "unseen_stochastic": (0, "stochastic"),
+    "unseen_budget": (1, ""),
+    "unseen_budget_greedy": (1, "greedy"),
+    "unseen_budget_stochastic": (1, "stochastic"),
+}
 _RUN_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     **{name: partial(_final, name, "start") for name in ENDPOINTS},
     **{f"every_cell_{name}": partial(_final, name, "every_cell") for name in ENDPOINTS},
@@ -141,7 +152,7 @@ _RUN_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     "random_success": lambda records, _: np.full(
         len(records.seeds), _random_success(records.model, records.run.horizon)
     ),
-    "unseen_success": _unseen_success,
+    **{name: partial(_unseen, *which) for name, which in _UNSEEN.items()},
     "area": _area,
     "earliness": _earliness,
     "target_cells_marked": lambda records, _: (records.values_ping & records.in_target).sum(axis=1),
@@ -165,8 +176,8 @@ _CURVE_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
 }
 # Of runs that end when they have learned; they record nothing else.
 _MAPPED: Final = {
-    "success", "unseen_success", "earliness", "training_wrong_pings", "diverged_at", "updates", "parameters",
-    "cpu_time_s", "peak_memory_mb",
+    "success", "earliness", "training_wrong_pings", "diverged_at", "updates", "parameters", "cpu_time_s",
+    "peak_memory_mb", *_UNSEEN,
 }  # fmt: skip
 
 

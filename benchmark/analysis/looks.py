@@ -1,14 +1,16 @@
 """Contrasts that are tested at several looks and get no more runs once they are decided.
 
-The endpoint of a run is after how many steps it has learned. Two learners are compared by the probability
-that the first is faster, with ties counted as a half, over pairs of runs of the same seed, which have the
-same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has the
-interval of a proportion, and what a scenario draws is part of its width.
+Two learners are compared by what a run takes until it has learned, in steps and in wrong PINGs: by the
+probability that the first takes less, with ties counted as a half, over pairs of runs of the same seed, which
+have the same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has
+the interval of a proportion, and what a scenario draws is part of its width.
 
-At each of the declared looks, every contrast has intervals of such a level that the probability of any wrong
-verdict, in all contrasts at all looks, is at most 5 % (repeated confidence intervals: Jennison and Turnbull
-1989, Journal of the Royal Statistical Society B 51:305-361; here with Bonferroni's correction). So it does
-not matter why a contrast gets more runs.
+Each look has a share of an error of 5 %. There, contrasts are decided step by step, as by Holm (1979): first
+by intervals of which any is wrong with at most this probability; those that remain are fewer, so they have
+narrower intervals, and so on. So the probability of any wrong verdict in a unit is at most 5 % over all
+looks, and it does not matter why a contrast gets more runs (Jennison and Turnbull 1989, Journal of the Royal
+Statistical Society B 51:305-361). For the steps after the first, this is known if contrasts are independent
+(Shaffer 1980, Annals of Statistics 8:1342-1347), and simulated if they share runs.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,23 +22,35 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmark.analysis.frames import Group, by_population, by_step, learned, tables
-from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
+from benchmark.analysis.intervals import Estimate, proportion_interval
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Population
 
 FASTER, SLOWER, EQUAL, UNDECIDED = "faster", "slower", "equally fast", "undecided"
 NEITHER: Final = "neither learns"  # most runs of neither learner learn
-VERDICTS: Final = (FASTER, SLOWER, EQUAL, NEITHER, UNDECIDED)
+NO_VERDICT: Final = "no verdict"  # for one of the reasons below
+VERDICTS: Final = (FASTER, SLOWER, EQUAL, NEITHER, UNDECIDED, NO_VERDICT)
+COARSE: Final = "evaluations are too far apart"
+TRIVIAL: Final = "an untrained policy reaches the level"
+LOST: Final = "the faster learner has lost the level at the end of training"
 SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
+UNITS: Final = {"steps": "steps", "disagreements": "wrong PINGs"}  # in which contrasts are decided
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
+_COARSE: Final = 1.25  # an evaluation that is more than so many times as late as the one before
+
+Numbers = NDArray[np.float64]
+Taken = Mapping[Population, pd.DataFrame]  # see `took`
 
 
 class Decision(NamedTuple):
-    """What a look at a contrast says."""
+    """What a look at a contrast says in a unit."""
 
     n: int  # pairs of runs
     verdict: str
-    faster: Estimate  # the probability that x is faster, with the interval of this look
+    why: str  # there is no verdict; else empty
+    faster: (
+        Estimate  # the probability that x takes less; its interval holds for all contrasts and looks at once
+    )
 
 
 class Contrast(NamedTuple):
@@ -44,45 +58,72 @@ class Contrast(NamedTuple):
 
     x: Population
     y: Population
-    took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of n pairs
-    decision: Decision
+    took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of as many pairs as its decisions use
+    decisions: Mapping[str, Decision]  # by unit
     at_level: Mapping[float, str]  # verdicts on the same pairs at further levels of success, exploratory
 
+    @property
+    def decision(self) -> Decision:
+        """What is decided in steps."""
+        return self.decisions["steps"]
 
-def tail_of(n_contrasts: int, n_looks: int) -> float:
-    """Returns the probability that one end of an interval may leave out."""
-    return (1 - LEVEL) / (_ENDS * n_contrasts * n_looks)
+    def took_by(self, unit: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Returns what both sides took in the pairs of runs that a decision uses."""
+        x, y = (side[: self.decisions[unit].n] for side in self.took)
+        return x, y
 
 
-def decide(x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: float) -> Decision:
-    """Compares the steps, (N,) each, after which runs of the same seeds have learned; infinite if never."""
-    n = len(x)
+def tail_of(n_contrasts: int, error: float) -> float:
+    """Returns the probability that one end of an interval may leave out, of a look with a share of the error.
+
+    >>> round(tail_of(10, 0.03), 6)  # three ends each
+    0.001
+    """
+    return error / (_ENDS * n_contrasts)
+
+
+def decide(
+    x: Numbers, y: Numbers, margin: float, tail: float, is_open: NDArray[np.bool_] | None = None
+) -> str:
+    """Compares what runs of the same seeds took, (N,) each, infinite if they never learned.
+
+    `is_open` (N,) marks pairs of which evaluations are too rare to tell who took less. There is a verdict
+    only if it does not depend on them.
+    """
     wins = np.where(x == y, 0.5, x < y)
-    mean = float(wins.mean())
-    low, high = (float(end) for end in proportion_interval(mean, n, tail))
-    never = min(float(proportion_interval(np.isinf(steps).mean(), n, tail)[0]) for steps in (x, y))
+    never = min(float(proportion_interval(np.isinf(taken).mean(), len(x), tail)[0]) for taken in (x, y))
     if never > 0.5:
-        verdict = NEITHER
-    elif 0.5 - margin < low <= high < 0.5 + margin:
-        verdict = EQUAL
-    else:
-        verdict = FASTER if low > 0.5 else SLOWER if high < 0.5 else UNDECIDED
-    return Decision(n, verdict, Estimate(mean, low, high))
+        return NEITHER
+    verdicts = [_verdict(wins, margin, tail)]
+    if is_open is not None and is_open.any():
+        verdicts += [_verdict(np.where(is_open, end, wins), margin, tail) for end in (0.0, 1.0)]
+    return verdicts[0] if len({*verdicts}) == 1 else NO_VERDICT if verdicts[0] != UNDECIDED else UNDECIDED
+
+
+def _verdict(wins: Numbers, margin: float, tail: float) -> str:
+    low, high = (float(end) for end in proportion_interval(wins.mean(), len(wins), tail))
+    if 0.5 - margin < low <= high < 0.5 + margin:
+        return EQUAL
+    return FASTER if low > 0.5 else SLOWER if high < 0.5 else UNDECIDED
 
 
 def took(curves: pd.DataFrame, level: float) -> pd.DataFrame:
     """Returns what the runs of a population took until they had learned, a row for each.
 
-    It has the keys of `SPENT`, infinite if the run never learned; `success` at the last evaluation; and, with
-    the prefix `spent_`, what the run had spent by then.
+    It has the keys of `SPENT`, infinite if the run never learned, and with prefixes the same at the
+    evaluation before (`before_`) and at the last one (`spent_`); `success` at the last one, whether that
+    reaches the level (`lasts`), and whether the untrained policy does (`untrained`).
     """
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
     first, last = learned(success, steps, level, until=2), len(steps) - 1
-    of_runs = {"success": success[:, last]}
+    of_runs: dict[str, NDArray[np.generic]] = {"success": success[:, last]}
+    of_runs |= {"untrained": success[:, 0] >= level, "lasts": success[:, last] >= level}
     for name, column in SPENT.items():
         values = by_step(curves, column).astype(float)
-        at_first = values[np.arange(len(values)), np.minimum(first, last)]
+        each, before = np.arange(len(values)), np.clip(first - 1, 0, last)
+        at_first = values[each, np.minimum(first, last)]
         of_runs |= {name: np.where(first > last, np.inf, at_first), f"spent_{name}": values[:, last]}
+        of_runs[f"before_{name}"] = np.where(first > 0, values[each, before], 0.0)
     return pd.DataFrame(of_runs)
 
 
@@ -114,37 +155,94 @@ def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
     ]
 
 
+def taken(experiment: Experiment, curves: pd.DataFrame, level: float) -> Taken:
+    """Returns what the runs of every population took, see `took`."""
+    return {population: took(rows, level) for population, rows in rows_of(experiment, curves).items()}
+
+
 def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     """Lists all contrasts that have enough runs for a look, each looked at until it is decided."""
-    report, solved, pairs = experiment.report, experiment.declared.solved, compared(experiment)
-    assert report is not None
+    solved = experiment.declared.solved
     assert solved is not None
+    further = {level: taken(experiment, curves, level) for level in solved.further}
+    return contrasts_of(experiment, taken(experiment, curves, solved.success), further)
+
+
+def contrasts_of(experiment: Experiment, runs: Taken, further: Mapping[float, Taken]) -> list[Contrast]:
+    """Lists the same, given what runs took until they had learned, also at further levels of success."""
+    report = experiment.report
+    assert report is not None
+    looked, margin = [], report.margins.faster
     # The same contrast may be in two grids.
-    n_contrasts = len({(x.first.digest, y.first.digest) for x, y in pairs})
-    tail, rows, looked = tail_of(n_contrasts, len(report.looks)), rows_of(experiment, curves), []
-    for sides in pairs:
-        if not all(side in rows for side in sides):
+    distinct = {(x.first.digest, y.first.digest): (x, y) for x, y in compared(experiment)}
+    decided = {unit: _decide_all(distinct, runs, report.errors, margin, unit) for unit in UNITS}
+    for sides in compared(experiment):
+        key = (sides[0].first.digest, sides[1].first.digest)
+        if key not in decided["steps"]:
             continue
-        levels, decision = (solved.success, *solved.further), None
-        taken = {level: [took(rows[side], level) for side in sides] for level in levels}
-        x, y = taken[solved.success]
-        for n in (n for n in report.looks if n <= min(len(x), len(y))):
-            decision = _look(taken[solved.success], n, report.margins.faster, tail)
-            if decision.verdict != UNDECIDED:
-                break
-        if decision is not None:
-            at_level = {
-                level: _look(taken[level], decision.n, report.margins.faster, tail).verdict
-                for level in solved.further
-            }
-            looked.append(Contrast(*sides, (x[: decision.n], y[: decision.n]), decision, at_level))
+        decisions = {unit: of_unit[key] for unit, of_unit in decided.items()}
+        n, n_steps = max(decision.n for decision in decisions.values()), decisions["steps"].n
+        tail = tail_of(len(distinct), report.errors[n_steps])
+        at_level = {
+            level: _look([of_level[side] for side in sides], n_steps, margin, tail, "steps")[0]
+            for level, of_level in further.items()
+        }
+        x, y = (runs[side][:n] for side in sides)
+        looked.append(Contrast(*sides, (x, y), decisions, at_level))
     return looked
 
 
-def _look(taken: Sequence[pd.DataFrame], n: int, margin: float, tail: float) -> Decision:
-    """Decides by the first n pairs of runs, given what both sides took."""
-    x, y = (side["steps"].to_numpy()[:n] for side in taken)
-    return decide(x, y, margin, tail)
+Key = tuple[str, str]  # digests of both sides' first runs
+
+
+def _decide_all(
+    pairs: Mapping[Key, tuple[Population, Population]],
+    runs: Taken,
+    errors: Mapping[int, float],
+    margin: float,
+    unit: str,
+) -> dict[Key, Decision]:
+    """Decides contrasts in a unit, look after look, given the error of each; see the module's docstring."""
+    decisions, remaining = dict[Key, Decision](), dict(pairs)
+    for n, error in errors.items():
+        at_once = tail_of(len(pairs), error)
+        looked = {
+            key: [runs[side] for side in sides]
+            for key, sides in remaining.items()
+            if all(side in runs and len(runs[side]) >= n for side in sides)
+        }
+        decided: list[Key] | None = None
+        while decided != []:
+            tail = tail_of(max(len(remaining), 1), error)
+            found = {
+                key: _look(sides, n, margin, tail, unit) for key, sides in looked.items() if key in remaining
+            }
+            for key, (verdict, why) in found.items():
+                x, y = (side[unit].to_numpy()[:n] for side in looked[key])
+                mean = float(np.where(x == y, 0.5, x < y).mean())
+                ends = (float(end) for end in proportion_interval(mean, n, at_once))
+                decisions[key] = Decision(n, verdict, why, Estimate(mean, *ends))
+            decided = [key for key, (verdict, _) in found.items() if verdict not in (UNDECIDED, NO_VERDICT)]
+            for key in decided:
+                del remaining[key]
+    return decisions
+
+
+def _look(sides: Sequence[pd.DataFrame], n: int, margin: float, tail: float, unit: str) -> tuple[str, str]:
+    """Returns the verdict by the first n pairs of runs, and why there is none."""
+    x, y = (side[:n] for side in sides)
+    if max(x["untrained"].mean(), y["untrained"].mean()) > 0.5:
+        return NO_VERDICT, TRIVIAL
+    is_coarse = [side["steps"] > _COARSE * side["before_steps"] for side in (x, y)]
+    is_learned = np.isfinite(x[unit]) & np.isfinite(y[unit])
+    # What a run took lies between what it had spent at two evaluations.
+    overlaps = (x[unit] > y[f"before_{unit}"]) & (y[unit] > x[f"before_{unit}"])
+    is_open = (is_learned & overlaps & (is_coarse[0] | is_coarse[1])).to_numpy()
+    verdict = decide(x[unit].to_numpy(), y[unit].to_numpy(), margin, tail, is_open)
+    winner = {FASTER: x, SLOWER: y}.get(verdict)
+    if winner is not None and winner["lasts"][np.isfinite(winner["steps"])].mean() < 0.5:
+        return NO_VERDICT, LOST
+    return verdict, COARSE if verdict == NO_VERDICT else ""
 
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:

@@ -4,6 +4,7 @@ import time
 from contextlib import suppress
 from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from benchmark.experiments.run import solved
 from benchmark.packages import broken
 from envs import InputError, Model
 from envs.observations import compile_seen
+
+EXPLORED: Final = 0.05  # probability of a random action in the stochastic policy of learners that have none
 
 
 def execute_job(job: Job) -> list[Record]:
@@ -105,36 +108,47 @@ def _train_and_evaluate(job: Job) -> Arrays:
 def _train_until_solved(run: RunSpecification) -> Arrays:
     """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
 
-    A curve that ends early is continued with its last point. Success in unseen places, if there are any, is
-    that of the last policy.
+    A curve is continued with the point at which that is certain, but if the run is trained to its budget, the
+    last point is that of its last policy. It is if its algorithm cannot end early, or if there are unseen
+    places: in these, `unseen_success` (1, 2, 2) is that of the greedy and the stochastic policy, when the run
+    has learned and at the budget. A learner without a stochastic policy explores by `EXPLORED`.
     """
     assert run.solved is not None
     enough, is_greedy = float(run.solved["success"]), run.solved["policy"] == "greedy"
     model = compile_seen(run.drawn_scenario, run.observation)
-    schedule = run.schedule
+    schedule, has_unseen = run.schedule, len(model.unseen_starts) > 0
     n_steps = len(schedule.evaluation_steps)
     success: list[float] = []
-    policy = uniform_policy(model)
 
-    def is_over(latest: NDArray[np.float64]) -> bool:
-        nonlocal policy
-        policy = latest
+    def is_over(policy: NDArray[np.float64]) -> bool:
         success.append(float(evaluate(model, policy, run.horizon).success))
         return solved(success, schedule.evaluation_steps, enough)[1]
 
     def may_end(_: int, table: NDArray[np.float64]) -> bool:
         return is_over(mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table)
 
-    training = _train([run], model, replace(schedule, may_end=may_end))
-    if not is_greedy and not training.stochastic.shape[1]:
+    training = _train([run], model, replace(schedule, may_end=None if has_unseen else may_end))
+    has_stochastic = training.stochastic.shape[1] > 0
+    if not is_greedy and not has_stochastic:
         raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
+
+    def policies(i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        greedy = mask_policy(training.greedy[0, i])
+        explored = (1 - EXPLORED) * greedy + EXPLORED * uniform_policy(model)
+        return greedy, training.stochastic[0, i] if has_stochastic else explored
+
     has_ended = 0 < len(success) < n_steps and training.diverged_at[0] < 0
+    is_early = has_ended
     while not has_ended and (i := len(success)) < n_steps:
-        has_ended = is_over(mask_policy(training.greedy[0, i]) if is_greedy else training.stochastic[0, i])
+        has_ended = is_over(policies(i)[not is_greedy])
+    i_learned = len(success) - 1
     success += [success[-1]] * (n_steps - len(success))
-    unseen = np.empty((1, 0))
-    if len(model.unseen_starts):
-        unseen = evaluate(model, policy, run.horizon, "unseen").success.reshape(1, 1)
+    if not is_early:
+        success[-1] = float(evaluate(model, policies(n_steps - 1)[not is_greedy], run.horizon).success)
+    unseen = np.empty((1, 0, 2))
+    if has_unseen:
+        scored = np.stack([policy for i in (i_learned, n_steps - 1) for policy in policies(i)])
+        unseen = evaluate(model, scored, run.horizon, "unseen").success.reshape(1, 2, 2)
     columns = {"success": np.array([success]), "unseen_success": unseen}
     names = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
     return columns | {name: getattr(training, name) for name in names}

@@ -293,7 +293,8 @@ class _Loading:
             map_every=map_every,
             evaluated_from=declared.evaluated_from,
             seed=seeds[0],
-            solved=None if solved is None else {**solved, "policy": variant.policy},
+            # The version of what is recorded of such runs
+            solved=None if solved is None else {**solved, "policy": variant.policy, "version": 2},
         )
         where = f"{self.path}: algorithms.{learner.variant}"
         with self.noted(f"{where}: "):

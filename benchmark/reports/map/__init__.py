@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from benchmark.analysis.looks import VERDICTS
+from benchmark.analysis.looks import EQUAL, FASTER, SLOWER, VERDICTS
 from benchmark.drawing.tables import link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
@@ -11,17 +11,27 @@ from benchmark.reports.map import figures, results
 from benchmark.reports.map.check import check
 from benchmark.reports.map.crossings import crossings
 
+# What verdicts are called in a unit
+_WORDS: Final = {"steps": {}, "wrong PINGs": {FASTER: "fewer", SLOWER: "more", EQUAL: "equally many"}}
+
 
 def headline(folder: Folder) -> str:
-    """Says how the contrasts of the first grid ended."""
+    """Says how the contrasts of the first grid ended, in steps and in wrong PINGs."""
     table = folder.frame("verdicts")
-    grid, parts = table["grid"].iloc[0], []
-    for _, row in table[table["grid"] == grid].iterrows():
-        ended = [verdict for verdict in VERDICTS if row[verdict]]
-        counts = [f"{verdict} at {link(str(row[verdict]), 'verdicts', row)}" for verdict in ended]
-        x, y = (folder.phrase(row[side]) for side in "xy")
-        parts.append(f"{x} compared with {y}: {', '.join(counts)}")
-    return f"Over the points of the grid `{grid}`, {'; '.join(parts)}."
+    grid, level, sentences = table["grid"].iloc[0], folder.manifest["solved"]["success"], []
+    for unit, of_unit in table[table["grid"] == grid].groupby("unit", sort=False):
+        parts = []
+        for _, row in of_unit.iterrows():
+            ended = [verdict for verdict in VERDICTS if row[verdict]]
+            counts = [
+                f"{_WORDS[unit].get(verdict, verdict)} at {link(str(row[verdict]), 'verdicts', row)}"
+                for verdict in ended
+            ]
+            x, y = (folder.phrase(row[side]) for side in "xy")
+            parts.append(f"{x} compared with {y}: {', '.join(counts)}")
+        sentences.append(f"In {unit}, {'; '.join(parts)}.")
+    until = f"until exact success stays at or above {level} for as long again"
+    return f"What runs take {until}, over the points of the grid `{grid}`. {' '.join(sentences)}"
 
 
 REPORT: Final = Report(

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import filterfalse
 
-from agents.dynamic_programming import largest_success
+from agents.dynamic_programming import evaluate, largest_success
+from agents.policy import uniform_policy
 from benchmark.analysis.looks import compared
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.schema import is_number
@@ -98,14 +99,20 @@ def _unreachable(experiment: Experiment) -> Iterator[str]:
     if not pairs:
         yield "report.contrasts: no compared grid has both learners of a contrast; accepted: one or more."
     for population in {x.condition.name: x for x, _ in pairs}.values():
-        most = _largest_success(population.first.drawn_scenario, declared.horizon)
+        random, most = _success_range(population.first.drawn_scenario, declared.horizon)
+        where = f"in {population.scenario.name} at {population.condition.name.partition('/')[2]}"
+        level = f"solved.success = {declared.solved.success:g}: {where}"
         if most < declared.solved.success:
-            where = f"{population.scenario.name} at {population.condition.name.partition('/')[2]}"
-            often = f"in {where} no policy succeeds more often than {most:.3g}; accepted: at most that"
-            yield f"solved.success = {declared.solved.success:g}: {often}."
+            yield f"{level} no policy succeeds more often than {most:.3g}; accepted: at most that."
+            return
+        if random >= declared.solved.success:
+            yield f"{level} the random policy succeeds in {random:.3g}; accepted: more than that."
             return
 
 
 @lru_cache(maxsize=1024)
-def _largest_success(scenario: Scenario, horizon: int) -> float:
-    return largest_success(compile_scenario(scenario), horizon)
+def _success_range(scenario: Scenario, horizon: int) -> tuple[float, float]:
+    """Returns how often the random policy succeeds, and the best one."""
+    model = compile_scenario(scenario)
+    random = float(evaluate(model, uniform_policy(model), horizon).success)
+    return random, largest_success(model, horizon)

@@ -13,7 +13,7 @@ from matplotlib.text import Annotation, Text
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
-from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER
+from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, NO_VERDICT, SLOWER
 from benchmark.drawing.style import INK, figure_of
 from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment
@@ -42,9 +42,16 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "!": "! decided, but without a ratio",
     "–": "– most runs of neither learn",
     "?": "? undecided",
+    "x": "x no verdict",
     "": "blank: not compared",
 }
-_SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "–"}  # verdicts without a ratio
+_SIGN_OF: Final = {
+    FASTER: "!",
+    SLOWER: "!",
+    EQUAL: "=",
+    NEITHER: "–",
+    NO_VERDICT: "x",
+}  # verdicts without a ratio
 _NEVER: Final = "never learns"
 _LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
 _WHAT: Final = {
@@ -318,7 +325,7 @@ def _sign(row: pd.Series, pairs: pd.DataFrame) -> tuple[str, float]:
         return _SIGN_OF.get(row["verdict"], "?"), np.nan
     logarithm = np.log(row["ratio"])
     own = pairs[(pairs["grid"] == row["grid"]) & (pairs["point"] == row["point"])]
-    own = own[(own["x"] == row["x"]) & (own["y"] == row["y"])]
+    own = own[(own["x"] == row["x"]) & (own["y"] == row["y"])][: row["n"]]
     # Where most runs of a side never learn, the ratio is a bound.
     is_bound = any(np.isinf(own[side].fillna(np.inf).median()) for side in ("steps_x", "steps_y"))
     return "≥" * is_bound + two_digits(np.exp(abs(logarithm))), float(np.clip(logarithm, -_MOST, _MOST))

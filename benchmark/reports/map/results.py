@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,7 @@ import pandas as pd
 from benchmark.analysis import looks as rules
 from benchmark.analysis.frames import by_step
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, median, proportion
-from benchmark.analysis.looks import VERDICTS, Contrast
+from benchmark.analysis.looks import UNITS, VERDICTS, Contrast
 from benchmark.experiments import Experiment, Population
 from benchmark.reports.item import expanded, item, labelled_columns, no_rows
 from envs import InputError
@@ -21,15 +22,17 @@ Row = Mapping[str, object]
 _LABELS: Final = {
     "disagreements": "median wrong PINGs",
     "faster": "probability that x is faster",
+    "fewer_wrong_pings": "probability that x makes fewer wrong PINGs",
     "n": "runs",
     "n_reference": "runs of y",
     "ratio": "median steps of y / of x",
     "solved": "share that learns",
     "steps": "median steps",
     "steps_reference": "median steps of y",
-    "success": "success at the end",
+    "success": "success at the last evaluation",
     "unseen_success": "success in unseen places",
     "verdict": "verdict on x",
+    "wrong_pings_verdict": "in wrong PINGs",
 }
 _MEANINGS: Final = {
     "at_all_levels": "of these, how many have the same verdict at all levels",
@@ -41,7 +44,7 @@ _MEANINGS: Final = {
     "decided": "points at which x is faster or slower",
     "disagreements": "wrong PINGs until a run has learned, or their median; inf or empty if it never does",
     "faster": "probability that a run of x needs fewer steps than one of y; in `contrasts.csv`, its interval "
-    "holds for all contrasts and looks at once",
+    "holds for all contrasts and looks at once, and can contain 1/2 although the contrast is decided",
     "feedback": "kind of the person's feedback",
     "grid": "grid of the experiment",
     "n": "runs; of contrasts, pairs of runs; in `verdicts.csv`, contrasts",
@@ -54,15 +57,28 @@ _MEANINGS: Final = {
     "points": "points of all grids, those of several once",
     "ratio": "median steps of y divided by those of x; where one never learns, the budget counts",
     "ratio_disagreements": "the same of wrong PINGs",
+    "fewer_wrong_pings": "the same as `faster` of wrong PINGs until runs have learned",
+    "n_wrong_pings": "pairs of runs of the verdict in wrong PINGs",
+    "unit": "what is compared until runs have learned: steps, or wrong PINGs",
+    "why_none": "why there is no verdict in steps; empty if there is one",
+    "wrong_pings_verdict": "the same verdict in wrong PINGs: of the faster learner, runs make fewer of them",
+    "wrong_pings_x": "wrong PINGs of the run of x until it has learned; empty if it never does",
+    "wrong_pings_y": "the same of the run of y",
     "reversed": "of the decided, how many have the opposite verdict at a further level",
     "rows": "rows of the room",
     "run": "number of the run, from 0, in the order of seeds",
     "solved": "share of runs that learn",
     "steps": "steps until a run has learned, or their median; inf or empty if it never does",
     "steps_reference": "the same of the reference implementation, y",
-    "success": "success at the end of training, mean over runs",
+    "success": "success of the last evaluated policy, mean over runs; with unseen places, at the budget",
     "unseen": "further places, never met in training",
-    "unseen_success": "success in these places, of several runs the mean; empty without any",
+    "unseen_budget": "success in unseen places at the budget, by the policy that counts",
+    "unseen_success": "the same when it was certain that a run had learned, else at the budget",
+    **{
+        f"unseen_{when}{policy}": f"the same by the {policy} policy, {words}"
+        for when, words in (("", "when the run had learned"), ("budget_", "at the budget"))
+        for policy in ("greedy", "stochastic")
+    },
     "verdict": "verdict on x",
     **dict.fromkeys(VERDICTS, "contrasts with this verdict"),
 }
@@ -93,7 +109,10 @@ def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> I
             "success": proportion(took["success"].to_numpy()),
             "steps": median(took["steps"].to_numpy()),
             "disagreements": median(took["disagreements"].to_numpy()),
-            "unseen_success": proportion(rows[population]["unseen_success"].to_numpy()),
+            **{
+                name: proportion(rows[population][name].to_numpy())
+                for name in ("unseen_success", "unseen_budget")
+            },
         }
 
 
@@ -109,7 +128,8 @@ def cpu(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @_item(
     "contrasts",
     "which learner needs fewer steps, at the first look that decides it, or at the last",
-    _columns("grid point x y n verdict faster ratio") | {"n": "pairs of runs"},
+    _columns("grid point x y n verdict faster ratio wrong_pings_verdict fewer_wrong_pings")
+    | {"n": "pairs of runs"},
 )
 def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the declared contrasts."""
@@ -119,22 +139,28 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             **_sides(contrast),
             "n": contrast.decision.n,
             "verdict": contrast.decision.verdict,
+            "why_none": contrast.decision.why,
             "faster": contrast.decision.faster,
-            "ratio": ratio(*contrast.took, "steps"),
-            "ratio_disagreements": ratio(*contrast.took, "disagreements"),
+            "ratio": ratio(*contrast.took_by("steps"), "steps"),
+            "ratio_disagreements": ratio(*contrast.took_by("steps"), "disagreements"),
+            "n_wrong_pings": contrast.decisions["disagreements"].n,
+            "wrong_pings_verdict": contrast.decisions["disagreements"].verdict,
+            "fewer_wrong_pings": contrast.decisions["disagreements"].faster,
             **{f"verdict_{level:g}": verdict for level, verdict in contrast.at_level.items()},
         }
 
 
-@_item("verdicts", "how many verdicts each contrast has, over the points of a grid", where=no_rows)
+@_item("verdicts", "how many verdicts each contrast has, over the points of a grid, by unit", where=no_rows)
 def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts verdicts; a point of two grids counts in both."""
     decided = pd.DataFrame(
-        name_of(contrast.x) | _sides(contrast) | {"verdict": contrast.decision.verdict}
+        name_of(contrast.x) | _sides(contrast) | {"unit": UNITS[unit], "verdict": decision.verdict}
         for contrast in _contrasts(experiment, curves)
+        for unit, decision in contrast.decisions.items()
     )
-    for (grid, x, y), ended in decided.groupby(["grid", "x", "y"], sort=False)["verdict"]:
-        yield {"grid": grid, "x": x, "y": y, "n": len(ended), **_counted([*ended])}
+    keys = ["grid", "x", "y", "unit"]
+    for names, ended in decided.groupby(keys, sort=False)["verdict"]:
+        yield dict(zip(keys, names, strict=True)) | {"n": len(ended), **_counted([*ended])}
 
 
 @_item(
@@ -165,16 +191,16 @@ def _kept(verdict: str, others: Sequence[str]) -> str:
 
 @_item(
     "looks",
-    "how many pairs of runs the contrasts took, and how they ended",
-    {"n": "pairs of runs", "contrasts": "", **_COUNTED},
+    "how many pairs of runs the contrasts took, and how they ended, by unit",
+    {"unit": "", "n": "pairs of runs", "contrasts": "", **_COUNTED},
 )
 def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts contrasts by the look that decided them, those of several grids once."""
     assert experiment.report is not None
-    distinct = _distinct(experiment, curves)
-    for n in experiment.report.looks:
-        ended = [contrast.decision.verdict for contrast in distinct if contrast.decision.n == n]
-        yield {"n": n, "contrasts": len(ended), **_counted(ended)}
+    decisions = [contrast.decisions for contrast in _distinct(experiment, curves)]
+    for unit, n in product(UNITS, experiment.report.looks):
+        ended = [of_unit[unit].verdict for of_unit in decisions if of_unit[unit].n == n]
+        yield {"unit": UNITS[unit], "n": n, "contrasts": len(ended), **_counted(ended)}
 
 
 @_item(
@@ -223,13 +249,21 @@ def success(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None
     return pd.concat(tables, ignore_index=True) if tables else None
 
 
-@_item("pairs", "what every contrast uses: the steps of its pairs of runs", where=no_rows)
+@_item("pairs", "what every contrast uses: the steps and wrong PINGs of its pairs of runs", where=no_rows)
 def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
-    """Tabulates the runs of each contrast; steps are empty where a run does not learn."""
+    """Tabulates the runs of each contrast; numbers are empty where a run does not learn."""
     return _numbered(
-        (name_of(contrast.x) | _sides(contrast), pd.DataFrame({"steps_x": x["steps"], "steps_y": y["steps"]}))
+        (
+            name_of(contrast.x) | _sides(contrast),
+            pd.DataFrame(
+                {
+                    f"{name}_{side}": took[unit]
+                    for unit, name in (("steps", "steps"), ("disagreements", "wrong_pings"))
+                    for side, took in zip("xy", contrast.took, strict=True)
+                }
+            ),
+        )
         for contrast in _contrasts(experiment, curves)
-        for x, y in [contrast.took]
     )
 
 
@@ -242,11 +276,11 @@ def runs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     )
 
 
-@_item("unseen", "every run with unseen places: success in them at the end of training", where=no_rows)
+@_item("unseen", "every run with unseen places: success in them by both policies", where=no_rows)
 def unseen(runs: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates all runs of the points that have unseen places."""
     return _numbered(
-        (name_of(population) | {"learner": population.learner.name}, rows[["unseen_success"]])
+        (name_of(population) | {"learner": population.learner.name}, rows.filter(like="unseen_"))
         for population, rows in rules.rows_of(experiment, runs).items()
         if population.scenario.issuer.unseen
     )
