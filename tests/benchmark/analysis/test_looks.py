@@ -1,56 +1,158 @@
-"""Contrasts with several looks: error rates by simulation, decisions by hand."""
+"""Contrasts with several looks: error rates by simulation, decisions and intervals by hand."""
+
+from collections.abc import Mapping
+from typing import Any, cast
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
-from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER, UNDECIDED, decide, tail_of
+from benchmark.analysis.looks import (
+    COARSE,
+    EQUAL,
+    FASTER,
+    LOST,
+    NEITHER,
+    NO_VERDICT,
+    SLOWER,
+    TRIVIAL,
+    UNDECIDED,
+    Decision,
+    _decide_all,
+    decide,
+    tail_of,
+)
+from benchmark.drawing.tables import read_csv
+from benchmark.experiments import Reporting
+from envs import InputError
+from tests.support import ROOT
 
 LOOKS, N_CONTRASTS, MARGIN = (20, 40, 80, 160), 53, 0.2
-TAIL = tail_of(N_CONTRASTS, len(LOOKS))
+ERRORS = dict.fromkeys(LOOKS, 0.05 / len(LOOKS))
+TAIL = tail_of(N_CONTRASTS, ERRORS[20])
+
+
+def side(steps: np.ndarray, **more: object) -> pd.DataFrame:
+    """Returns what runs took, whose evaluations are one percent apart."""
+    fine = {"before_steps": steps * 0.99, "untrained": False, "lasts": True}
+    return pd.DataFrame({"steps": steps} | fine | more)
+
+
+def decided(
+    *sides: tuple[pd.DataFrame, pd.DataFrame], errors: Mapping[int, float] = ERRORS
+) -> list[Decision]:
+    """Returns what is decided of some contrasts."""
+    names = [(f"x{i}", f"y{i}") for i in range(len(sides))]
+    runs = {
+        name: own
+        for pair, both in zip(names, sides, strict=True)
+        for name, own in zip(pair, both, strict=True)
+    }
+    pairs = {pair: pair for pair in names}
+    return [*_decide_all(cast("Any", pairs), cast("Any", runs), errors, MARGIN, "steps").values()]
 
 
 def ended(x: np.ndarray, y: np.ndarray) -> str:
     """Returns the first verdict of the declared looks that decides, or that of the last."""
     for n in LOOKS:
-        verdict = decide(x[:n], y[:n], MARGIN, TAIL).verdict
+        verdict = decide(x[:n], y[:n], MARGIN, TAIL)
         if verdict != UNDECIDED:
             break
     return verdict
 
 
 def test_a_look_by_hand() -> None:
+    # Of the error of a look, 53 contrasts have three ends each
+    assert pytest.approx(0.05 / 4 / 53 / 3) == TAIL
     x, y = np.arange(20.0), np.arange(20.0) + 1
-    found = decide(x, y, MARGIN, TAIL)
-    # The lower end of a share of 20 of 20: tail ** (1 / 20)
-    assert found.faster == pytest.approx((1.0, TAIL ** (1 / 20), 1.0))
-    assert (found.n, found.verdict) == (20, FASTER)
-    assert decide(y, x, MARGIN, TAIL).verdict == SLOWER
-    never = np.full(20, np.inf)
-    assert decide(never, never, MARGIN, TAIL).verdict == NEITHER
-    assert decide(x, never, MARGIN, TAIL).verdict == FASTER
-    assert decide(x[:5], y[:5], MARGIN, TAIL).verdict == UNDECIDED
-    assert decide(np.ones(320), np.ones(320), MARGIN, TAIL).verdict == EQUAL  # all tie
-    # 19 of 20 pairs decide, 18 do not, as `when` declares
+    assert (decide(x, y, MARGIN, TAIL), decide(y, x, MARGIN, TAIL)) == (FASTER, SLOWER)
+    never = np.full(320, np.inf)
+    assert decide(never[:20], never[:20], MARGIN, TAIL) == NEITHER
+    assert decide(never, never, MARGIN, TAIL) == NEITHER  # though all tie
+    assert decide(x, never[:20], MARGIN, TAIL) == FASTER
+    assert decide(x[:5], y[:5], MARGIN, TAIL) == UNDECIDED
+    assert decide(np.ones(320), np.ones(320), MARGIN, TAIL) == EQUAL  # all tie
+    # 19 of 20 pairs decide, 18 do not
     assert stats.binom.sf(18, 20, 0.5) < TAIL < stats.binom.sf(17, 20, 0.5)
     for n_lost, verdict in ((1, FASTER), (2, UNDECIDED)):
-        assert decide(np.where(np.arange(20) < n_lost, 99, x), y, MARGIN, TAIL).verdict == verdict
+        assert decide(np.where(np.arange(20) < n_lost, 99, x), y, MARGIN, TAIL) == verdict
+
+
+def test_steps_down_by_hand() -> None:
+    """17 of 20 pairs decide if one contrast remains, but not as one of two; intervals stay those of two."""
+    errors, y = {20: 0.05}, np.full(20, 100.0)
+    clear, close = (side(np.where(np.arange(20) < n_lost, 200.0, 50.0)) for n_lost in (0, 3))
+    assert tail_of(2, 0.05) < stats.binom.sf(16, 20, 0.5) <= tail_of(1, 0.05)
+    for other, verdict in ((clear, FASTER), (close, UNDECIDED)):
+        assert [found.verdict for found in decided((close, side(y)), (other, side(y)), errors=errors)][
+            0
+        ] == verdict
+    (found, _) = decided((close, side(y)), (clear, side(y)), errors=errors)
+    # Clopper and Pearson: with 17 of 20, the upper tail at the lower end is the tail
+    assert stats.binom.sf(16, 20, found.faster.low) == pytest.approx(0.05 / 2 / 3)
+    assert found.faster.low < 0.5 < found.faster.value == 0.85
+
+
+def test_published_intervals_hold_for_all_contrasts_and_looks_at_once() -> None:
+    folder = ROOT / "results" / "when"
+    contrasts, pairs, looks = (read_csv(folder / f"{name}.csv") for name in ("contrasts", "pairs", "looks"))
+    n_contrasts = looks[looks["unit"] == "steps"]["contrasts"].sum()
+    names, row = ["grid", "point", "x", "y"], contrasts[contrasts["faster"].between(0.6, 0.9)].iloc[0]
+    own = pairs[(pairs[names] == row[names]).all(axis=1)][: row["n"]].fillna(np.inf)
+    wins = np.where(own["steps_x"] == own["steps_y"], 0.5, own["steps_x"] < own["steps_y"]).sum()
+    low = stats.beta.ppf(0.05 / 2 / n_contrasts / 3, wins, row["n"] - wins + 1)
+    assert (row["faster"], row["faster_low"]) == pytest.approx((wins / row["n"], low), abs=1e-5)
+
+
+STEPS = np.full(40, 5000.0)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "why"),
+    [
+        ({"before_steps": 0.0}, {"before_steps": 0.0}, COARSE),  # all at the first evaluation
+        ({"before_steps": 0.0}, {"steps": 9000.0, "before_steps": 4500.0}, COARSE),  # of grids that differ
+        ({"untrained": True}, {"steps": 9000.0, "before_steps": 8900.0}, TRIVIAL),
+        ({"lasts": False}, {"steps": 9000.0, "before_steps": 8900.0}, LOST),
+        ({}, {"steps": 9000.0, "before_steps": 8900.0, "lasts": False}, ""),  # it is slower anyway
+        ({"before_steps": 0.0}, {"steps": 9000.0, "before_steps": 5000.0}, ""),  # x had learned before
+    ],
+)
+def test_no_verdict_is_about_something_else(x: dict[str, object], y: dict[str, object], why: str) -> None:
+    (found,) = decided((side(STEPS, **x), side(STEPS, **y)))
+    assert (found.verdict, found.why) == ((NO_VERDICT if why else FASTER), why)
+
+
+def test_looks_spend_what_is_declared() -> None:
+    """A further look, declared later, changes neither the error nor the verdicts of those before it."""
+    declared = {"kind": "map", "looks": (15, 30), "spent": (0.025, 0.0125)}
+    assert Reporting(**cast("Any", declared)).errors == {15: 0.025, 30: 0.0125}
+    later = declared | {"looks": (15, 30, 60), "spent": (0.025, 0.0125, 0.0125)}
+    assert Reporting(**cast("Any", later)).errors == {15: 0.025, 30: 0.0125, 60: 0.0125}
+    assert Reporting(kind="map", looks=(15, 30)).errors == {15: 0.025, 30: 0.025}
+    for spent in ((0.025,), (0.025, 0.03)):
+        with pytest.raises((InputError, ValueError), match="spent"):
+            Reporting(kind="map", looks=(15, 30), spent=spent)
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5])
-def test_a_map_without_differences_has_no_winner_in_95_of_100(spread: float) -> None:
+def test_a_map_has_no_wrong_verdict_in_95_of_100(spread: float) -> None:
     """Of equal learners, none may be called faster anywhere on a map, in at least 95 % of maps.
 
-    What a scenario draws makes runs of a seed alike, in all cells of a map and for both learners.
+    What a scenario draws makes runs of a seed alike, in all cells of a map and for both learners. Half of the
+    contrasts have a clear winner, so that steps down are taken.
     """
     rng, n_maps, n_wrong = np.random.default_rng(7), 60, 0
     for _ in range(n_maps):
-        places = rng.normal(size=LOOKS[-1]) * spread
-        verdicts = []
-        for _ in range(N_CONTRASTS):
+        places, sides = rng.normal(size=LOOKS[-1]) * spread, []
+        for i in range(N_CONTRASTS):
             x, y = (np.exp(places + rng.normal(size=LOOKS[-1])).round(1) for _ in "xy")
-            verdicts.append(ended(x, y))
-        n_wrong += bool({*verdicts} & {FASTER, SLOWER, NEITHER})
+            sides.append((side(x * (0.1 if i % 2 else 1.0)), side(y)))
+        found = [decision.verdict for decision in decided(*sides)]
+        n_wrong += bool({*found[::2]} & {FASTER, SLOWER, NEITHER}) or bool(
+            {*found[1::2]} - {FASTER, UNDECIDED}
+        )
     # With an error rate of 5 %, more than 8 of 60 are rarer than 1 in 500.
     assert n_wrong <= stats.binom.ppf(0.998, n_maps, 0.05)
 

@@ -125,8 +125,8 @@ def test_published_runs_are_the_declared_ones(name: str) -> None:
     published = json.loads(MANIFESTS[name].read_text(encoding="utf-8"))
     experiment = load_experiment(name)
     runs = all_specifications(experiment)
-    if experiment.has_stages and not (experiment.report and len(experiment.report.looks) == 1):
-        assert published["runs"] > len(runs)  # of which these are the first
+    if experiment.has_stages:
+        assert published["runs"] >= len(runs)  # of which these are the first
         return
     digest = hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
     assert (published["runs"], published["digest"]) == (len(runs), digest)

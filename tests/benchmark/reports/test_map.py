@@ -12,12 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from agents import load_algorithm
 from agents.dynamic_programming import evaluate, solve
+from agents.policy import mask_policy
 from benchmark.__main__ import main
-from benchmark.analysis.frames import keys_of
+from benchmark.analysis.frames import keys_of, learned
 from benchmark.analysis.looks import took
 from benchmark.analysis.stages import runs_of, stages
-from benchmark.drawing.tables import plain
+from benchmark.execution.job import execute_job
 from benchmark.execution.store import Store
 from benchmark.experiments import Population, load_experiment
 from benchmark.reports.data import Data
@@ -122,6 +124,47 @@ def test_tables_have_what_the_runs_took(made: Path) -> None:
     assert of_runs[OFFSETS] == pytest.approx(last["shared"], abs=1e-5)
 
 
+NET = """
+[algorithms.net]
+algorithm = "compiled_dqn"
+observations = ["offset_coordinates"]
+seeds = 12
+settings = { policy_kwargs = { net_arch = [8] } }
+"""
+
+
+@pytest.mark.parametrize("learner", [OFFSETS, "net, offset_coordinates"])
+def test_unseen_places_are_scored_at_equal_numbers_of_steps(learner: str, tmp_path: Path) -> None:
+    """At the budget and when a run has learned, by both policies; the second method trains to the end."""
+    text = EXPERIMENT.replace("record_every = 30000, epsilon = 0.1 ", "").replace("60, }", "60 }") + NET
+    text = (
+        text.replace("30000", "1500").replace("success = 0.9", "success = 0.4").replace("[0.5, 0.7]", "[0.3]")
+    )
+    experiment = experiment_of(tmp_path / "unseen.toml", text)
+    run = experiment.population("default/unseen/places=8", "Anywhere", learner).first
+    (record,) = execute_job([run])
+    model = compile_seen(run.drawn_scenario, run.observation)
+    algorithm = load_algorithm(run.algorithm)
+    training = algorithm.train(model, run.settings, run.observation, [run.seed_sequence], run.schedule)
+    policies = [mask_policy(greedy) for greedy in training.greedy[0]]
+    success = np.array([[float(evaluate(model, policy, 60).success) for policy in policies]])
+    steps = run.schedule.evaluation_steps
+    first = int(learned(success, steps, 0.4, until=2)[0])
+    certain = next(
+        (i for i in range(len(steps)) if i > first and steps[i] >= 2 * steps[first]), len(steps) - 1
+    )
+    expected = [
+        [
+            float(evaluate(model, mixed, 60, "unseen").success)
+            for mixed in (policies[i], 0.95 * policies[i] + 0.01)
+        ]
+        for i in (certain, len(steps) - 1)
+    ]
+    assert record.arrays["unseen_success"].tolist() == pytest.approx(np.array(expected))
+    assert record.arrays["success"][-1] == pytest.approx(success[0, -1])
+    assert record.arrays["updates"] == training.updates[0]
+
+
 def test_contrasts_follow_from_the_pairs_that_are_published(made: Path) -> None:
     contrasts, pairs = (pd.read_csv(made / f"{name}.csv") for name in ("contrasts", "pairs"))
     own_pairs = pairs.fillna(np.inf).groupby(["grid", "point"])
@@ -185,8 +228,10 @@ def test_document_and_figures(made: Path) -> None:
     document = Document(made)
     check_links(document, fewest=2)
     assert document.headline is not None
-    start = "Over the points of the grid `places`, the shared table of offsets compared with the table: "
-    assert plain(document.headline).startswith(f"{start}faster at ")
+    assert "In steps, the shared table of offsets compared with the table: faster at " in document.headline
+    assert (
+        "In wrong PINGs, the shared table of offsets compared with the table: fewer at " in document.headline
+    )
     assert (made / "map.svg").is_file()
     assert {*pd.read_csv(made / "reference.csv")["y"]} == {"check, index"}
     assert "at most 5 %" in (made / "README.md").read_text(encoding="utf-8")
@@ -218,14 +263,17 @@ def by_hand(folder: Path, curve_of: Callable[[Population], Mapping[float, float]
     for population in experiment.populations:
         if not population.learner.reference_for:
             changes = curve_of(population)
-            step = np.unique([0, 100, 1e5, *(min(start, 1e5) for start in changes)])
+            step = np.unique(
+                [0, 100, 1e5, *(min(start, 1e5) * part for start in changes for part in (0.9, 1))]
+            )
             success = np.zeros(len(step))
             for start, value in changes.items():
                 success[step >= start] = value
             spent = {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
             curve = pd.DataFrame(keys_of(population) | {"step": step, "success": success, **spent})
             curves += [curve.assign(seed=seed) for seed in range(12)]
-            runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), "unseen_success": 0.25}))
+            unseen = {"unseen_success": 0.25, "unseen_budget": 0.25}
+            runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), **unseen}))
     made = {"runs": pd.concat(runs), "curves": pd.concat(curves), "experiment": experiment}
     return cast("Data", SimpleNamespace(**made, records=None, is_partial=False))
 
@@ -236,7 +284,7 @@ def by_hand(folder: Path, curve_of: Callable[[Population], Mapping[float, float]
         (1000, 1600, "faster", 1.6, "1.6"),
         (1000, np.inf, "faster", 100, "≥100"),  # runs that never learn: the budget counts
         (np.inf, np.inf, "neither learns", np.nan, "–"),
-        (0, 0, "undecided", np.nan, "?"),  # all learn at once
+        (0, 0, "no verdict", np.nan, "x"),  # all succeed untrained
     ],
 )
 def test_verdicts_and_ratios_by_hand(
