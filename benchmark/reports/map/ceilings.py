@@ -57,7 +57,7 @@ def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
 
 def _scenes(experiment: Experiment) -> dict[str, Scenario]:
     """Returns the scene of every panel's grid, with all places that there are."""
-    report, every = experiment.report, {"places": None, "unseen": 0, "permuted": 0.0}
+    report, every = experiment.report, {"places": None, "unseen": 0}
     assert report is not None
     return {
         grid: scene.model_copy(update={"issuer": scene.issuer.model_copy(update=every)})
