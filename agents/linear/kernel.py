@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
-from agents.tabular.kernel import LEAST_TRACE, Constants, Plan, Results, choose_action, find_best, take_snapshot
+from agents.tabular.kernel import LEAST_TRACE, Constants, Plan, Results, choose_action, find_best, record
 
 
 @numba.njit
@@ -109,7 +109,7 @@ def train(
         for step in range(budget + 1):
             if step == points[n_points]:
                 _tabulate(weights, tiles, takes_lowest, results.q[n], masks)
-                take_snapshot(results, n, n_points, map_index[n_points], results.q[n], masks, disagreements)
+                record(results, n, n_points, map_index[n_points], results.q[n], masks, disagreements)
                 n_points += 1
             if step == budget:
                 break

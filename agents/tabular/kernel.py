@@ -98,7 +98,7 @@ def find_best(q: NDArray[np.float64], o: np.uint64, takes_lowest: bool) -> tuple
 
 
 @numba.njit
-def take_snapshot(
+def record(
     results: Results,
     n: int,
     i: int,
@@ -191,7 +191,7 @@ def _train(
         next_point = points[0]
         for unit in range(budget):
             if unit == next_point:
-                take_snapshot(results, n, n_points, map_index[n_points], q, greedy, disagreements)
+                record(results, n, n_points, map_index[n_points], q, greedy, disagreements)
                 n_points += 1
                 next_point = points[n_points]
             is_recorded = unit == next_record
@@ -273,7 +273,7 @@ def _train(
                 n_records += 1
                 next_record += record_every
         if next_point == budget:
-            take_snapshot(results, n, n_points, map_index[n_points], q, greedy, disagreements)
+            record(results, n, n_points, map_index[n_points], q, greedy, disagreements)
         results.steps_taken[n] = steps
         results.episodes_ended[n] = episodes
 

@@ -16,8 +16,8 @@ from envs.observations import INDICES, compile_seen
 
 @item(
     "ceilings",
-    "exact: the largest share of states in which one action per row can be optimal, and success with these "
-    "actions, which others may exceed",
+    "exact: the largest share of states before any PING in which one action per row can be optimal, and "
+    "success with these actions, which others may exceed",
     {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
     meanings={
         "grid": "grid of the experiment, whose scene it is",
