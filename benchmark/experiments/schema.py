@@ -76,7 +76,7 @@ class Variant(Table):
     settings: dict[str, object] = Field(default_factory=dict)
     """Settings of the algorithm, see below."""
     reference_for: str = ""
-    """The variant that this is the reference implementation for. With --seeds it gets its share of them."""
+    """The variant that this is a reference implementation of. With --seeds it gets a proportional share."""
     search: Space = Field(default_factory=dict)
     """What a search varies: a table for each setting, by dotted key."""
     tuned_by: Line = ""
