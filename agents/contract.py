@@ -61,7 +61,7 @@ class Training:
     q: NDArray[np.float64]
     """(N, O, A) final action values, NaN if the agent diverged; (N, 0, A) if the algorithm learns none."""
     stochastic: NDArray[np.float64]
-    """(N, T, O, A) probabilities of a policy that is improved by itself, not by action values; else
+    """(N, T, O, A) probabilities of a policy that is learned directly, not from action values; else
     (N, 0, O, A)."""
     values: NDArray[np.float32]
     """(N, V, O, A) at the map steps: probabilities, else action values; NaN after divergence."""

@@ -47,7 +47,7 @@ class Process(NamedTuple):
 
 @kept_with_model
 def process_of(model: Model) -> Process:
-    """Returns a model as compiled code reads it."""
+    """Flattens a model for numba."""
     n_states, n_actions, n_outcomes = model.next_state.shape
     row = n_actions * n_outcomes * OUTCOME.itemsize  # bytes of a state
     kinds, kind = np.zeros(0, dtype=f"V{row}"), np.empty(n_states, dtype=np.int64)

@@ -34,8 +34,9 @@ Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_pl
 class PlainFeedback(Table):
     """No reward, or minus the person's L1 distance from the agent, relative to the farthest start.
 
-    Delayed feedback, also by distance, comes with the action after the PING, and never if the PING ends the
-    episode. The person must not move then, since the model does not remember where it stood at the PING.
+    Of several people, both distances are those of the nearest one, who answers. Delayed feedback, also by
+    distance, comes with the action after the PING, and never if the PING ends the episode. The person must
+    not move then, since the model does not remember where it stood at the PING.
     """
 
     kind: Literal["none", "distance", "delayed"]
@@ -115,7 +116,7 @@ class Issuer(Table):
     unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
     """Further such places, drawn after these: part of the observations, but no episode starts with them."""
     permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Share of its cells whose coordinates are permuted: as coordinates, an agent observes another cell."""
+    """Fraction of the cells where people may stand that are shown with another cell's coordinates."""
     feedback: Feedback
     """The reward that the person adds to every PING."""
     heading: Heading = "up"

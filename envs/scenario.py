@@ -267,7 +267,7 @@ class Scenario(Table):
 
     @cached_property
     def shown_cells(self) -> tuple[Cell, ...]:
-        """(I,) the cells whose coordinates stand for these; a permuted one has those of the next drawn."""
+        """(I,) the coordinates shown for each cell; a permuted one has those of the next drawn."""
         n_permuted = round(self.issuer.permuted * len(self.issuer_cells))
         order = sorted(self.issuer_cells, key=self._rank)[:n_permuted]
         following = dict(zip(order, [*order[1:], *order[:1]], strict=True))

@@ -3,9 +3,14 @@
 import os
 import signal
 
+from hypothesis import settings
+
 # A test trains nets in as many processes as it needs; threads of torch would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Commands that tests start need not compile the project's modules each time.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Started in the background by a shell, tests would ignore interrupts, and so would the commands they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+# No test depends on timing.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
-from agents.tabular.kernel import LEAST_TRACE, Constants, Plan, Results, choose_action, find_best
+from agents.tabular.kernel import LEAST_TRACE, Constants, Plan, Results, choose_action, find_best, record
 
 
 @numba.njit
@@ -32,7 +32,7 @@ def _tabulate(
     tiles: NDArray[np.int32],
     takes_lowest: bool,
     q: NDArray[np.float64],
-    greedy: NDArray[np.uint8],
+    greedy: NDArray[np.int64],
 ) -> None:
     """Writes the action values (O, A) and masks of greedy actions (O,), 0 where values are not finite."""
     for o in range(len(tiles)):
@@ -98,6 +98,7 @@ def train(
         weights = np.full((n_features, N_ACTIONS), initial_value / n_tilings)
         traced, strengths = np.empty(n_features * N_ACTIONS, np.int64), np.empty(n_features * N_ACTIONS)
         renewed = np.full(n_features * N_ACTIONS, -1)
+        masks = np.empty(n_observations, np.int64)  # of greedy actions
         q = np.empty((2, N_ACTIONS))  # of this observation, and of the next one before the update
         state, stream = draw_start(starts, stream)
         o = U(observation[state])
@@ -107,10 +108,8 @@ def train(
         episode_steps = disagreements = n_points = n_traces = 0
         for step in range(budget + 1):
             if step == points[n_points]:
-                results.disagreements[n, n_points] = disagreements
-                _tabulate(weights, tiles, takes_lowest, results.q[n], results.greedy[n, n_points])
-                if map_index[n_points] >= 0:
-                    results.values[n, map_index[n_points]] = results.q[n]
+                _tabulate(weights, tiles, takes_lowest, results.q[n], masks)
+                record(results, n, n_points, map_index[n_points], results.q[n], masks, disagreements)
                 n_points += 1
             if step == budget:
                 break
@@ -155,5 +154,4 @@ def train(
                 state, o = state + U(outcome.state_change), o_next
             a = a_next
             _add_up(weights, tiles, o, q, 0)
-        final = np.empty(n_observations, np.uint8)
-        _tabulate(weights, tiles, takes_lowest, results.q[n], final)
+        _tabulate(weights, tiles, takes_lowest, results.q[n], masks)

@@ -98,7 +98,7 @@ def find_best(q: NDArray[np.float64], o: np.uint64, takes_lowest: bool) -> tuple
 
 
 @numba.njit
-def _take_snapshot(
+def record(
     results: Results,
     n: int,
     i: int,
@@ -107,6 +107,7 @@ def _take_snapshot(
     greedy: NDArray[np.int64],
     disagreements: int,
 ) -> None:
+    """Writes what is recorded of an agent at an evaluation step, which may be a map step."""
     results.disagreements[n, i] = disagreements
     results.greedy[n, i] = greedy
     if i_map >= 0:
@@ -190,7 +191,7 @@ def _train(
         next_point = points[0]
         for unit in range(budget):
             if unit == next_point:
-                _take_snapshot(results, n, n_points, map_index[n_points], q, greedy, disagreements)
+                record(results, n, n_points, map_index[n_points], q, greedy, disagreements)
                 n_points += 1
                 next_point = points[n_points]
             is_recorded = unit == next_record
@@ -272,7 +273,7 @@ def _train(
                 n_records += 1
                 next_record += record_every
         if next_point == budget:
-            _take_snapshot(results, n, n_points, map_index[n_points], q, greedy, disagreements)
+            record(results, n, n_points, map_index[n_points], q, greedy, disagreements)
         results.steps_taken[n] = steps
         results.episodes_ended[n] = episodes
 

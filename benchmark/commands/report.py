@@ -84,7 +84,7 @@ def _write_chosen(experiment: Experiment, store: Store) -> None:
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
-    """Returns the given seeds; None if every variant declares just these, or its share of them."""
+    """Returns the given seeds; None if every variant has these, or its proportional share."""
     return None if all(each.taken(seeds) == each.seeds for each in experiment.populations) else seeds
 
 

@@ -109,7 +109,7 @@ class Population:
     n_beside: int  # seeds of the variant that it is the reference for, else of its own
 
     def taken(self, seeds: Sequence[int] | None) -> Sequence[int]:
-        """Returns the declared seeds, or its share of given ones; that of a reference is at least two."""
+        """Returns the declared seeds, or a proportional share of given ones; a reference gets two or more."""
         return self.seeds if seeds is None else seeds[: max(2, len(seeds) * len(self.seeds) // self.n_beside)]
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:

@@ -134,7 +134,7 @@ def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
 def solved(
     success: Sequence[float], steps: Sequence[int], enough: float, until: float = 2.0
 ) -> tuple[int, bool]:
-    """Returns from which evaluation on success stays at or above a level, and if that is certain.
+    """Returns from which evaluation on success stays at or above a level, and whether that is final.
 
     It has to stay until so many times as many steps, or to the end of the curve so far. The result is an
     index among the `steps` of all evaluations, or the curve's length if it never stays.

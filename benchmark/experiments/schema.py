@@ -77,7 +77,7 @@ class Variant(Table):
     settings: dict[str, object] = Field(default_factory=dict)
     """Settings of the algorithm, see below."""
     reference_for: str = ""
-    """The variant that this one is the reference implementation for. Of given seeds it has its share."""
+    """The variant that this is a reference implementation of. With --seeds it gets a proportional share."""
     search: Space = Field(default_factory=dict)
     """What a search varies: a table for each setting, by dotted key."""
     tuned_by: Line = ""

@@ -87,7 +87,7 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
     """
     declared, where = experiment.report, experiment.argument
     if declared is None:
-        raise InputError(f"{where}: there is no key report; accepted: an experiment with one.")
+        raise InputError(f"{where}: report is missing; add a [report] table.")
     report = load_report(declared.kind, where)
     items = load_items(report, declared.model_dump(), where)
     missing = [package for package in report.packages if find_spec(package) is None]

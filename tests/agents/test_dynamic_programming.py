@@ -93,7 +93,7 @@ def backward(model: Model, policy: NDArray[np.float64], horizon: int) -> NDArray
     return np.asarray(totals[:, model.start])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     name=st.sampled_from(SCENARIOS),
     weights=arrays(np.float64, (120, 5), elements=st.floats(0, 1)),

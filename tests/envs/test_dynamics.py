@@ -266,7 +266,7 @@ def assert_is_a_process(model: Model) -> None:
     assert len(set(model.starts.tolist())) == len(model.starts)
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 @given(scenarios())
 def test_any_scenario_follows_its_tables_or_is_refused_in_a_sentence(tables: Tables) -> None:
     refusal = ""

@@ -44,14 +44,23 @@ def test_walls_belong_to_no_region() -> None:
     assert np.flatnonzero(scene.is_over).tolist() == [4 * 12 + 6, 6 * 12 + 8, 8 * 12 + 10]
 
 
+def test_the_only_start_of_a_place_is_marked() -> None:
+    """With the person at either corner, one or two of three cells lie outside its regions."""
+    corners, cells = [[0, 0], [9, 11]], [[0, 1], [9, 10], [8, 11]]
+    changes = {"issuer.position": corners, "grid.start": cells, "observe": ["agent", "issuer"]}
+    model = compile_scenario(load_scenario("S1", changes))
+    assert [scene_of(model, place).cells_of("start") for place in range(2)] == [[], [1]]
+
+
 def test_people_look_where_they_look_if_it_matters() -> None:
     assert [glyph.heading for glyph in scene_of(S1).glyphs] == [None, None]
     assert scene_of(S1).phase == ""
-    turning = compile_scenario(load_scenario("Turning"))
+    turning = compile_scenario(load_scenario("Turning", {"others": [{"position": [0, 13]}]}))
     scenes = [scene_of(turning, phase) for phase in range(4)]
     assert [scene.phase for scene in scenes] == ["looks up", "looks right", "looks down", "looks left"]
     for scene, heading in zip(scenes, [(-1, 0), (0, 1), (1, 0), (0, -1)], strict=True):
-        person = scene.glyphs[0]
+        person, bystander = scene.glyphs[:2]
+        assert (bystander.kind, bystander.heading) == ("bystander", None)
         tip, *base = person.nose
         assert person.heading == heading
         assert tip == pytest.approx(0.5 * np.array(heading))
@@ -78,3 +87,11 @@ def test_people_who_talk_have_a_circle_and_bystanders_no_region() -> None:
     assert not is_dark[~is_near].any()
     strangers = scene_of(compile_scenario(load_scenario("TwoStrangers", {"issuer.places": 1})))
     assert (strangers.circle, "circle" in strangers.as_json()) == (None, False)
+
+
+def test_strangers_have_a_circle_while_they_talk() -> None:
+    regions = load_scenario("TwoTalking").regions.model_dump(mode="json")
+    phases = [{"name": "silent", "steps": 5}, {"name": "talking", "steps": 5, "regions": regions}]
+    changes = {"issuer.position": [[1, 4], [1, 8]], "group.apart": [1.2, 1.2], "phases": phases}
+    model = compile_scenario(load_scenario("TwoStrangers", changes))
+    assert [scene_of(model, phase).circle for phase in range(2)] == [None, (1.5, 6.5, 2.0)]

@@ -58,7 +58,7 @@ class Cluster:
         return future
 
     def cancel(self) -> None:
-        """Cancels all jobs and disconnects; a worker ends the job that it has begun, and nobody reads it."""
+        """Cancels all jobs and disconnects; workers finish what they run, and the results are discarded."""
         for future in tuple(self._jobs):
             future.cancel()
         with suppress(TimeoutError):

@@ -16,8 +16,8 @@ from envs.observations import INDICES, compile_seen
 
 @item(
     "ceilings",
-    "exact: the largest share of states in which one action per row can be optimal, and success with these "
-    "actions, which others may exceed",
+    "exact: the largest share of states before any PING in which one action per row can be optimal, and "
+    "success with these actions, which others may exceed",
     {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
     meanings={
         "grid": "grid of the experiment, whose scene it is",
@@ -57,7 +57,7 @@ def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
 
 def _scenes(experiment: Experiment) -> dict[str, Scenario]:
     """Returns the scene of every panel's grid, with all places that there are."""
-    report, every = experiment.report, {"places": None, "unseen": 0, "permuted": 0.0}
+    report, every = experiment.report, {"places": None, "unseen": 0}
     assert report is not None
     return {
         grid: scene.model_copy(update={"issuer": scene.issuer.model_copy(update=every)})

@@ -59,7 +59,7 @@ def test_no_scenario_contradicts_a_mean(verdict: str, differences: list[float], 
 shares = st.tuples(*[st.integers(0, 20).map(lambda count: count / 20)] * 2)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(shares, shares, st.sampled_from([5, 20, 200]))
 def test_tests_and_intervals_never_contradict_each_other(
     x: Sequence[float], y: Sequence[float], n: int

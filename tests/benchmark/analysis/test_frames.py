@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from benchmark.analysis.frames import Group, by_population, by_step, tables
+from benchmark.analysis.records import anchors
 from benchmark.execution.driver import run
 from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from envs import InputError
+from envs.observations import compile_seen
 from tests.benchmark.reports.conftest import experiment_of
 
 EXPERIMENT = """
@@ -54,6 +56,13 @@ def test_tables_have_what_records_hold(tmp_path: Path) -> None:
             own = curves[(curves[[*keys]] == keys).all(axis=1)]
             for name, array in (("success", f"{prefix}success"), ("training_wrong_pings", "disagreements")):
                 assert np.array_equal(by_step(own, name), [arrays[array] for arrays in records])
+            model = compile_seen(group.population.scenario, keys["observation"])
+            low, high = anchors(model, 100, "start")["grid_return"]
+            returns = np.array([arrays[prefix + "grid_return"] for arrays in records])
+            scores = np.round((returns - low) / (high - low), 9)
+            assert scores.min() < 0
+            assert np.array_equal(by_step(own, "unbounded_score"), scores)
+            assert np.array_equal(by_step(own, "score"), np.clip(scores, 0, 1))
         some, nothing = tables(groups[:1], store, ["area"])
         assert (some["area"] == runs["area"][:3]).all()
         assert nothing.empty

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmark.drawing.tables import LINK, link, paragraph, plain, read_csv, to_markdown, write_csv
@@ -66,7 +66,6 @@ def test_links_name_the_lines_of_the_csv_file(tmp_path: Path, indices: list[int]
 # Texts of somebody else
 
 
-@settings(deadline=None)
 @given(st.lists(st.text(alphabet="'=+-@＝\t\n ,;\"a1|", max_size=5), min_size=1))
 def test_no_text_in_a_csv_file_is_a_formula_and_all_are_read_back(
     tmp_path_factory: pytest.TempPathFactory, texts: list[str]

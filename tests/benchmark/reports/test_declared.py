@@ -163,7 +163,7 @@ PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["inde
         (BASE.partition("algorithms.other")[0] + f'{PLANNER}\nreport = "comparison"', "planner"),
         (f'{BASE}{PLANNER}\n[report]\nkind = "comparison"\nbaseline = ["search, index"]', "baseline search"),
         (BASE.replace("200 }", '200, budget_unit = "episodes" }') + 'report = "comparison"', "budget_unit"),
-        (BASE, "report"),
+        (BASE, r"report is missing; add a \[report\] table"),
     ],
 )
 def test_experiments_that_cannot_be_compared_are_refused(tmp_path: Path, text: str, word: str) -> None:

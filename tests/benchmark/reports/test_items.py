@@ -256,7 +256,7 @@ PAIRS = [("net", "table"), ("other", "table"), ("net", "other")]
 probabilities = st.lists(st.integers(0, 10).map(lambda tenths: tenths / 10), min_size=2, max_size=2)
 
 
-@settings(deadline=None, max_examples=12, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=12, phases=[Phase.explicit, Phase.generate])
 @given(
     st.fixed_dictionaries(dict.fromkeys(FAMILY, probabilities)),
     st.sampled_from([2, 10, 30, 200]),

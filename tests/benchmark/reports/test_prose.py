@@ -69,6 +69,12 @@ def test_paragraphs_are_found_by_their_title() -> None:
         prose.paragraphs(folder, "nothing")
 
 
+def test_different_values_are_counted_once() -> None:
+    """Each of the paper's 11 claims has several rows: for its parts, with 100 agents and with 1,000."""
+    lookups = prose.Lookups(Folder(ROOT / "results" / "reproduce"))
+    assert LINK.findall(lookups.count("claims", of="claim"))[0][0] == "11"
+
+
 def test_readme_looks_up_numbers_and_checks_claims(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(document, "_FRONT", tmp_path / "front.md.jinja")
     number = 'of.when.number("cells", "steps", grid="places", places=64, learner="ppo, coordinates")'
