@@ -23,6 +23,7 @@ class PlainSettings(Settings):
 class PlainQLearning(SequentialAlgorithm):
     """Q-learning in plain Python."""
 
+    family = "tabular"
     settings = PlainSettings
 
     def train_agent(

@@ -17,7 +17,7 @@ settings = { budget = 10000, time_limit = 200, record_every = 10000 }
 
 [report]
 kind = "comparison"
-omit = ["agents", "wrong_pings", "curves"]
+omit = ["agents", "curves"]
 margins = { success = 0.2 }
 contrasts = [
   ["curious, index", "calm, index"],
@@ -50,7 +50,7 @@ settings = { budget = 5000, time_limit = 200, record_every = 5000 }
 
 [report]
 kind = "comparison"
-omit = ["agents", "wrong_pings", "curves"]
+omit = ["agents", "curves"]
 margins = { success = 0.2 }
 baseline = ["calm, index", "lost, index"]
 contrasts = [["net, index", "calm, index"], ["net, index", "lost, index"]]

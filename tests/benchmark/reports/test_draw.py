@@ -18,7 +18,7 @@ from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications
 from benchmark.experiments.search import Chosen
 from benchmark.reports import document, draw, load_report
-from benchmark.reports.comparison import figures
+from benchmark.reports.comparison.declared import drawn_learners
 from benchmark.reports.data import load
 from benchmark.reports.document import Document
 from benchmark.reports.folder import SCORES
@@ -101,7 +101,7 @@ def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
         assert ("check" in set(frame["algorithm"])) == has_checks, name
     summary = pd.read_csv(drawn.folder / "summary.csv")
     assert [*summary["algorithm"].unique()] == ["table", "check", "sarsa", "ppo", "net"]
-    assert figures.drawn_learners(drawn.experiment) == ["table, index", "net, one_hot"]
+    assert drawn_learners(drawn.experiment) == ["table, index", "net, one_hot"]
 
 
 @pytest.mark.parametrize("folder", ["drawn", *PUBLISHED], ids=str)
