@@ -31,7 +31,6 @@ _STYLES: Final[dict[str, Style]] = {
 }
 _N_MARKERS: Final = 6  # of a curve
 _COLUMNS: Final = 3  # of panels
-_TOP: Final = 1.03  # of curves
 FEW: Final = 4  # scenarios whose learners are listed, and drawn over training
 
 
@@ -100,7 +99,7 @@ def curve_panels(curves: pd.DataFrame, learners: Iterable[str], experiment: Expe
             axis.xaxis.set_major_locator(MaxNLocator(3))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))
             axis.tick_params(labelleft=i % n_columns == 0, labelbottom=i + n_columns >= len(panels))
-            axis.set(ylabel="" if i % n_columns else "success", ylim=(-0.03 * _TOP, _TOP))
+            axis.set(ylabel="" if i % n_columns else "success", ylim=(-0.0309, 1.03))
             if (i + 1) % n_columns == 0 or i + 1 == len(panels):
                 name_lines(axis, lines)
         for axis in axes.flat[len(panels) :]:

@@ -52,9 +52,8 @@ _OUTCOMES: Final = {
 def _measured(frame: pd.DataFrame) -> pd.DataFrame:
     """Says of which equivalent learners a difference is shown, too."""
     is_shown = (frame["success_verdict"] == EQUIVALENT) & (frame["success_p_different"] <= 0.05)
-    than = np.where(frame["success_difference"] > 0, BETTER, WORSE)
-    pairs = zip(frame["success_margin"], than, strict=True)
-    texts = [f"within {margin:g}, but measurably {word}" for margin, word in pairs]
+    texts = frame["success_margin"].map("within {:g}, but measurably ".format)
+    texts += np.where(frame["success_difference"] > 0, BETTER, WORSE)
     success, score = (frame[f"{endpoint}_verdict"].map(WORDS) for endpoint in ENDPOINTS)
     return frame.assign(success_verdict=np.where(is_shown, texts, success), score_verdict=score)
 
@@ -161,8 +160,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
         groups[len(rows)] = title
         rows |= {name: values.loc[name] for name in names}
     if "aggregate" in tables and len(rows) > 1 and "condition" not in tables["aggregate"]:
-        mean = figures.labelled(tables["aggregate"]).set_index("learner")["success"]
-        rows["mean"] = mean.reindex(learners)
+        rows["mean"] = figures.labelled(tables["aggregate"]).set_index("learner")["success"].reindex(learners)
     colours = mpl.colormaps[COLOUR_MAP].with_extremes(bad="white")  # without runs
     cells = [[(show(value, 2), to_hex(colours(value))) for value in row] for row in rows.values()]
     characters = max(_CHARACTERS // len(learners), 12)

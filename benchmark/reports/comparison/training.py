@@ -27,9 +27,8 @@ def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     """Computes means over runs at every evaluation."""
     frames = []
     for names, _, rows in populations(curves, experiment):
-        row: Row = {**names, "step": rows["step"].unique()}
-        row |= {name: proportion(by_step(rows, name)) for name in ENDPOINTS}
-        frames.append(pd.DataFrame(expanded(row)))
+        means = {name: proportion(by_step(rows, name)) for name in ENDPOINTS}
+        frames.append(pd.DataFrame(expanded({**names, "step": rows["step"].unique(), **means})))
     return pd.concat(frames, ignore_index=True)
 
 

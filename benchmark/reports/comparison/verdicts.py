@@ -61,7 +61,7 @@ class Case(NamedTuple):
 
 def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
     """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
-    return _contrasted(contrasts_of(experiment), runs, experiment, is_partial)
+    return _rows(contrasts_of(experiment), runs, experiment, is_partial)
 
 
 def same_input_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
@@ -77,18 +77,14 @@ def same_input_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool
         if {*map(knowledge, reporting.baseline)} != {knowledge(x)} == {knowledge(y)}
         if (x, y) not in reporting.contrasts and budgets.get(x) == budgets.get(y)
     ]
-    return _contrasted(pairs, runs, experiment, is_partial)
+    return _rows(pairs, runs, experiment, is_partial)
 
 
-def _contrasted(
-    pairs: Iterable[Pair], runs: pd.DataFrame, experiment: Experiment, is_partial: bool
-) -> list[Row]:
+def _rows(pairs: Iterable[Pair], runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
     """Returns these contrasts, whose p-values are adjusted together."""
     reporting, cells = reporting_of(experiment), cells_of(runs, experiment)
     is_pooled = reporting.pool == "scenarios"
-    cases: list[Case] = []
-    for pair in pairs:
-        cases += _cases(cells, pair, experiment, is_pooled=is_pooled)
+    cases = [case for pair in pairs for case in _cases(cells, pair, experiment, is_pooled=is_pooled)]
     if not is_pooled:
         order = [*experiment.scenarios]
         cases.sort(key=lambda case: order.index(case.cells["scenario"].iloc[0]))
@@ -120,8 +116,7 @@ def _contrasted(
 
 def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Yields the effects, a row for each pair of cells that differ by it, with intervals not adjusted."""
-    cells = cells_of(runs, experiment)
-    own = cells[cells["learner"].isin(own_learners(experiment))]
+    own = cells_of(runs[runs["learner"].isin(own_learners(experiment))], experiment)
     for name, pair in effects_of(experiment):
         for case in _cases(own, pair, experiment, is_pooled=False):
             row: Row = {"effect": name, **case.names, **_difference(case.cells)}
@@ -136,10 +131,9 @@ def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> Iterator[Row]:
     """Yields the outcome, or that of each scenario and condition, if there are baselines."""
-    reporting = reporting_of(experiment)
-    if not reporting.baseline:
+    reporting, decisive = reporting_of(experiment), decisive_learners(experiment)
+    if not (baselines := reporting.baseline):
         return
-    baselines, decisive = reporting.baseline, decisive_learners(experiment)
     every = contrast_rows(runs, experiment, is_partial)
     rows = [row for row in every if row["x"] in decisive and row["y"] in baselines]
     axes = {"scenario": [*experiment.scenarios]} if reporting.pool == "none" else {}
@@ -147,15 +141,14 @@ def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -
     for values in product(*axes.values()):
         names = dict(zip(axes, values, strict=True))
         here = pd.DataFrame([row for row in rows if names.items() <= row.items()])
-        yield {**names, "outcome": _outcome(here, baselines, decisive, runs) if len(here) else "no verdict"}
+        outcome = _outcome(here, baselines, len(decisive), runs) if len(here) else "no verdict"
+        yield {**names, "outcome": outcome}
 
 
-def _outcome(
-    rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame
-) -> str:
+def _outcome(rows: pd.DataFrame, baselines: Sequence[str], n_decisive: int, runs: pd.DataFrame) -> str:
     """Decides by the contrasts of decisive learners with baselines, of one scenario or pooled."""
     verdicts, of_x, success = standings(rows, baselines), rows["x"], rows["success_verdict"]
-    if NO_VERDICT in set(verdicts) or len(verdicts) < len(decisive):
+    if NO_VERDICT in set(verdicts) or len(verdicts) < n_decisive:
         return "no verdict"
     x_has_learned, y_has_learned = rows["p_random_x"] <= ALPHA, rows["p_random_y"] <= ALPHA
     has_same_input = of_x.map(knowledge) == rows["y"].map(knowledge)
@@ -199,11 +192,9 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
     """
     every = {*baselines}
     order = (NO_VERDICT, WORSE, EQUIVALENT, MIXED, NEITHER, UNDECIDED, BETTER)  # the first that there is
-    verdicts = {}
-    for x, against in rows[rows["y"].isin(every)].groupby("x", sort=False):
-        if set(against["y"]) == every:
-            verdicts[str(x)] = min(against["success_verdict"], key=order.index)
-    return pd.Series(verdicts, dtype=str)
+    against = rows[rows["y"].isin(every)].groupby("x", sort=False)
+    found = {x: min(of_x["success_verdict"], key=order.index) for x, of_x in against if {*of_x["y"]} == every}
+    return pd.Series(found, dtype=str)
 
 
 def _cases(cells: pd.DataFrame, pair: Pair, experiment: Experiment, *, is_pooled: bool) -> Iterator[Case]:
