@@ -23,7 +23,6 @@ class PlainSettings(Settings):
 class PlainQLearning(SequentialAlgorithm):
     """Q-learning in plain Python."""
 
-    family = "tabular"
     settings = PlainSettings
 
     def train_agent(
