@@ -293,8 +293,8 @@ def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
     data = compared(learners, baseline=["table"], scenarios=["S1", "S2", "S3", "Hall", "Walls"], pool="none")
     assert headline(tmp_path, data) == (
         "Whether deep RL earns its keep: a net beats every baseline in success (1 of 5); only nets are shown "
-        "to beat the random policy (1 of 5); no net beats every baseline in success (1 of 5); cannot be beaten "
-        "here: a baseline leaves no room (1 of 5); no learner is shown to beat the random policy (1 of 5)."
+        "to beat the random policy (1 of 5); no net beats every baseline in success (1 of 5); cannot be "
+        "beaten here: a baseline leaves no room (1 of 5); no learner is shown to beat the random policy (1 of 5)."
     )
 
 
