@@ -46,8 +46,7 @@ def reporting_of(experiment: Experiment) -> Reporting:
 def own_learners(experiment: Experiment, *families: str) -> list[str]:
     """Lists the learners of these families, by default of all but planners, without references."""
     own = [learner for learner in experiment.learners.values() if not learner.reference_for]
-    accepted = families or ("tabular", "linear", "deep", "other")
-    return [learner.name for learner in own if learner.family in accepted]
+    return [one.name for one in own if one.family in (families or ("tabular", "linear", "deep", "other"))]
 
 
 def contrasts_of(experiment: Experiment) -> list[Pair]:

@@ -29,7 +29,7 @@ from envs.scene import COLOUR_MAP
 
 _MOST_DRAWN: Final = 15  # contrasts
 _MOST_NAMED: Final = 3  # contrasts in a sentence
-_CHARACTERS: Final = 72  # of the names of a figure's columns in a line
+_CHARACTERS, _MOST_COLUMNS = 72, 8  # of the names of a figure's columns in a line; columns with level names
 _TILES: Final = ("linear_q_lambda", "linear_sarsa_lambda")  # algorithms with tile coding
 _KINDS: Final = dict.fromkeys(_TILES, "tile coding") | {"tabular": "table", "deep": "net"}
 # What outcomes mean, in the order of scenarios in a figure
@@ -163,10 +163,12 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
         rows["mean"] = figures.labelled(tables["aggregate"]).set_index("learner")["success"].reindex(learners)
     colours = mpl.colormaps[COLOUR_MAP].with_extremes(bad="white")  # without runs
     cells = [[(show(value, 2), to_hex(colours(value))) for value in row] for row in rows.values()]
-    characters = max(_CHARACTERS // len(learners), 12)
+    is_crowded = len(learners) > _MOST_COLUMNS  # then their names are turned
+    characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 12)
     titles = [fill(experiment.learners[name].title, characters, break_on_hyphens=False) for name in learners]
-    with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3)) as (figure, axes):
+    with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3 + is_crowded)) as (figure, axes):
         draw_cells(axes[0, 0], cells, [*rows], titles)
+        axes[0, 0].tick_params(axis="x", labelrotation=90 * is_crowded)
         for at, title in groups.items():
             style = {"va": "top", "fontsize": "small", "transform": axes[0, 0].get_yaxis_transform()}
             axes[0, 0].text(1.01, at - 0.4, fill(title, 20), **style)

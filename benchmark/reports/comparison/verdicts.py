@@ -65,10 +65,7 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
 
 
 def same_input_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
-    """Returns contrasts that are not declared: of nets with tables and linear learners of the same input.
-
-    They are those of decisive learners some of whose baselines have another input. Budgets are equal.
-    """
+    """Returns contrasts with tables and linear learners of a net's input, if some baseline has another."""
     reporting = reporting_of(experiment)
     budgets = {name: {*budget} for name, budget in runs.groupby("learner")["budget"]}
     pairs = [
