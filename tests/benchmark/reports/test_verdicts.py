@@ -292,8 +292,8 @@ def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
     assert headline(tmp_path, data) == (
         "Whether deep RL earns its keep: a net beats every baseline in success (1 of 5); only nets are shown "
         "to beat the random policy (1 of 5); no net beats every baseline in success (1 of 5); cannot be "
-        "beaten here: a baseline leaves no room (1 of 5); no learner is shown to beat the random policy (1 of "
-        "5)."
+        "beaten here: a baseline leaves no room (1 of 5); no learner is shown to beat the random policy "
+        "(1 of 5)."
     )
 
 
