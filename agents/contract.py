@@ -18,6 +18,8 @@ from envs import ACTIONS, Model
 from envs.inputs import Table
 from envs.observations import INDICES
 
+Family = Literal["tabular", "linear", "deep", "planner", "other"]
+
 
 class LearnerSettings(Table):
     """The settings that every learner has."""
@@ -89,8 +91,8 @@ class Algorithm(ABC):
     """A method of learning: its settings, where it runs, and how it trains. A subclass sets what differs."""
 
     settings: type[LearnerSettings]
-    family: Literal["tabular", "linear", "deep", "planner"] = "tabular"
-    """What kind of learner it is; a planner knows the model."""
+    family: Family = "other"
+    """What kind of learner it is; a planner knows the model. Baselines are tables or linear by default."""
     version: int = 1
     """Part of every run's identity; raised when a change alters what is learned."""
     observations: tuple[str, ...] = INDICES

@@ -16,7 +16,7 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents.contract import Algorithm, LearnerSettings, Schedule, Training
+from agents.contract import Algorithm, Family, LearnerSettings, Schedule, Training
 from agents.policy import ALL_ACTIONS
 from agents.process import process_of
 from agents.tabular import updates
@@ -179,6 +179,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
 class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
     """An algorithm that learns a table by an update rule, which has its settings and version."""
 
+    family: Family = "tabular"
     batch_size = 25  # an interrupt waits for the end of a call
     training = TabularTraining
 

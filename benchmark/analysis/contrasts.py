@@ -16,10 +16,11 @@ from benchmark.analysis.intervals import LEVEL, TAIL, combined, p_above
 BETTER: Final = "better"
 WORSE: Final = "worse"
 EQUIVALENT: Final = "equivalent"
+NEITHER: Final = "neither learned"  # neither is shown to beat the random policy
 MIXED: Final = "mixed"  # on a mean over scenarios: some contradict the others
 UNDECIDED: Final = "undecided"
 NO_VERDICT: Final = "no verdict"  # too few runs, or runs are missing
-VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT)
+VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, NEITHER, MIXED, UNDECIDED, NO_VERDICT)
 POWER: Final = 0.8  # probability with which a needed number of agents decides
 
 

@@ -42,7 +42,7 @@ class Learner:
     declared: Variant
     algorithm: Algorithm
     family: str
-    """What its variant counts as: tabular, linear, deep or planner, see `_Loading.learners`."""
+    """What its variant counts as, see `_Loading.learners` and `Algorithm.family`."""
     chosen: Chosen | None
     """What its search has chosen for it; a grid may name another one."""
     changed: tuple[str, ...] = ()
@@ -94,7 +94,7 @@ def title_of(variant: str, observation: str, family: str) -> str:
     ('Q-learning table of offsets', 'tile coding on coordinates')
     """
     observed, row = _OBSERVED.get(observation, f" on {observation}"), observation.removesuffix("_one_hot")
-    return variant + (observed if family in ("linear", "deep") else _ROWS.get(row, observed))
+    return variant + (observed if family in ("linear", "deep", "other") else _ROWS.get(row, observed))
 
 
 @dataclass(frozen=True, eq=False)

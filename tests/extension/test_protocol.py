@@ -17,7 +17,7 @@ settings = { budget = 10000, time_limit = 200, record_every = 10000 }
 
 [report]
 kind = "comparison"
-omit = ["agents", "wrong_pings", "curves"]
+omit = ["agents", "curves"]
 margins = { success = 0.2 }
 contrasts = [
   ["curious, index", "calm, index"],
@@ -37,28 +37,6 @@ settings = { epsilon = 0.1, learning_rate = 0.2 }
 [grids.all.axes.noise]
 low = {}
 high = { scenario = { ping_limit = 1 } }
-"""
-
-
-TWO_BASELINES = """
-description = "Does anything beat both tables?"
-scenarios = ["S1"]
-horizon = 200
-evaluation_every = 1000
-map_every = 5000
-settings = { budget = 5000, time_limit = 200, record_every = 5000 }
-
-[report]
-kind = "comparison"
-omit = ["agents", "wrong_pings", "curves"]
-margins = { success = 0.2 }
-baseline = ["calm, index", "lost, index"]
-contrasts = [["net, index", "calm, index"], ["net, index", "lost, index"]]
-
-[algorithms]
-calm = { algorithm = "q_learning", observations = ["index"], seeds = 30 }
-lost = { algorithm = "q_learning", observations = ["index"], seeds = 30, settings = { learning_rate = 1e-9 } }
-net = { algorithm = "tests.benchmark.reports.made:NET", observations = ["index"], seeds = 30 }
 """
 
 
@@ -95,14 +73,3 @@ def test_without_a_table_to_beat_the_answer_counts_verdicts(folder: Path) -> Non
         assert words in answer
     assert "nan" not in readme
     assert "keep" not in answer  # there is no deep learner
-
-
-def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> None:
-    """What counts as deep here learns as one table does, and the other table learns nothing."""
-    two = results_of(tmp_path, TWO_BASELINES)
-    contrasts = pd.read_csv(two / "contrasts.csv")
-    assert contrasts["success_verdict"].tolist() == ["equivalent", "better"]
-    assert pd.read_csv(two / "outcomes.csv")["outcome"].tolist() == ["does not earn"]
-    readme = (two / "README.md").read_text(encoding="utf-8")
-    assert "Whether deep RL earns its keep: no net is better than the baselines (1 of 1)." in readme
-    assert "Deep learners have to beat the *baselines*: calm and lost." in readme

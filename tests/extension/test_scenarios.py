@@ -49,7 +49,7 @@ horizon = 50
 evaluation_every = 500
 map_every = 500
 settings = { learning_rate = 0.5, discount = 0.9, epsilon = 0.3, budget = 2000, record_every = 1000 }
-report = { kind = "comparison", omit = ["wrong_pings"], pool = "none" }
+report = { kind = "comparison", pool = "none" }
 algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
 algorithms.two = { algorithm = "sarsa", observations = ["index", "offset"], seeds = 3 }
 """

@@ -9,6 +9,7 @@ from benchmark.analysis.frames import KEYS, by_population
 from benchmark.analysis.intervals import Estimate, student
 from benchmark.experiments import Experiment, Learner
 from benchmark.reports.comparison.columns import EFFORT
+from benchmark.reports.comparison.declared import own_learners
 
 Row = dict[str, Any]
 
@@ -25,10 +26,8 @@ def own_rows(frame: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     Learners are in the order declared, but references behind their learners.
     """
     names: list[str] = []
-    for own in experiment.learners.values():
-        if not own.reference_for and own.family != "planner":
-            names.append(own.name)
-            names += [name for name, other in experiment.learners.items() if other.reference_for == own.name]
+    for own in own_learners(experiment):
+        names += [own, *(name for name, other in experiment.learners.items() if other.reference_for == own)]
     rank = frame["learner"].map({name: i for i, name in enumerate(names)})
     return frame.loc[rank.dropna().sort_values(kind="stable").index]
 

@@ -3,11 +3,14 @@
 from functools import partial
 from typing import Final
 
+from benchmark.analysis.contrasts import NEITHER, VERDICTS
 from benchmark.reports.item import labelled_columns
 
+ENDPOINTS: Final = ("success", "score")  # in the order in which they count
 CELL: Final = "scenario condition learner"
 DIFFERENCES: Final = "success_difference score_difference wrong_pings_difference"
 EFFORT: Final = "settings_tried search_steps search_cpu_s"
+WORDS: Final = {verdict: verdict for verdict in VERDICTS} | {NEITHER: "neither is shown to beat random"}
 RATE: Final = "wrong PINGs per 1,000 steps of the whole training"
 _LABELS: Final = {
     "budget": "steps of training",
@@ -15,7 +18,6 @@ _LABELS: Final = {
     "every_cell_success": "success from any cell",
     "final_success": "final mean",
     "greedy_success": "of the greedy policy",
-    "iqm": "its interquartile mean",
     "median_step": "median step of runs",
     "memoryless_return": "best return of a memoryless policy found",
     "memoryless_success": "success of that policy",
@@ -55,7 +57,7 @@ MEANINGS: Final = {
     "greedy_success": "success of the greedy policy, whichever policy counts",
     "hidden": "what varies and is not observed",
     "iqm": "interquartile mean of the unbounded scores of all runs and scenarios (rliable)",
-    "kind": "table, tile coding or net",
+    "kind": "table, tile coding, linear, net or other",
     "knowledge": "what is observed: cells, or the offset to the person",
     "learners": "learners of the class, the best of which this is",
     "memoryless_return": "best return of a policy over observations that the planner has found",

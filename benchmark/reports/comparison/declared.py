@@ -1,11 +1,13 @@
 """What a comparison decides, as its experiment declares it."""
 
 from collections.abc import Mapping
+from itertools import product
 from typing import Final, NamedTuple
 
 from benchmark.experiments import Experiment, Reporting
 from envs import InputError
 from envs.inputs import unknown_name
+from envs.scenario import RELATIVE
 
 AXES: Final = ("learner", "scenario", "condition")  # columns, in the order in which a side names them
 
@@ -24,18 +26,27 @@ def side_name(side: Side) -> str:
     return " @ ".join(side[axis] for axis in AXES if axis in side)
 
 
+def knowledge(learner: str) -> str:
+    """Returns what a learner of this name observes of people: cells, or offsets from the agent."""
+    return "offsets" if learner.partition(", ")[2].startswith(RELATIVE) else "cells"
+
+
 def reporting_of(experiment: Experiment) -> Reporting:
-    """Returns what is declared; if that is nothing, every deep learner is compared with the first table."""
+    """Returns what is declared; if nothing is, deep learners have to beat all tables and linear learners."""
     reporting = experiment.report
     assert reporting is not None
-    own = [learner for learner in experiment.learners.values() if not learner.reference_for]
-    tables = [learner.name for learner in own if learner.family == "tabular"]
-    deep = [learner.name for learner in own if learner.family == "deep"]
+    deep, baselines = own_learners(experiment, "deep"), own_learners(experiment, "tabular", "linear")
     is_declared = bool(reporting.contrasts or reporting.baseline or reporting.effects)
-    if is_declared or not tables or not deep:
+    if is_declared or not baselines or not deep:
         return reporting
-    pairs = tuple((name, tables[0]) for name in deep)
-    return reporting.model_copy(update={"baseline": (tables[0],), "contrasts": pairs})
+    update = {"baseline": tuple(baselines), "contrasts": tuple(product(deep, baselines))}
+    return reporting.model_copy(update=update)
+
+
+def own_learners(experiment: Experiment, *families: str) -> list[str]:
+    """Lists the learners of these families, by default of all but planners, without references."""
+    own = [learner for learner in experiment.learners.values() if not learner.reference_for]
+    return [one.name for one in own if one.family in (families or ("tabular", "linear", "deep", "other"))]
 
 
 def contrasts_of(experiment: Experiment) -> list[Pair]:
@@ -50,18 +61,21 @@ def effects_of(experiment: Experiment) -> list[tuple[str, Pair]]:
     return [(name, _pair(experiment, f"effects.{i}", x, y)) for i, (x, y, name) in effects]
 
 
-def compared_learners(experiment: Experiment) -> list[str]:
-    """Lists the learners of the contrasts."""
-    named = {side.get("learner") for pair in contrasts_of(experiment) for side in pair}
-    return [name for name in experiment.learners if name in named]
-
-
 def decisive_learners(experiment: Experiment) -> list[str]:
     """Lists the deep learners, except baselines, that are compared with baselines wherever both are."""
     reporting = reporting_of(experiment)
     baselines = reporting.baseline
     names = dict.fromkeys(x for x, y in reporting.contrasts if y in baselines and x not in baselines)
     return [name for name in names if experiment.learners[name].family == "deep"]
+
+
+def drawn_learners(experiment: Experiment) -> list[str]:
+    """Lists the learners that the outcome is about, or else those compared; undeclared, all but planners."""
+    reporting, decisive = reporting_of(experiment), decisive_learners(experiment)
+    named = {side.get("learner") for pair in contrasts_of(experiment) for side in pair}
+    compared = [name for name in experiment.learners if name in named]
+    names = [*reporting.baseline, *decisive] if decisive else compared
+    return names if names and reporting is experiment.report else own_learners(experiment)
 
 
 def check(experiment: Experiment) -> None:
@@ -75,8 +89,7 @@ def check(experiment: Experiment) -> None:
     source, reporting = experiment.argument, reporting_of(experiment)
     contrasts_of(experiment)
     effects_of(experiment)
-    learners = experiment.learners.items()
-    accepted = [name for name, own in learners if own.family != "planner" and not own.reference_for]
+    accepted = own_learners(experiment)
     for y in reporting.baseline:
         if y not in accepted:
             unknown_name(f"{source}: report.baseline", "baseline", y, accepted)

@@ -5,33 +5,32 @@ figures can be read in grey, too.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, UNDECIDED, WORSE
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NEITHER, NO_VERDICT, UNDECIDED, WORSE
 from benchmark.drawing.style import WIDTH, figure_of, learner_style, name_lines
 from benchmark.experiments import Experiment
-from benchmark.reports.comparison.declared import compared_learners, decisive_learners, reporting_of
+from benchmark.reports.comparison.columns import WORDS
 
 Style = dict[str, Any]  # arguments of matplotlib
 _STYLES: Final[dict[str, Style]] = {
     BETTER: {"marker": "^", "color": "black"},
     WORSE: {"marker": "v", "color": "black"},
     EQUIVALENT: {"marker": "o", "color": "black"},
+    NEITHER: {"marker": "s", "color": "0.55", "mfc": "white"},
     MIXED: {"marker": "X", "color": "black"},
     UNDECIDED: {"marker": "o", "color": "0.55", "mfc": "white"},
     NO_VERDICT: {"marker": "x", "color": "0.55"},
 }
 _N_MARKERS: Final = 6  # of a curve
 _COLUMNS: Final = 3  # of panels
-_MOST_LEARNERS: Final = 8  # that are drawn without being declared
 FEW: Final = 4  # scenarios whose learners are listed, and drawn over training
 
 
@@ -43,19 +42,6 @@ def labelled(table: pd.DataFrame) -> pd.DataFrame:
     if "algorithm" in table:
         table["learner"] = table["algorithm"] + ", " + table["observation"]
     return table
-
-
-def drawn_learners(experiment: Experiment) -> list[str]:
-    """Lists the learners that the outcome is about, or else those compared, or else all but planners.
-
-    If nothing is declared and there are few, these are all but planners, too.
-    """
-    baseline, decisive = reporting_of(experiment).baseline, decisive_learners(experiment)
-    names = [*baseline, *decisive] if decisive else compared_learners(experiment)
-    own = [learner for learner in experiment.learners.values() if not learner.reference_for]
-    every = [learner.name for learner in own if learner.family != "planner"]
-    is_declared = reporting_of(experiment) is experiment.report
-    return names if names and (is_declared or len(every) > _MOST_LEARNERS) else every
 
 
 def style_of(learner: str, experiment: Experiment, observation: str | None = None) -> Style:
@@ -73,13 +59,13 @@ def differences(frame: pd.DataFrame, names: Sequence[str]) -> Figure:
         axis.axvspan(-margin, margin, color="0.92", lw=0)
         axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
         for y, (_, row) in enumerate(frame.iterrows()):
-            verdict = row["success_verdict"]
-            style, difference = _STYLES[verdict], "success_difference"
+            verdict, difference = row["success_verdict"], "success_difference"
+            style, word = _STYLES[verdict], fill(WORDS[verdict], 17)
             for end, width in (("", 1.2), ("_90", 3.6)):
                 ends = [row[f"{difference}_low{end}"], row[f"{difference}_high{end}"]]
                 axis.plot(ends, [y, y], color=style["color"], lw=width, solid_capstyle="butt")
             axis.plot(row[difference], y, ms=7, **style)
-            axis.text(1.02, y, verdict, va="center", transform=axis.get_yaxis_transform())
+            axis.text(1.02, y, word, va="center", transform=axis.get_yaxis_transform())
         axis.set_yticks(np.arange(len(names)), names)
         axis.set(ylim=(len(names) - 0.5, -0.5))
         axis.grid(axis="y", lw=0.4, color="0.85")
@@ -90,45 +76,33 @@ def differences(frame: pd.DataFrame, names: Sequence[str]) -> Figure:
     return figure
 
 
-@contextmanager
-def curve_panels(
-    curves: pd.DataFrame, learners: Iterable[str], experiment: Experiment, column: str, label: str
-) -> Iterator[tuple[Figure, Sequence[Axes]]]:
-    """Draws a column of `labelled` curves over training, a panel per scenario, for the caller to complete.
+def curve_panels(curves: pd.DataFrame, learners: Iterable[str], experiment: Experiment) -> Figure:
+    """Draws success over training from `labelled` curves, a panel per scenario.
 
-    Then learners are named at the ends of their lines, in the last panel of each row. `label` is that of the
-    vertical axis.
+    Learners are named at the ends of their lines, in the last panel of each row.
     """
     frame = curves[(curves["step"] > 0) & curves["learner"].isin([*learners])]
     panels = [*frame.groupby("scenario", sort=False)]
     n_columns = min(len(panels), _COLUMNS)
     n_rows = math.ceil(len(panels) / n_columns)
     with figure_of(n_rows, n_columns, (WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
-        used = [*axes.flat[: len(panels)]]
-        for i, (axis, (scenario, rows)) in enumerate(zip(used, panels, strict=True)):
-            _lines(axis, rows, column, experiment)
+        for i, (axis, (scenario, rows)) in enumerate(zip(axes.flat, panels, strict=False)):
+            lines = dict[str, tuple[float, Style]]()
+            for learner, curve in rows.groupby("learner", sort=False):
+                style, every = style_of(str(learner), experiment), max(len(curve) // _N_MARKERS, 1)
+                axis.plot(curve["step"], curve["success"], lw=1.3, ms=4, markevery=every, **style)
+                ends = curve["success_low"], curve["success_high"]
+                axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
+                lines[experiment.learners[str(learner)].title] = curve["success"].iloc[-1], style
             axis.set(title=str(scenario).replace(" under ", "\n").replace("/", "\n"))
             axis.set(xlim=(float(rows["step"].min()), float(rows["step"].max())))
             axis.xaxis.set_major_locator(MaxNLocator(3))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))
             axis.tick_params(labelleft=i % n_columns == 0, labelbottom=i + n_columns >= len(panels))
-            axis.set(ylabel="" if i % n_columns else label)
+            axis.set(ylabel="" if i % n_columns else "success", ylim=(-0.0309, 1.03))
+            if (i + 1) % n_columns == 0 or i + 1 == len(panels):
+                name_lines(axis, lines)
         for axis in axes.flat[len(panels) :]:
             axis.set_axis_off()
         figure.supxlabel("environment step", fontsize="medium")
-        yield figure, used
-        for i, (axis, (_, rows)) in enumerate(zip(used, panels, strict=True), start=1):
-            if i % n_columns == 0 or i == len(panels):
-                last = rows.groupby("learner", sort=False).last()[column]
-                titles = {experiment.learners[name].title: name for name in last.index}
-                ends = {title: (last[name], style_of(name, experiment)) for title, name in titles.items()}
-                name_lines(axis, ends)
-
-
-def _lines(axis: Axes, frame: pd.DataFrame, y: str, experiment: Experiment) -> None:
-    for learner, rows in frame.groupby("learner", sort=False):
-        style = style_of(str(learner), experiment)
-        every = max(len(rows) // _N_MARKERS, 1)
-        axis.plot(rows["step"], rows[y], lw=1.3, ms=4, markevery=every, **style)
-        ends = rows[f"{y}_low"], rows[f"{y}_high"]
-        axis.fill_between(rows["step"], *ends, color=style["color"], alpha=0.12, lw=0)
+    return figure

@@ -1,9 +1,10 @@
 """Items of a comparison: what each learner reached, how learners differ, and what is possible."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
-from typing import Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -19,28 +20,31 @@ from benchmark.drawing.tables import inert, link, show, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, effort, names_of, own_rows, populations, wrong_pings
-from benchmark.reports.comparison.columns import CELL, DIFFERENCES, MEANINGS, RATE, columns
-from benchmark.reports.comparison.declared import decisive_learners, reporting_of
-from benchmark.reports.comparison.verdicts import ENDPOINTS, contrast_rows, effect_rows, outcome_rows
-from benchmark.reports.folder import SCORES, Folder, titled
+from benchmark.reports.comparison.columns import CELL, DIFFERENCES, ENDPOINTS, MEANINGS, RATE, WORDS, columns
+from benchmark.reports.comparison.declared import drawn_learners, knowledge, reporting_of
+from benchmark.reports.comparison.verdicts import contrast_rows, effect_rows, outcome_rows, same_input_rows
+from benchmark.reports.folder import SCORES, Folder, with_titles
 from benchmark.reports.item import Frames, item, no_rows, writing
-from envs.scenario import RELATIVE
 from envs.scene import COLOUR_MAP
 
 _MOST_DRAWN: Final = 15  # contrasts
-_GOOD: Final = 0.95  # a success of which a figure does not show the number
-_CHARACTERS: Final = 72  # of the names of a figure's columns in a line
-_KINDS: Final = {"tabular": "table", "linear": "tile coding", "deep": "net"}  # of learners, by family
+_MOST_NAMED: Final = 3  # contrasts in a sentence
+_CHARACTERS, _MOST_COLUMNS = 72, 8  # of the names of a figure's columns in a line; columns with level names
+_TILES: Final = ("linear_q_lambda", "linear_sarsa_lambda")  # algorithms with tile coding
+_KINDS: Final = dict.fromkeys(_TILES, "tile coding") | {"tabular": "table", "deep": "net"}
 # What outcomes mean, in the order of scenarios in a figure
 _OUTCOMES: Final = {
-    "earns": "a net is better than the baselines",
-    "another policy": "a net is better, with another kind of policy",
-    "no baseline learned": "only nets learned",
+    "earns": "a net beats every baseline in success",
+    "another policy": "a net beats every baseline in success, with another kind of policy",
+    "another input": "a net beats every baseline in success, with another input",
+    "no baseline learned": "only nets are shown to beat the random policy",
     "mixed": "mixed",
     "undecided": "undecided",
     "unequal budgets": "unequal budgets",
-    "does not earn": "no net is better than the baselines",
-    "neither learned": "neither learned",
+    "does not earn": "no net beats every baseline in success",
+    "cannot be beaten": "cannot be beaten here: a baseline leaves no room",
+    "nothing to learn": "the random policy succeeds, too",
+    "neither learned": "no learner is shown to beat the random policy",
     "no verdict": "no verdict",
 }
 
@@ -48,10 +52,10 @@ _OUTCOMES: Final = {
 def _measured(frame: pd.DataFrame) -> pd.DataFrame:
     """Says of which equivalent learners a difference is shown, too."""
     is_shown = (frame["success_verdict"] == EQUIVALENT) & (frame["success_p_different"] <= 0.05)
-    than = np.where(frame["success_difference"] > 0, BETTER, WORSE)
-    pairs = zip(frame["success_margin"], than, strict=True)
-    texts = [f"within {margin:g}, but measurably {word}" for margin, word in pairs]
-    return frame.assign(success_verdict=np.where(is_shown, texts, frame["success_verdict"]))
+    texts = frame["success_margin"].map("within {:g}, but measurably ".format)
+    texts += np.where(frame["success_difference"] > 0, BETTER, WORSE)
+    success, score = (frame[f"{endpoint}_verdict"].map(WORDS) for endpoint in ENDPOINTS)
+    return frame.assign(success_verdict=np.where(is_shown, texts, success), score_verdict=score)
 
 
 contrasts = item(
@@ -66,6 +70,10 @@ contrasts = item(
 )(contrast_rows)
 
 
+text = "exploratory: nets against tables and linear learners of the same input"
+same_input = replace(contrasts, name="same_input", description=text, compute=same_input_rows)
+
+
 @contrasts.figure(
     "The contrasts: differences with their 90 % (thick) and 95 % intervals, the margin (grey), and verdicts."
 )
@@ -73,22 +81,23 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     if len(table) > _MOST_DRAWN:
         return None
     titles = {name: learner.title for name, learner in experiment.learners.items()}
-    names = []
-    for _, row in figures.labelled(table).iterrows():
-        x, y = (titled(row[side], titles) for side in "xy")
-        names.append(", ".join(filter(None, [f"{x}\nagainst {y}", row["scenario"]])))
+    rows = with_titles(figures.labelled(table), titles).iterrows()
+    names = [", ".join(filter(None, [f"{row['x']}\nagainst {row['y']}", row["scenario"]])) for _, row in rows]
     return figures.differences(table, names)
 
 
-outcomes = item("outcomes", "whether deep RL earns its keep over the baselines", meanings=MEANINGS)(
-    outcome_rows
-)
+outcomes = item(
+    "outcomes",
+    "whether deep RL earns its keep over the baselines",
+    meanings=MEANINGS,
+    where=lambda frame: frame.assign(outcome=frame["outcome"].map(_OUTCOMES)),
+)(outcome_rows)
 
 
 @item(
     "verdicts",
     "how many verdicts on success each contrast has, over scenarios",
-    {"x": "", "y": "", "n": "contrasts", **dict.fromkeys(VERDICTS, "")},
+    {"x": "", "y": "", "n": "contrasts", **WORDS},
     meanings={"n": "contrasts", **dict.fromkeys(VERDICTS, "contrasts with this verdict")},
 )
 def verdicts(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> Iterator[Row]:
@@ -138,45 +147,34 @@ def summary(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 @summary.figure("How often each learner succeeds after training.")
 def _(tables: Frames, experiment: Experiment) -> Figure | None:
-    frame, drawn = figures.labelled(tables["summary"]), figures.drawn_learners(experiment)
+    frame, drawn = figures.labelled(tables["summary"]), drawn_learners(experiment)
     learners = [name for name in frame["learner"].unique() if name in drawn]
     if not learners:  # of a partial report
         return None
-    decisive = [name for name in decisive_learners(experiment) if name in learners] or learners
     values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
-    rows, groups = dict[str, "pd.Series[float]"](), dict[int, str]()
-    for title, names in _grouped(tables, [*frame["scenario"].unique()]).items():
+    rows, groups = dict[str, Any](), dict[int, str]()
+    scenarios = [*frame["scenario"].unique()]
+    if len(scenarios) > figures.FEW:  # the highest first
+        scenarios.sort(key=lambda name: -values.loc[name].sum())
+    for title, names in _grouped(tables, scenarios).items():
         groups[len(rows)] = title
-        rows |= _rows(values.loc[names], decisive)
+        rows |= {name: values.loc[name] for name in names}
     if "aggregate" in tables and len(rows) > 1 and "condition" not in tables["aggregate"]:
-        mean = figures.labelled(tables["aggregate"]).set_index("learner")["success"]
-        rows["mean"] = mean.reindex(learners)
+        rows["mean"] = figures.labelled(tables["aggregate"]).set_index("learner")["success"].reindex(learners)
     colours = mpl.colormaps[COLOUR_MAP].with_extremes(bad="white")  # without runs
-    cells = [
-        [("" if round(value, 2) >= _GOOD else show(value, 2), to_hex(colours(value))) for value in row]
-        for row in rows.values()
-    ]
-    characters = max(_CHARACTERS // len(learners), 12)
+    cells = [[(show(value, 2), to_hex(colours(value))) for value in row] for row in rows.values()]
+    is_crowded = len(learners) > _MOST_COLUMNS  # then their names are turned
+    characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 12)
     titles = [fill(experiment.learners[name].title, characters, break_on_hyphens=False) for name in learners]
-    with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3)) as (figure, axes):
+    with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3 + is_crowded)) as (figure, axes):
         draw_cells(axes[0, 0], cells, [*rows], titles)
+        axes[0, 0].tick_params(axis="x", labelrotation=90 * is_crowded)
         for at, title in groups.items():
             style = {"va": "top", "fontsize": "small", "transform": axes[0, 0].get_yaxis_transform()}
             axes[0, 0].text(1.01, at - 0.4, fill(title, 20), **style)
             axes[0, 0].axhline(at - 0.5, color="black", lw=1.2 * bool(at))
-        text = f"success after training, mean over runs; no number: {_GOOD} or more"
-        figure.supxlabel(text, fontsize="small")
+        figure.supxlabel("success after training, mean over runs", fontsize="small")
     return figure
-
-
-def _rows(values: pd.DataFrame, decisive: Sequence[str]) -> dict[str, "pd.Series[float]"]:
-    """Returns the rows of scenarios; of many, those where all learners are good share the first one."""
-    is_good = values.ge(_GOOD).all(axis=1) & (len(values) > figures.FEW)
-    rest = values[~is_good]
-    order = rest[decisive].sum(axis=1).sort_values(ascending=False, kind="stable").index
-    names = order if is_good.any() else rest.index
-    shared = {fill(", ".join(values.index[is_good]), 34): values[is_good].min()} if is_good.any() else {}
-    return shared | {str(name): rest.loc[name] for name in names}
 
 
 def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
@@ -198,8 +196,8 @@ def classes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     for names, learner, rows in populations(runs, experiment):
         if not learner.reference_for:
             row: Row = {name: names[name] for name in ("scenario", "condition") if name in names}
-            row |= {"kind": _KINDS[learner.family], "policy": learner.declared.policy}
-            row["knowledge"] = "offsets" if learner.observation.startswith(RELATIVE) else "cells"
+            row["kind"] = _KINDS.get(learner.declared.algorithm) or _KINDS.get(learner.family, learner.family)
+            row |= {"policy": learner.declared.policy, "knowledge": knowledge(learner.name)}
             members = found.setdefault(tuple(row.values()), [])
             success = proportion(rows["success"].to_numpy())
             members.append({**row, **names, "n": len(rows), "success": success})
@@ -255,14 +253,28 @@ scores.meanings = MEANINGS | {"training_wrong_pings": "wrong PINGs of the whole 
 
 
 def headline(folder: Folder) -> str | None:
-    """Returns in one sentence how often each outcome came up, or else each verdict on success."""
+    """Returns how often each outcome came up, or else each verdict on success, and where score differs."""
     if "contrasts.csv" not in folder:
         return None
     has_outcomes = "outcomes.csv" in folder
     name, column = ("outcomes", "outcome") if has_outcomes else ("contrasts", "success_verdict")
     start = "Whether deep RL earns its keep" if has_outcomes else "Verdicts on success"
     table, parts = folder.frame(name), []
-    for ending, text in (_OUTCOMES | dict(zip(VERDICTS, VERDICTS, strict=True))).items():
+    for ending, text in (_OUTCOMES if has_outcomes else WORDS).items():
         if len(rows := table[table[column] == ending]):
             parts.append(f"{text} ({link(str(len(rows)), name, rows)} of {len(table)})")
-    return f"{start}: {'; '.join(parts)}."
+    return f"{start}: {'; '.join(parts)}.{_by_score(folder)}"
+
+
+def _by_score(folder: Folder) -> str:
+    """Returns a sentence on contrasts that are better or worse in score, and not in success."""
+    table = figures.labelled(folder.frame("contrasts"))
+    rows = table.query("score_verdict in ('better', 'worse') and score_verdict != success_verdict")
+    parts, more = [], rows[_MOST_NAMED:]
+    for _, row in rows[:_MOST_NAMED].iterrows():
+        x, y = (inert(folder.phrase(row[side])) for side in "xy")
+        where = f" in {inert(row['scenario'])}" if row["scenario"] else ""
+        parts.append(f"{x} is {link(row['score_verdict'], 'contrasts', row)} than {y}{where}")
+    if len(more):
+        parts.append(f"{link(str(len(more)), 'contrasts', more)} other contrasts are better or worse, too")
+    return f" By score, {'; '.join(parts)}." if parts else ""

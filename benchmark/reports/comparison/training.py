@@ -9,68 +9,37 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from benchmark.analysis.frames import RecordsOf, by_step, learned
-from benchmark.analysis.intervals import proportion, student
+from benchmark.analysis.intervals import proportion
 from benchmark.experiments import Experiment
 from benchmark.reports import explorer
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, effort, populations
-from benchmark.reports.comparison.columns import CELL, EFFORT, MEANINGS, columns
+from benchmark.reports.comparison.columns import CELL, EFFORT, ENDPOINTS, MEANINGS, columns
+from benchmark.reports.comparison.declared import drawn_learners
 from benchmark.reports.explorer import explorer_item
-from benchmark.reports.item import Frames, drawing, expanded, item, no_rows
+from benchmark.reports.item import expanded, item, no_rows
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
 
 
-@item(
-    "curves",
-    "success, score and wrong PINGs over training, against environment steps",
-    meanings={"wrong_pings": "wrong PINGs per 1,000 steps of training since the evaluation before"},
-    where=no_rows,
-)
+@item("curves", "success and score over training, against environment steps", where=no_rows)
 def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
-    """Of the wrong PINGs, the interval is Student's."""
+    """Computes means over runs at every evaluation."""
     frames = []
     for names, _, rows in populations(curves, experiment):
-        steps = rows["step"].unique()
-        row: Row = {**names, "step": steps}
-        row |= {name: proportion(by_step(rows, name)) for name in ("success", "score")}
-        rate = np.diff(by_step(rows, "training_wrong_pings"), axis=1) / np.diff(steps) * 1000
-        wrong = student(np.column_stack([np.full(len(rate), np.nan), rate]))  # nothing before the first step
-        row["wrong_pings"] = wrong._replace(low=np.maximum(wrong.low, 0.0))
-        frames.append(pd.DataFrame(expanded(row)))
+        means = {name: proportion(by_step(rows, name)) for name in ENDPOINTS}
+        frames.append(pd.DataFrame(expanded({**names, "step": rows["step"].unique(), **means})))
     return pd.concat(frames, ignore_index=True)
 
 
 @curves.figure("How often each learner succeeds while it learns; shade: 95 % interval.")
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
-    return _over_training(table, experiment, "success", "success", top=1.03)
-
-
-@drawing(
-    "wrong_pings",
-    "wrong PINGs per 1,000 steps while agents learn",
-    "How often a person is disturbed while agents learn; shade: 95 % interval.",
-)
-def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
-    """Draws how often the person disagreed while agents learned."""
-    if "curves" not in tables:
-        return None
-    return _over_training(tables["curves"], experiment, "wrong_pings", "wrong PINGs per 1,000 steps")
-
-
-def _over_training(
-    table: pd.DataFrame, experiment: Experiment, column: str, label: str, top: float | None = None
-) -> Figure | None:
     """Draws the curves of few scenarios, unless learners are compared with reference implementations."""
-    frame, names = figures.labelled(table), figures.drawn_learners(experiment)
+    frame, names = figures.labelled(table), drawn_learners(experiment)
     is_of_references = any(experiment.learners[name].reference_for for name in names)
     if frame["scenario"].nunique() > figures.FEW or is_of_references:
         return None
-    with figures.curve_panels(frame, names, experiment, column, label) as (figure, axes):
-        top = top or 1.05 * float(frame.loc[frame["learner"].isin(names), column].max())
-        for axis in axes:
-            axis.set(ylim=(-0.03 * top, top))
-    return figure
+    return figures.curve_panels(frame, names, experiment)
 
 
 @item(
@@ -84,7 +53,6 @@ def _over_training(
         f"{ENOUGH:g}; inf if most never reach it",
         "step": f"evaluation step from which the mean success over runs stays at or above {ENOUGH:g}; inf if "
         "there is none",
-        "below_at": "last evaluation before `step`; empty if there is none",
     },
     best="-step",
 )
@@ -101,7 +69,6 @@ def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             "share": proportion(indices < len(mean)),
             "median_step": float(np.median(when[indices])),
             "step": float(when[first]),
-            "below_at": float(when[first - 1]) if first > 0 else np.nan,
             "final_success": float(mean[-1]),
         }
 

@@ -16,6 +16,7 @@ from benchmark.analysis.contrasts import (
     BETTER,
     EQUIVALENT,
     MIXED,
+    NEITHER,
     NO_VERDICT,
     UNDECIDED,
     WORSE,
@@ -25,22 +26,26 @@ from benchmark.analysis.contrasts import (
     decide,
     holm,
 )
-from benchmark.analysis.intervals import LEVEL, Estimate, p_above
+from benchmark.analysis.intervals import LEVEL, Estimate, combined, p_above
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison.cells import Row, cells_of
+from benchmark.reports.comparison.columns import ENDPOINTS
 from benchmark.reports.comparison.declared import (
     AXES,
     Pair,
     contrasts_of,
     decisive_learners,
     effects_of,
+    knowledge,
+    own_learners,
     reporting_of,
     side_name,
 )
 
-ENDPOINTS: Final = ("success", "score")  # in the order in which they count
 ALPHA: Final = 1 - LEVEL
 FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
+# Verdicts that need a side that is shown to succeed more often than the random policy
+_OF_LEARNERS: Final = {"success": (BETTER, WORSE, EQUIVALENT), "score": (EQUIVALENT,)}
 
 
 class Case(NamedTuple):
@@ -56,11 +61,27 @@ class Case(NamedTuple):
 
 def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
     """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
+    return _rows(contrasts_of(experiment), runs, experiment, is_partial)
+
+
+def same_input_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
+    """Returns contrasts with tables and linear learners of a net's input, if some baseline has another."""
+    reporting = reporting_of(experiment)
+    budgets = {name: {*budget} for name, budget in runs.groupby("learner")["budget"]}
+    pairs = [
+        Pair({"learner": x}, {"learner": y})
+        for x, y in product(decisive_learners(experiment), own_learners(experiment, "tabular", "linear"))
+        if {*map(knowledge, reporting.baseline)} != {knowledge(x)} == {knowledge(y)}
+        if (x, y) not in reporting.contrasts and budgets.get(x) == budgets.get(y)
+    ]
+    return _rows(pairs, runs, experiment, is_partial)
+
+
+def _rows(pairs: Iterable[Pair], runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
+    """Returns these contrasts, whose p-values are adjusted together."""
     reporting, cells = reporting_of(experiment), cells_of(runs, experiment)
     is_pooled = reporting.pool == "scenarios"
-    cases: list[Case] = []
-    for pair in contrasts_of(experiment):
-        cases += _cases(cells, pair, experiment, is_pooled=is_pooled)
+    cases = [case for pair in pairs for case in _cases(cells, pair, experiment, is_pooled=is_pooled)]
     if not is_pooled:
         order = [*experiment.scenarios]
         cases.sort(key=lambda case: order.index(case.cells["scenario"].iloc[0]))
@@ -76,8 +97,12 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
         tests = [contrast(x, y, margin) for x, y in sides]
         decisions = decide(tests, is_allowed=allowed, adjust=adjust)
         for case, row, (x, y), test, decision in zip(cases, rows, sides, tests, decisions, strict=True):
-            verdict, apart = _over_scenarios(str(decision["verdict"]), x, y, margin)
+            decided = str(decision["verdict"])
+            if decided in _OF_LEARNERS[endpoint] and min(row["p_random_x"], row["p_random_y"]) > ALPHA:
+                decided = NEITHER
+            verdict, apart = _over_scenarios(decided, x, y, margin)
             values = {"x": x.mean, "y": y.mean, **test._asdict(), **decision, "verdict": verdict}
+            values["y_low"] = combined([1 / len(y.means)] * len(y.means), *y)[0]
             values |= {"margin": margin, "largest": max(a - b for a, b in zip(x.means, y.means, strict=True))}
             values["except"] = ", ".join(case.cells["scenario"].iloc[apart])
             for key, value in values.items():
@@ -88,9 +113,7 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
 
 def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Yields the effects, a row for each pair of cells that differ by it, with intervals not adjusted."""
-    cells = cells_of(runs, experiment)
-    references = [name for name, learner in experiment.learners.items() if learner.reference_for]
-    own = cells[~cells["learner"].isin(references)]
+    own = cells_of(runs[runs["learner"].isin(own_learners(experiment))], experiment)
     for name, pair in effects_of(experiment):
         for case in _cases(own, pair, experiment, is_pooled=False):
             row: Row = {"effect": name, **case.names, **_difference(case.cells)}
@@ -105,10 +128,9 @@ def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> Iterator[Row]:
     """Yields the outcome, or that of each scenario and condition, if there are baselines."""
-    reporting = reporting_of(experiment)
-    if not reporting.baseline:
+    reporting, decisive = reporting_of(experiment), decisive_learners(experiment)
+    if not (baselines := reporting.baseline):
         return
-    baselines, decisive = reporting.baseline, decisive_learners(experiment)
     every = contrast_rows(runs, experiment, is_partial)
     rows = [row for row in every if row["x"] in decisive and row["y"] in baselines]
     axes = {"scenario": [*experiment.scenarios]} if reporting.pool == "none" else {}
@@ -116,39 +138,47 @@ def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -
     for values in product(*axes.values()):
         names = dict(zip(axes, values, strict=True))
         here = pd.DataFrame([row for row in rows if names.items() <= row.items()])
-        yield {**names, "outcome": _outcome(here, baselines, decisive, runs) if len(here) else "no verdict"}
+        outcome = _outcome(here, baselines, len(decisive), runs) if len(here) else "no verdict"
+        yield {**names, "outcome": outcome}
 
 
-def _outcome(
-    rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame
-) -> str:
+def _outcome(rows: pd.DataFrame, baselines: Sequence[str], n_decisive: int, runs: pd.DataFrame) -> str:
     """Decides by the contrasts of decisive learners with baselines, of one scenario or pooled."""
-    verdicts, of_x = standings(rows, baselines), rows["x"]
-    if NO_VERDICT in set(verdicts) or len(verdicts) < len(decisive):
+    verdicts, of_x, success = standings(rows, baselines), rows["x"], rows["success_verdict"]
+    if NO_VERDICT in set(verdicts) or len(verdicts) < n_decisive:
         return "no verdict"
     x_has_learned, y_has_learned = rows["p_random_x"] <= ALPHA, rows["p_random_y"] <= ALPHA
-    if not (x_has_learned | y_has_learned).any():
-        return "neither learned"
+    has_same_input = of_x.map(knowledge) == rows["y"].map(knowledge)
     is_compared = runs["learner"].isin([*of_x, *rows["y"]])
     if "condition" in rows:
         is_compared &= runs["condition"].isin(rows["condition"])
-    if runs.loc[is_compared, "budget"].nunique() > 1:
-        return "unequal budgets"
     # Those are winners that are better in all of their contrasts: in success, than random, not worse in score
-    is_better = (rows["success_verdict"] == BETTER) & x_has_learned
+    is_better = (success == BETTER) & x_has_learned
     is_won = (is_better & ~rows["score_verdict"].isin([WORSE, MIXED])).groupby(of_x).transform("all")
-    if (is_won & y_has_learned & (rows["policy_x"] == rows["policy_y"])).any():
-        return "earns"
-    if is_won.any():
-        return "another policy" if (is_won & y_has_learned).any() else "no baseline learned"
+    is_shown = is_won & y_has_learned
+    has_same_policy = rows["policy_x"] == rows["policy_y"]
+    # A net that is better in some scenario has room there
+    is_larger = rows["success_largest"] >= rows["success_margin"]
+    is_beaten = (is_larger | (success == BETTER)).groupby(rows["y"]).transform("any")
+    has_room = 1 - rows["success_y_low"] >= rows["success_margin"]
     # Mixed although x is nowhere better by the margin: it is worse in some scenario
-    is_nowhere_better = (rows["success_largest"] < rows["success_margin"]) & (rows["success_difference"] <= 0)
-    is_worse = (rows["success_verdict"] == MIXED) & is_nowhere_better
+    is_worse = (success == MIXED) & ~is_larger & (rows["success_difference"] <= 0)
     is_lost = verdicts.isin([WORSE, EQUIVALENT]) | is_worse.groupby(of_x).any()
     has_better = ((verdicts == BETTER) & x_has_learned.groupby(of_x).all()).any()
-    if has_better or (MIXED in set(verdicts) and not is_lost.all()):
-        return "mixed"
-    return "does not earn" if is_lost.all() else "undecided"
+    rules = [
+        ("nothing to learn", (rows["random_success"] >= 1 - rows["success_margin"]).all()),
+        ("neither learned", not (x_has_learned | y_has_learned).any()),
+        ("unequal budgets", runs.loc[is_compared, "budget"].nunique() > 1),
+        ("earns", (is_shown & has_same_policy & has_same_input).any()),
+        ("another input", (is_shown & has_same_policy).any()),
+        ("another policy", is_shown.any()),
+        ("no baseline learned", (is_won & has_same_input).any()),
+        ("another input", is_won.any()),
+        ("cannot be beaten", (y_has_learned & ~has_room & ~is_beaten).any()),
+        ("mixed", has_better or (MIXED in set(verdicts) and not is_lost.all())),
+        ("does not earn", is_lost.all()),
+    ]
+    return next((outcome for outcome, holds in rules if holds), "undecided")
 
 
 def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
@@ -158,12 +188,10 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
     is equivalent to at least one and worse than none. Learners that are not compared with all are left out.
     """
     every = {*baselines}
-    order = (NO_VERDICT, WORSE, EQUIVALENT, MIXED, UNDECIDED, BETTER)  # the first that there is
-    verdicts = {}
-    for x, against in rows[rows["y"].isin(every)].groupby("x", sort=False):
-        if set(against["y"]) == every:
-            verdicts[str(x)] = min(against["success_verdict"], key=order.index)
-    return pd.Series(verdicts, dtype=str)
+    order = (NO_VERDICT, WORSE, EQUIVALENT, MIXED, NEITHER, UNDECIDED, BETTER)  # the first that there is
+    against = rows[rows["y"].isin(every)].groupby("x", sort=False)
+    found = {x: min(of_x["success_verdict"], key=order.index) for x, of_x in against if {*of_x["y"]} == every}
+    return pd.Series(found, dtype=str)
 
 
 def _cases(cells: pd.DataFrame, pair: Pair, experiment: Experiment, *, is_pooled: bool) -> Iterator[Case]:

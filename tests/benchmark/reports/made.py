@@ -35,8 +35,9 @@ _COLUMNS = (
 )  # fmt: skip
 _ALGORITHMS = {
     "tabular": "q_learning",
-    "linear": f"{__name__}:TILES",
+    "linear": "linear_q_lambda",
     "deep": f"{__name__}:NET",
+    "other": "tests.agents.plain:Q_LEARNING",
     "planner": "memoryless",
 }
 
@@ -50,7 +51,7 @@ class _Net(TabularAlgorithm):
     family = "deep"
 
 
-TILES, NET = _Tiles(Q_LEARNING), _Net(Q_LEARNING)  # tables that reports take for tile coding, and for a net
+TILES, NET = _Tiles(Q_LEARNING), _Net(Q_LEARNING)  # tables that reports take for linear, and for a net
 
 
 class Made(NamedTuple):
@@ -64,6 +65,7 @@ class Made(NamedTuple):
     reference_for: str = ""
     budget: int = BUDGET
     every_run: bool = False  # whether the success is that of every run instead of a share of them
+    observation: str = "index"
 
 
 class Cell(NamedTuple):
@@ -106,14 +108,14 @@ def data_of(
 ) -> Data:
     """Returns a comparison of cells.
 
-    Sides of contrasts name learners without their observation, if that is the index. Records are those of a
-    scenario, whoever is asked for; further keys are those of `[report]`.
+    Sides of contrasts name learners without their observation. Records are those of a scenario, whoever is
+    asked for; further keys are those of `[report]`.
     """
     learners = {f"{cell.name}, {cell.observation}": _learner(cell) for cell in cells}
 
     def side(name: str) -> str:
-        parts = [f"{part}, index" if f"{part}, index" in learners else part for part in name.split(" @ ")]
-        return " @ ".join(parts)
+        full = {learner.variant: name for name, learner in learners.items()}
+        return " @ ".join(full.get(part, part) for part in name.split(" @ "))
 
     reporting["effects"] = tuple((side(x), side(y), name) for x, y, name in reporting.get("effects", ()))
     pairs, tables = [(side(x), side(y)) for x, y in contrasts], [side(name) for name in baseline]
@@ -178,7 +180,8 @@ def compared(
             success = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
             score = None if made.score is None else np.full(made.n, made.score)
             own = made.family, made.policy, made.budget, score
-            cells.append(Cell(name, success, scenario, *own, reference_for=made.reference_for))
+            cell = Cell(name, success, scenario, *own, reference_for=made.reference_for)
+            cells.append(cell._replace(observation=made.observation))
     others = [name for name, made in learners.items() if name not in baseline and not made.reference_for]
     pairs = contrasts or [(name, table) for name in others for table in baseline]
     return data_of(cells, pairs, baseline, **more)
@@ -205,7 +208,9 @@ def folder_of(path: Path, data: Data, *names: str) -> Document:
     assert experiment.report is not None
     algorithms: dict[str, Any] = {}
     for learner in experiment.learners.values():
-        about = learner.declared.model_dump(mode="json", include={"title", "policy", "tuned_by", "seeds"})
+        about = learner.declared.model_dump(
+            mode="json", include={"algorithm", "title", "policy", "tuned_by", "seeds"}
+        )
         about |= {"family": learner.family, "runs": about.pop("seeds"), "settings": {}, "changed": []}
         algorithms.setdefault(learner.variant, about)["settings"][learner.observation] = {}
     manifest = {

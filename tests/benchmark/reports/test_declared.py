@@ -8,6 +8,7 @@ from benchmark.experiments import Experiment
 from benchmark.reports.comparison.declared import (
     contrasts_of,
     decisive_learners,
+    drawn_learners,
     effects_of,
     reporting_of,
     side_name,
@@ -64,17 +65,24 @@ def test_a_net_without_hidden_layers_over_one_hot_cells_is_a_table(
     assert {learner.family for learner in experiment.learners.values()} == {family}
 
 
-def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path: Path) -> None:
-    experiment = declared(tmp_path)
+def test_by_default_nets_are_compared_with_all_tables_and_linear_learners(tmp_path: Path) -> None:
+    experiment = experiment_of(
+        tmp_path / "mine.toml", f"{TILES}{BASE}{OTHER}"
+    )  # `mine` does not say of what kind it is
     nets = ["net, one_hot", "net, coordinates"]  # a reference is no learner of its own
-    reporting = reporting_of(experiment)
-    assert reporting.baseline == ("other, index",)
+    reporting, baselines = reporting_of(experiment), ("tiles, coordinates", "other, index", "table, index")
+    assert reporting.baseline == baselines
     assert decisive_learners(experiment) == nets
-    assert contrasts_of(experiment) == [({"learner": net}, {"learner": "other, index"}) for net in nets]
+    assert contrasts_of(experiment) == [({"learner": x}, {"learner": y}) for x in nets for y in baselines]
+    assert drawn_learners(experiment) == [*baselines, *nets, "mine, index"]
+    assert experiment.learners["mine, index"].title == "mine on the cells' index"
     assert (reporting.margins.success, reporting.margins.score) == (0.1, 0.05)
     assert (reporting.pool, reporting.adjust) == ("scenarios", "holm")
 
 
+OTHER = (
+    'algorithms.mine = { algorithm = "tests.agents.plain:Q_LEARNING", observations = ["index"], seeds = 2 }'
+)
 TILES = """
 algorithms.tiles.algorithm = "tests.benchmark.reports.made:TILES"
 algorithms.tiles.observations = ["coordinates"]
@@ -91,9 +99,6 @@ def test_a_baseline_may_be_of_any_family(tmp_path: Path) -> None:
     report_of(experiment)  # which checks it
     assert experiment.learners["tiles, coordinates"].title == "tiles on coordinates"
     assert decisive_learners(experiment) == [net]  # a baseline need not beat others, even if it is deep
-    undeclared = experiment_of(tmp_path / "mine.toml", f"{TILES}{BASE}")
-    assert reporting_of(undeclared).baseline == ("other, index",)
-    assert decisive_learners(undeclared) == [net, "net, coordinates"]
 
 
 @pytest.mark.parametrize("baseline", ['["table, index"]', '["table, index", "other, index"]'])

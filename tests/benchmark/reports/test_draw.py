@@ -18,7 +18,7 @@ from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications
 from benchmark.experiments.search import Chosen
 from benchmark.reports import document, draw, load_report
-from benchmark.reports.comparison import figures
+from benchmark.reports.comparison.declared import drawn_learners
 from benchmark.reports.data import load
 from benchmark.reports.document import Document
 from benchmark.reports.folder import SCORES
@@ -67,8 +67,8 @@ def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) ->
 
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
-    drawn_names = ["contrasts", "summary", "curves", "wrong_pings"]
-    tables = [*drawn_names[:-1], "effects", "aggregate", "classes", "outcomes", "steps", "cost"]
+    drawn_names = ["contrasts", "summary", "curves"]
+    tables = [*drawn_names, "effects", "aggregate", "classes", "outcomes", "steps", "cost"]
     expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in drawn_names}
     assert names == expected | {"README.md", "manifest.json", ".stamp", SCORES}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
@@ -87,9 +87,9 @@ def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(dr
 
 
 def test_two_learners_with_the_same_title_are_refused(tmp_path: Path) -> None:
-    text = EXPERIMENT.replace("check = { ", 'check = { title = "sarsa", ')  # the name of one without a title
+    text = EXPERIMENT.replace("sarsa = { ", 'sarsa = { title = "check on the cells\' index", ')
     with pytest.raises(
-        InputError, match='"sarsa" is the name of sarsa, index and of check, index; accepted: '
+        InputError, match='"check on the cells\' index" is the name of sarsa, index and of check, index; '
     ):
         experiment_of(tmp_path / "twice.toml", text)
 
@@ -101,7 +101,7 @@ def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
         assert ("check" in set(frame["algorithm"])) == has_checks, name
     summary = pd.read_csv(drawn.folder / "summary.csv")
     assert [*summary["algorithm"].unique()] == ["table", "check", "sarsa", "ppo", "net"]
-    assert figures.drawn_learners(drawn.experiment) == ["table, index", "net, one_hot"]
+    assert drawn_learners(drawn.experiment) == ["table, index", "net, one_hot"]
 
 
 @pytest.mark.parametrize("folder", ["drawn", *PUBLISHED], ids=str)

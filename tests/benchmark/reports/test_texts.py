@@ -43,7 +43,7 @@ algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2 }
 
 [report]
 kind = "comparison"
-omit = ["agents", "wrong_pings"]
+omit = ["agents"]
 pool = "none"
 contrasts = [["one-1, index", "2_two, index"]]
 effects = [["mood-1", "S1", EFFECT]]

@@ -16,8 +16,9 @@ from benchmark.reports.comparison.verdicts import FEWEST_RUNS, standings
 from benchmark.reports.data import Data
 from tests.benchmark.reports.made import Cell, Made, compared, data_of, folder_of, item, random_success, table
 
-TABLE, WEAK = Made("tabular", (1.0, 0.9, 1.0)), Made("tabular", 0.3)
-WINNER, EQUAL, LOSER = Made("deep", 1.0), Made("deep", (1.0, 0.9, 1.0)), Made("deep", 0.05)
+RANDOM = random_success("S1")
+TABLE, WEAK = Made("tabular", (1.0, 0.6, 1.0)), Made("tabular", 0.3)
+WINNER, EQUAL, LOSER = Made("deep", 1.0), Made("deep", (1.0, 0.6, 1.0)), Made("deep", 0.05)
 
 
 def outcomes(data: Data) -> list[str]:
@@ -53,7 +54,7 @@ CASES: list[tuple[dict[str, Made], str]] = [
     # One net is better in success and worse in score, another is better in both.
     ({"table": WEAK, "other": WINNER._replace(score=0.0), "net": WINNER}, "earns"),
     # It is enough to be worse in one scenario and better in none.
-    ({"table": Made("tabular", 1.0), "net": Made("deep", (1.0, 0.85, 1.0))}, "does not earn"),
+    ({"table": Made("tabular", 0.8, 900), "net": Made("deep", (0.8, 0.65, 0.8), 900)}, "does not earn"),
     # In the mean, differences must not cancel.
     ({"table": Made("tabular", (0.7, 1.0, 1.0)), "net": Made("deep", (1.0, 0.85, 0.85))}, "mixed"),
     # A table at 0.92 leaves less room than the margin, and can still be beaten.
@@ -61,6 +62,12 @@ CASES: list[tuple[dict[str, Made], str]] = [
     ({"table": WEAK._replace(policy="stochastic"), "net": WINNER}, "another policy"),
     ({"table": WEAK._replace(budget=800), "net": WINNER}, "unequal budgets"),
     ({"table": TABLE, "net": LOSER._replace(budget=800)}, "unequal budgets"),
+    ({"table": WEAK, "net": WINNER._replace(observation="offset")}, "another input"),
+    ({"table": Made("tabular", 0.0), "net": WINNER._replace(observation="offset")}, "another input"),
+    # What leaves less room than the margin, by its interval, cannot be beaten where no scenario has room.
+    ({"table": Made("tabular", 0.97), "net": Made("deep", 0.95, 12)}, "cannot be beaten"),
+    ({"table": Made("tabular", 0.97, 12), "net": Made("deep", 0.95, 12)}, "undecided"),
+    ({"table": Made("tabular", (1.0, 0.85, 1.0), 900), "net": Made("deep", (0.8, 1.0, 0.8), 900)}, "mixed"),
 ]
 
 
@@ -75,18 +82,21 @@ def test_outcome_against_one_baseline(learners: dict[str, Made], expected: str) 
 
 # Two baselines, one of each class of policy
 
-SOFT = Made("tabular", 0.3, policy="stochastic")
-UNTRAINED = Made("tabular", random_success("S1"), policy="stochastic", every_run=True)
+SOFT, SOFT_WINNER = (Made(family, s, policy="stochastic") for family, s in (("tabular", 0.3), ("deep", 1.0)))
+UNTRAINED = Made("tabular", RANDOM, policy="stochastic", every_run=True)
 NOTHING = WEAK._replace(success=0.0)
 TWO: list[tuple[dict[str, Made], str]] = [
     ({"net": WINNER}, "earns"),
     ({"soft": WEAK, "net": WINNER._replace(policy="stochastic")}, "another policy"),
     ({"table": NOTHING, "net": WINNER}, "another policy"),
     ({"table": NOTHING, "soft": UNTRAINED, "net": WINNER}, "no baseline learned"),
-    ({"soft": SOFT._replace(success=1.0), "net": Made("deep", 0.6)}, "does not earn"),
+    ({"soft": SOFT._replace(success=0.8), "net": Made("deep", 0.6)}, "does not earn"),
+    ({"soft": SOFT._replace(success=1.0), "net": Made("deep", 0.6)}, "cannot be beaten"),  # nor both tables
     ({"soft": SOFT._replace(success=1.0, n=12), "net": WINNER}, "undecided"),
     ({"table": NOTHING, "soft": SOFT._replace(success=0.0), "net": Made("deep", 0.0)}, "neither learned"),
     ({"table": NOTHING, "net": Made("deep", 0.0)}, "does not earn"),
+    # Policy and input have to be those of the same table.
+    ({"soft": SOFT._replace(observation="offset"), "net": SOFT_WINNER}, "another input"),
     # A winner is enough, whatever another net does.
     ({"net": WINNER, "other": LOSER}, "earns"),
 ]
@@ -102,8 +112,9 @@ def test_deep_rl_has_to_beat_every_baseline(learners: dict[str, Made], expected:
     ("tiles", "net", "expected"),
     [
         (0.3, 1.0, "earns"),
-        (1.0, 1.0, "does not earn"),  # the table is beaten, but tile coding does as well
-        (1.0, 0.6, "does not earn"),  # the table is beaten, but tile coding does better
+        (0.8, 0.8, "does not earn"),  # the table is beaten, but tile coding does as well
+        (0.8, 0.6, "does not earn"),  # the table is beaten, but tile coding does better
+        (1.0, 1.0, "cannot be beaten"),
         (0.0, 1.0, "earns"),  # tile coding has not learned, but the table has
     ],
 )
@@ -125,6 +136,7 @@ def test_tile_coding_has_to_be_beaten_like_a_table(tiles: float, net: float, exp
         (("equivalent", "worse"), "worse"),
         (("equivalent", "mixed"), "equivalent"),
         (("better", "mixed"), "mixed"),
+        (("neither learned", "better"), "neither learned"),
         (("worse", "no verdict"), "no verdict"),
         (("better",), None),  # not compared with both
     ],
@@ -150,7 +162,7 @@ def test_a_net_at_the_random_policy_does_not_earn_its_keep_over_a_greedy_table_a
         learners = {"table": made, "net": net}
         data = compared(learners, baseline=["table"], scenarios=["TurningHidden"])
         (row,) = contrasts(data)
-        assert row["success_verdict"] == "better"
+        assert row["success_verdict"] == "neither learned"
         assert row["random_success"] == pytest.approx(random)
         assert outcomes(data) == ["neither learned"]
         learners["dqn"] = Made("deep", 1.0, policy="stochastic")
@@ -253,8 +265,8 @@ def test_conditions_have_outcomes_of_their_own(tmp_path: Path) -> None:
         found = table("outcomes", data).set_index("condition")["outcome"].to_dict()
         assert found == {"default/noise=low": "does not earn", "default/noise=high": "earns"}
         assert headline(tmp_path / pool, data) == (
-            "Whether deep RL earns its keep: a net is better than the baselines (1 of 2); "
-            "no net is better than the baselines (1 of 2)."
+            "Whether deep RL earns its keep: a net beats every baseline in success (1 of 2); "
+            "no net beats every baseline in success (1 of 2)."
         )
 
 
@@ -273,13 +285,15 @@ def test_missing_runs_and_learners_leave_no_verdict() -> None:
 
 def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
     learners = {
-        "table": Made("tabular", (0.3, 1.0, 1.0, 0.0, 0.0)),
+        "table": Made("tabular", (0.3, 0.8, 1.0, 0.0, 0.0)),
         "net": Made("deep", (1.0, 0.1, 1.0, 0.0, 1.0), 50),
     }
     data = compared(learners, baseline=["table"], scenarios=["S1", "S2", "S3", "Hall", "Walls"], pool="none")
     assert headline(tmp_path, data) == (
-        "Whether deep RL earns its keep: a net is better than the baselines (1 of 5); "
-        "only nets learned (1 of 5); no net is better than the baselines (2 of 5); neither learned (1 of 5)."
+        "Whether deep RL earns its keep: a net beats every baseline in success (1 of 5); only nets are shown "
+        "to beat the random policy (1 of 5); no net beats every baseline in success (1 of 5); cannot be "
+        "beaten here: a baseline leaves no room (1 of 5); no learner is shown to beat the random policy "
+        "(1 of 5)."
     )
 
 
@@ -288,6 +302,45 @@ def test_the_answer_counts_verdicts_without_baselines(tmp_path: Path) -> None:
     data = compared(learners, [("net", "table"), ("net", "other")])
     assert item("outcomes").tabulate(data) is None
     assert headline(tmp_path, data) == "Verdicts on success: worse (2 of 2)."
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "verdicts", "said"),
+    [
+        ((0.3, 400, 0.9), (0.3, 400, 0.5), ("equivalent", "better"), " By score, x is better than y."),
+        ((0.9, 400, 0.5), (0.3, 400, 0.9), ("better", "worse"), " By score, x is worse than y."),
+        ((0.9, 400, 0.9), (0.3, 400, 0.5), ("better", "better"), ""),
+        ((0.0, 400), (0.0, 400), ("neither learned", "neither learned"), ""),
+        # The random policy succeeds as often as x, and more often than y.
+        ((RANDOM, 400, 0.2), (0.0, 400), ("neither learned", "better"), " By score, x is better than y."),
+    ],
+)
+def test_score_and_success_do_not_hide_each_other(
+    tmp_path: Path, x: tuple[Any, ...], y: tuple[Any, ...], verdicts: tuple[str, str], said: str
+) -> None:
+    made = {name: Made("tabular", *own)._replace(every_run=True) for name, own in (("x", x), ("y", y))}
+    data = compared(made, [("x", "y")], scenarios=["S1"])
+    assert [contrasts(data)[0][f"{endpoint}_verdict"] for endpoint in ("success", "score")] == [*verdicts]
+    assert headline(tmp_path, data).partition(".")[2] == said
+
+
+def test_nothing_is_to_be_learned_where_the_random_policy_succeeds() -> None:
+    data = compared({"table": TABLE, "net": WINNER}, baseline=["table"])
+    for random, outcome in ((0.9, "nothing to learn"), (0.89, "no baseline learned")):
+        data.runs["random_success"] = random
+        assert outcomes(data) == [outcome]
+
+
+def test_nets_are_contrasted_with_learners_of_the_same_input_beside_the_declared_ones() -> None:
+    beside = {"near": WEAK._replace(observation="offset"), "tiles": Made("linear", 0.3), "net": WINNER}
+    beside |= {"long": WEAK._replace(budget=800), "check": WEAK._replace(reference_for="table")}
+    data = compared({"table": WEAK, **beside}, [("net", "near")], ["near"])
+    rows = table("same_input", data)
+    assert rows["y"].tolist() == ["table, index", "tiles, index"]  # nor another budget, nor a reference
+    raw = contrast(Means([1.0] * 3, [100] * 3), Means([0.3] * 3, [100] * 3), 0.1).p_different
+    assert rows["success_p_different"].tolist() == pytest.approx(holm([raw, raw]))
+    assert outcomes(data) == ["another input"]
+    assert item("same_input").tabulate(compared({"table": WEAK, **beside}, baseline=["table"])) is None
 
 
 def test_the_document_names_the_fewest_runs() -> None:
