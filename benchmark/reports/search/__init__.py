@@ -10,6 +10,7 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
 from benchmark.reports.search import results
 from envs import InputError
+from envs.words import counted
 
 
 def check(experiment: Experiment) -> None:
@@ -24,18 +25,32 @@ def check(experiment: Experiment) -> None:
 
 
 def headline(folder: Folder) -> str:
-    """Says what the best learner gains by chosen settings."""
+    """Says what the best learner gains by chosen settings, if a gain is shown."""
     table = folder.frame("chosen")
     best = table.iloc[int(table["chosen"].argmax())]
-    default, chosen = (link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen"))
-    learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
-    trials = folder.manifest["search"]["trials"]
+    default, chosen = (link(_shown(best[key]), "chosen", best) for key in ("default", "chosen"))
     share = "the share of the logarithm of the budget that is saved"
     measure = share if folder.manifest["solved"] else "success averaged over training"
-    return (
-        f"With the best of the declared settings and {trials} trials, {measure} goes from "
-        f"{default} to {chosen} for the best learner, {learner}."
+    searched = (
+        f"the best of the declared settings and {counted(folder.manifest['search']['trials'], 'trial')}"
     )
+    if best["chosen"] == 0:
+        return (
+            f"No learner has learned in the search: with {searched}, {measure} is {chosen} for every learner."
+        )
+    learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
+    is_alone = (table["chosen"] == best["chosen"]).sum() == 1 < len(table)
+    who = f"the best learner, {learner}" if is_alone else learner
+    if best["gain_low"] > 0:
+        return f"With {searched}, {measure} goes from {default} to {chosen} for {who}."
+    if best["trial"] == 0:
+        return f"For {who}, the settings as declared stay {searched}: {measure} is {chosen}."
+    return f"With {searched}, no gain is shown for {who}: {measure} is {chosen}, and {default} as declared."
+
+
+def _shown(value: float) -> str:
+    """Returns a measure with two decimals, or more if it would be shown as 0."""
+    return f"{value:.2f}" if value == 0 or value >= 0.005 else f"{value:.1g}"
 
 
 REPORT: Final = Report(
@@ -44,7 +59,7 @@ REPORT: Final = Report(
     check=check,
     items=(
         results.chosen,
-        results.best_of,
+        results.picks,
         results.cost,
         results.trials,
         results.around,
@@ -53,7 +68,7 @@ REPORT: Final = Report(
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
-    lead="best_of",
+    lead="picks",
     reads_curves=True,
     columns=COLUMNS,
 )

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -13,11 +14,20 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
 from benchmark.analysis.frames import Floats
-from benchmark.analysis.intervals import Estimate, combined, interval, mean_over_scenarios, resample
-from benchmark.analysis.search import AROUND, best_apart, chosen_by, everywhere, measure_of, outcomes
+from benchmark.analysis.intervals import Estimate, combined, mean_over_scenarios
+from benchmark.analysis.search import (
+    ALL,
+    AROUND,
+    best_apart,
+    chosen_by,
+    everywhere,
+    measure_of,
+    outcomes,
+    picked,
+    references,
+)
 from benchmark.drawing.maps import gallery
-from benchmark.drawing.style import WIDTH, figure_of, name_lines
-from benchmark.drawing.tables import decimals_of
+from benchmark.drawing.style import WIDTH, figure_of
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.search import Choice, Space
 from benchmark.reports.comparison.figures import style_of
@@ -28,6 +38,7 @@ Row = dict[str, object]
 
 _MEANINGS: Final = {
     "area": "mean area under the curve of success, over scenarios and runs",
+    "beats": "probability that the best of b trials is better than the best of b of the reference; ties count as a half",
     "chosen": "mean area, or earliness, of the chosen settings, on fresh runs",
     "cpu_ms": "CPU milliseconds of training per run of the search",
     "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
@@ -37,14 +48,17 @@ _MEANINGS: Final = {
     "that has learned, 1 - log(steps / evaluation_every) / log(budget / evaluation_every), else 0",
     "edges": "settings whose chosen value lies outside the inner eight tenths of its range, on its scale, or "
     "is the smallest or largest of three or more numbers",
-    "expected": "expected area, or earliness, of the best of b trials",
+    "expected": "expected area, or earliness, of the best of b trials, on the first runs, which chose it",
     "found": "mean area, or earliness, of the best trial on its first runs",
     "fresh_area": "`area` on fresh runs; empty if the trial was not run again",
     "fresh_earliness": "`earliness` on fresh runs; empty if the trial was not run again",
     "gain": "`chosen` minus `default`",
     "per_scenario": "mean area, or earliness, if the best trial could be chosen in each scenario",
     "range": "declared range",
-    "runs": "runs of the search: of all trials, and fresh ones of finalists",
+    "reference": "the best learner, by `chosen`, of those that observe the same, cells or offsets, and are "
+    "neither nets nor planners, or else of all that observe the same; empty for itself",
+    "runs": "runs of the search: of all trials, and fresh ones of those that were ranked",
+    "scenario": "scenario, or `all` for means over all",
     "sensitivity": "`per_scenario` minus `chosen`",
     "setting": "setting, by dotted key",
     "settings": "values of the searched settings, as JSON",
@@ -68,9 +82,9 @@ _LABELS: Final = {
 _item: Final = partial(item, meanings=_MEANINGS)
 _columns: Final = partial(labelled_columns, _LABELS)
 _AXES: Final = {"area": "mean area under the curve of success", "earliness": "mean earliness"}
-_TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
-_SOME: Final = (1, 4, 16)  # numbers of trials that readers see
-_CLOSE: Final = 0.05  # measures that differ by less are close to each other
+_SOME: Final = (1, 4)  # numbers of trials that readers see, beside all
+_FEW: Final = 5  # scenarios that a figure shows each
+_COLUMNS: Final = 3  # of panels
 
 
 @_item(
@@ -100,68 +114,66 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         }
 
 
-@_item("best_of", "the expected result of the best of b trials")
-def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Tabulates `expected_best` of the trials without trial 0, with intervals over trials.
-
-    Beyond a third of the trials there are none: the bootstrap of a maximum has too narrow ones there.
-    """
-    budget = experiment.populations[0].first.settings.budget
-    for outcome in outcomes(experiment, runs):
-        tried = outcome.searched[1:]
-        samples = expected_best(tried, resample(len(tried), outcome.learner.name))
-        low, high = interval(samples)
-        for i, value in enumerate(samples[0]):
-            ends = (min(low[i], value), max(high[i], value)) if i < len(tried) // 3 else (math.nan, math.nan)
-            effort = {"trials": i + 1, "steps": (i + 1) * budget * tried[0].size}
-            yield _names(outcome.learner) | effort | {"expected": Estimate(value, *ends)}
+@_item("picks", "how often the best of b trials beats that of a reference, and what it is expected to reach")
+def picks(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Tabulates what is `picked` of the trials, with the digits that trials.csv has."""
+    tried = pd.DataFrame(_tried(runs, experiment))
+    tried = tried.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
+    families = {learner.variant: learner.family for learner in experiment.learners.values()}
+    yield from picked(tried, references(tried, families))
 
 
-@best_of.figure(
-    "What tuning buys: the expected result of the best of b trials, for each algorithm with its best form of "
-    "observation."
+@picks.figure(
+    "How often the best of b trials beats the best of b of the reference, for b from 1 to all: by means over all "
+    "scenarios and, if these are few, in each."
 )
-def _(tables: Frames, experiment: Experiment) -> Figure:
-    frame, chosen, best = tables["best_of"], tables["chosen"], dict[str, Learner]()
-    for _, row in chosen.sort_values("chosen", kind="stable").iterrows():
-        best[row["algorithm"]] = experiment.learners[f"{row['algorithm']}, {row['observation']}"]
-    with figure_of(1, 1, (WIDTH, 4.4)) as (figure, axes):
-        axis, ends = axes[0, 0], {}
-        for i, learner in enumerate(best.values()):
-            rows, style = _of(frame, learner), style_of(learner.name, experiment)
-            axis.plot(rows["trials"], rows["expected"], markevery=(i, 12), ms=5, lw=1.4, **style)
-            low, high = rows["expected_low"], rows["expected_high"]
-            axis.fill_between(rows["trials"], low, high, color=style["color"], alpha=0.1, lw=0)
-            by_default = _of(chosen, learner)["default"].iloc[0]
-            axis.plot(0.8, by_default, "x", ms=6, mew=1.8, color=style["color"])
-            ends[learner.title] = float(rows["expected"].iloc[-1]), style
-        ticks = [tick for tick in _TICKS if tick <= frame["trials"].max()]
-        axis.set(xscale="log", xlim=(0.7, frame["trials"].max()), ylim=(-0.02, 1.0))
-        axis.set(xlabel="trials (cross: settings as declared)", ylabel=_AXES[measure_of(experiment)])
-        axis.set_xticks(ticks, [str(tick) for tick in ticks])
-        axis.xaxis.set_minor_locator(NullLocator())
-        name_lines(axis, ends)
+def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
+    compared = [each for each in experiment.learners.values() if _of(table, each)["beats"].notna().any()]
+    learners = [learner for learner in compared if learner.family == "deep"] or compared
+    if not learners:
+        return None
+    panels = [ALL, *(experiment.scenarios if len(experiment.scenarios) <= _FEW else ())]
+    n_rows, n = math.ceil(len(panels) / _COLUMNS), table["trials"].max()
+    ticks = [b for b in table["trials"].unique() if 1.4 * b <= n or b == n]  # apart from each other
+    height = 2.1 * n_rows + 0.45 * math.ceil(len(learners) / 2) + 0.5
+    with figure_of(n_rows, min(len(panels), _COLUMNS), (WIDTH, height)) as (figure, axes):
+        for axis, scenario in zip_longest(axes.flat, panels):
+            axis.set_visible(scenario is not None)
+            axis.axhline(0.5, color="0.35", lw=0.8, ls=":")
+            for learner in learners:
+                rows = _of(table[table["scenario"] == scenario], learner)
+                axis.plot(rows["trials"], rows["beats"], ms=5, lw=1.4, **style_of(learner.name, experiment))
+            axis.set(xscale="log", ylim=(-0.03, 1.03))
+            axis.set_title("all scenarios" if scenario == ALL else scenario)
+            axis.set_xticks(ticks, [str(tick) for tick in ticks])
+            axis.xaxis.set_minor_locator(NullLocator())
+        figure.supxlabel("trials of either learner, b", fontsize="medium")
+        figure.supylabel("probability of a better pick", fontsize="medium")
+        names = [(learner, _of(table, learner)["reference"].iloc[0]) for learner in learners]
+        titles = [f"{learner.title}\nagainst {experiment.learners[name].title}" for learner, name in names]
+        figure.legend(axes[0, 0].lines[1:], titles, loc="outside upper center", ncols=2, frameon=False)
     return figure
 
 
-@best_of.shown
+@picks.shown
 def _(table: pd.DataFrame) -> pd.DataFrame:
-    """Shows a row per learner: some numbers of trials, and how many come close to all of them."""
-    n, digits, shown = int(table["trials"].max()), decimals_of(table, "expected"), []
-    learners = [rows for _, rows in table.groupby("learner", sort=False)]
+    """Shows a row per learner, over all scenarios: what its picks are expected to reach, and beat."""
+    shown, over_all = [], table[table["scenario"] == ALL]
+    learners = [rows for _, rows in over_all.groupby("learner", sort=False)]
     for rows in sorted(learners, key=lambda rows: -rows["expected"].iloc[-1]):
-        row = {"learner": rows["learner"].iloc[0]}
-        for b in (*(b for b in _SOME if b < n), n):
-            row[f"best of {b}"] = entry(rows.iloc[b - 1], "expected", "best_of", digits)
-        is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
-        needed = f"trials needed to come within {_CLOSE} of the best of {n}"
-        shown.append(row | {needed: f"{rows.loc[is_close, 'trials'].iloc[0]}"})
+        some = rows[rows["trials"].isin({*_SOME, rows["trials"].max()})]
+        expected, beats = (
+            {f"{text} of {row['trials']}": entry(row, key, "picks", 3) for _, row in some.iterrows()}
+            for key, text in (("expected", "best"), ("beats", "beats it with the best"))
+        )
+        learner = {"learner": rows["learner"].iloc[0]}
+        shown.append(learner | expected | {"reference": entry(rows.iloc[0], "reference", "picks")} | beats)
     return pd.DataFrame(shown)
 
 
 @_item(
     "cost",
-    "cost of the search: of all trials, and of fresh runs of finalists",
+    "cost of the search: of all trials, and of fresh runs of those that were ranked",
     _columns("learner trials runs steps cpu_time_s cpu_ms"),
     is_measured=True,
     best="-cpu_time_s",
@@ -182,6 +194,10 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 )
 def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the means over the first runs of each trial, and over fresh runs where there are any."""
+    yield from _tried(runs, experiment)
+
+
+def _tried(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     names, measure = [*experiment.scenarios], measure_of(experiment)
     for outcome in outcomes(experiment, runs):
         for trial, measures in enumerate(outcome.searched):
@@ -315,32 +331,3 @@ def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:
     if not apart:
         return Estimate(0.0, 0.0, 0.0)
     return Estimate(float(np.dot(weights, means)), *combined(weights, means, [*map(len, sides)]))
-
-
-def expected_best(measures: Floats, weights: Floats) -> Floats:
-    """Returns the expected mean of the best of b of n trials, for b from 1 to n: (..., n).
-
-    Trials are drawn without replacement. The best of them is that with the largest mean over half of the runs
-    of each scenario, and what counts is its mean over the other half, which removes the optimism of the
-    maximum; both ways are averaged.
-
-    Args:
-      measures: (n, I, N) of all trials, N at least 2.
-      weights: (..., n) how often each trial is among those that are drawn from; they sum to n.
-
-    >>> measures = np.array([0.2, 0.5, 0.8])[:, None, None].repeat(2, axis=2)
-    >>> expected_best(measures, np.ones(3)).round(3).tolist()  # of 2: 0.5 with probability 1/3, else 0.8
-    [0.5, 0.7, 0.8]
-    """
-    n, half = len(measures), measures.shape[2] // 2
-    parts = [measures[:, :, part].mean(axis=(1, 2)) for part in (slice(half), slice(half, None))]
-    # The probability that all of b trials are among the lowest c, for c from 0 and b from 1: (n + 1, n).
-    drawn = np.arange(n)
-    all_among = np.cumprod(np.maximum(np.arange(n + 1)[:, None] - drawn, 0) / (n - drawn), axis=1)
-    halves = []
-    for by, counted in (parts, parts[::-1]):
-        order = np.argsort(by, kind="stable")  # the worst first
-        up_to = weights[..., order].cumsum(axis=-1).astype(int)
-        is_best = np.diff(all_among[up_to], axis=-2, prepend=0.0)  # (..., trials, b)
-        halves.append((is_best * counted[order][:, None]).sum(axis=-2))
-    return np.asarray(np.mean(halves, axis=0))
