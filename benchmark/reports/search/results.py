@@ -38,7 +38,7 @@ Row = dict[str, object]
 
 _MEANINGS: Final = {
     "area": "mean area under the curve of success, over scenarios and runs",
-    "beats": "probability that the best of b trials is better than the best of b of the reference; ties count as a half",
+    "beats": "probability that the best of b trials beats that of the reference; ties count as a half",
     "chosen": "mean area, or earliness, of the chosen settings, on fresh runs",
     "cpu_ms": "CPU milliseconds of training per run of the search",
     "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
@@ -124,8 +124,8 @@ def picks(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @picks.figure(
-    "How often the best of b trials beats the best of b of the reference, for b from 1 to all: by means over all "
-    "scenarios and, if these are few, in each."
+    "How often the best of b trials beats the best of b of the reference: by means over all scenarios, and, "
+    "if they are few, in each."
 )
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     compared = [each for each in experiment.learners.values() if _of(table, each)["beats"].notna().any()]
