@@ -48,8 +48,8 @@ _MEANINGS: Final = {
 
 @drawing(
     "figure",
-    "the paper's figure: maximum Q per step, final Q of the moves, final Q of PING",
-    "The paper's figure: maximum Q over training, final Q of the moves and of PING.",
+    "a figure as in the paper: maximum Q per step, final Q of the moves, final Q of PING",
+    "As in the paper's figure: maximum Q over training, final Q of the moves and of PING.",
 )
 def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | None:
     """Draws a column per scenario."""

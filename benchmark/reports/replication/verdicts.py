@@ -14,7 +14,7 @@ from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import entry, item, no_rows
-from benchmark.reports.replication.agents import agents_of
+from benchmark.reports.replication.agents import agents_of, is_of_paper
 from benchmark.reports.replication.claims import CLAIMS, SCENARIOS, VERDICTS, agreement, judge, weakest
 
 _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
@@ -43,7 +43,7 @@ _MEANINGS: Final = {
     "agents_needed": "agents that decide an undecided part with a probability of 80 %, by its effect",
     "note": "more about the part",
     "drawn": "what the paper's figure shows instead of `value`",
-    "sets": "disjoint sets of as many agents as the paper has",
+    "sets": "disjoint sets of agents, each of as many as the variant's `seeds`",
     "sets_agreeing": "sets with the same verdict on the claim",
     "share": "`sets_agreeing` / `sets`",
 }
@@ -98,8 +98,9 @@ def headline(folder: Folder) -> str | None:
     rows = weakest(frame[frame["agents"] == n_agents])
     parts = [(name, rows[rows["verdict"] == name]) for name in VERDICTS]
     counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
-    scope = f"the paper's {len(rows)} claims, with {n_agents:,} agents per scenario"
-    return f"Verdicts on {scope}: {', '.join(counts)}."
+    like = f"{len(rows)} claims like the paper's, in scenes or with settings that are not the paper's"
+    scope = f"the paper's {len(rows)} claims" if is_of_paper(folder.manifest) else like
+    return f"Verdicts on {scope}, with {n_agents:,} agents per scenario: {', '.join(counts)}."
 
 
 @item(
@@ -125,7 +126,7 @@ def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     return first[["claim", "reading", *_JUDGED[1:10]]]
 
 
-@sensitivity.figure("Whether the paper's claims hold, by how the paper is read.")
+@sensitivity.figure("Whether the claims hold, by how the paper is read.")
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
     readings = {name: experiment.declared.readings[name].title or name for name in table["reading"].unique()}
     verdicts = weakest(table, "reading").set_index(["claim", "reading"])["verdict"]
