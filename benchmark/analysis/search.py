@@ -202,17 +202,19 @@ def references(trials: pd.DataFrame, families: Mapping[str, str]) -> dict[str, s
       families: Of variants, by name.
     """
     fresh = trials.filter(regex="^fresh_(area|earliness)$").max(axis=1)
-    best = dict(fresh.groupby(trials["algorithm"] + ", " + trials["observation"], sort=False).max())
-    found = {}
-    for name in best:
-        alike = [other for other in best if _sees_offsets(other) == _sees_offsets(name)]
-        others = [other for other in alike if families[other.split(", ")[0]] not in ("deep", "planner")]
-        found[name] = max(others or alike, key=best.__getitem__)
-    return found
-
-
-def _sees_offsets(learner: str) -> bool:
-    return learner.split(", ")[1].startswith(RELATIVE)
+    best = (
+        trials.assign(best=fresh)
+        .groupby(["algorithm", "observation"], sort=False)["best"]
+        .max()
+        .reset_index()
+    )
+    names = best["algorithm"] + ", " + best["observation"]
+    best["is_other"] = ~best["algorithm"].map(families).isin(["deep", "planner"])
+    best["observes"] = best["observation"].str.startswith(RELATIVE)
+    ranked = best.sort_values(["is_other", "best"], ascending=False, kind="stable")
+    first = ranked.drop_duplicates("observes").index
+    of_kind = dict(zip(best["observes"][first], names[first], strict=True))
+    return dict(zip(names, best["observes"].map(of_kind), strict=True))
 
 
 def picked(trials: pd.DataFrame, references: Mapping[str, str]) -> Iterator[dict[str, object]]:
@@ -227,21 +229,16 @@ def picked(trials: pd.DataFrame, references: Mapping[str, str]) -> Iterator[dict
     """
     measure = "area" if "fresh_area" in trials else "earliness"
     scenarios = [*trials][[*trials].index(f"fresh_{measure}") + 1 :]
-    drawn = trials[trials["trial"] > 0]
-    parts = drawn.groupby(drawn["algorithm"] + ", " + drawn["observation"], sort=False)
-    means = {str(name): rows[[measure, *scenarios]].to_numpy().T for name, rows in parts}
+    parts = trials[trials["trial"] > 0].groupby(["algorithm", "observation"], sort=False)
+    means = {", ".join(map(str, key)): rows[[measure, *scenarios]].to_numpy().T for key, rows in parts}
     for name, own in means.items():
-        variant, observation = name.split(", ")
-        reference, n = references[name], own.shape[1]
-        other, is_own = means[reference], reference == name
+        keys = dict(zip(("algorithm", "observation"), name.split(", "), strict=True))
+        reference = references[name] if references[name] != name else ""
+        n, other = own.shape[1], means[references[name]]
         for scenario, x, y in zip((ALL, *scenarios), own, other, strict=True):
             beaten = (np.sign(x[:, None] - y) + 1) / 2
             for b in (*(2**i for i in range(n.bit_length()) if 2**i < n), n):
                 chance = chances(own[0], b)
-                beats = nan if is_own else float(chance @ beaten @ chances(other[0], b))
-                yield {"scenario": scenario, "algorithm": variant, "observation": observation} | {
-                    "reference": "" if is_own else reference,
-                    "trials": b,
-                    "beats": beats,
-                    "expected": float(chance @ x),
-                }
+                beats = float(chance @ beaten @ chances(other[0], b)) if reference else nan
+                row = {"scenario": scenario, **keys, "reference": reference, "trials": b, "beats": beats}
+                yield row | {"expected": float(chance @ x)}

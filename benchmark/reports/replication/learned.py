@@ -79,10 +79,8 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
             dots(ping_axis, ping[ping["mean"] > 0])
             move_axis.set(title=f"({letters[1]}) final Q of moves")
             ping_axis.set(title=f"({letters[2]}) final Q of PING")
-        last, style = (
-            curves[curves["scenario"] == next(iter(groups))].iloc[-1],
-            {"ha": "right", "fontsize": "small"},
-        )
+        last = curves[curves["scenario"] == next(iter(groups))].iloc[-1]
+        style = {"ha": "right", "fontsize": "small"}
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].text(last["step"], 1.0 + room, "a correct PING in S1", va="bottom", **style)
         axes[0, 0].text(last["step"], (last["mean"] + last["max"]) / 2, "range over agents ", **style)
@@ -196,10 +194,8 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
     if "q_values" not in tables:
         return None
     cells, groups = tables["q_values"], few_agents(experiment, records)
-    shares, norm = (
-        1 - cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first(),
-        Normalize(0, 1),
-    )
+    shares = 1 - cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first()
+    norm = Normalize(0, 1)
     with figure_of(1, len(groups), (WIDTH, 3.1)) as (figure, axes):
         for axis, (name, agents) in zip(axes[0], groups.items(), strict=True):
             scene = scene_of(agents.model)

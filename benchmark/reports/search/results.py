@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -13,25 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
+from benchmark.analysis import search
 from benchmark.analysis.frames import Floats
 from benchmark.analysis.intervals import Estimate, combined, mean_over_scenarios
-from benchmark.analysis.search import (
-    ALL,
-    AROUND,
-    best_apart,
-    chosen_by,
-    everywhere,
-    measure_of,
-    outcomes,
-    picked,
-    references,
-)
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import WIDTH, figure_of
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.search import Choice, Space
 from benchmark.reports.comparison.figures import style_of
-from benchmark.reports.item import Frames, drawing, entry, item, labelled_columns, no_rows
+from benchmark.reports.item import Frames, drawing, item, labelled_columns, no_rows
 from envs import compile_scenario
 
 Row = dict[str, object]
@@ -82,9 +71,9 @@ _LABELS: Final = {
 _item: Final = partial(item, meanings=_MEANINGS)
 _columns: Final = partial(labelled_columns, _LABELS)
 _AXES: Final = {"area": "mean area under the curve of success", "earliness": "mean earliness"}
-_SOME: Final = (1, 4)  # numbers of trials that readers see, beside all
 _FEW: Final = 5  # scenarios that a figure shows each
 _COLUMNS: Final = 3  # of panels
+_PANELS: Final = {search.ALL: "all scenarios"}  # what they are called, if not by their scenario
 
 
 @_item(
@@ -96,10 +85,13 @@ _COLUMNS: Final = 3  # of panels
 )
 def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
-    for outcome in outcomes(experiment, runs):
+    for outcome in search.outcomes(experiment, runs):
         learner, fresh, trial = outcome.learner, outcome.fresh, outcome.ranked[0]
-        best, default = everywhere(fresh, trial), everywhere(fresh, 0)
-        apart = [fresh[pair] for pair in zip(best_apart(outcome.searched), experiment.scenarios, strict=True)]
+        best, default = search.everywhere(fresh, trial), search.everywhere(fresh, 0)
+        apart = [
+            fresh[pair]
+            for pair in zip(search.best_apart(outcome.searched), experiment.scenarios, strict=True)
+        ]
         settings = _settings(experiment, learner, trial)
         yield _names(learner) | {
             "trial": trial,
@@ -114,13 +106,17 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         }
 
 
-@_item("picks", "how often the best of b trials beats that of a reference, and what it is expected to reach")
+@_item(
+    "picks",
+    "how often the best of b trials beats that of a reference, and what it is expected to reach",
+    where=no_rows,
+)
 def picks(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates what is `picked` of the trials, with the digits that trials.csv has."""
     tried = pd.DataFrame(_tried(runs, experiment))
     tried = tried.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
     families = {learner.variant: learner.family for learner in experiment.learners.values()}
-    yield from picked(tried, references(tried, families))
+    yield from search.picked(tried, search.references(tried, families))
 
 
 @picks.figure(
@@ -132,20 +128,20 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     learners = [learner for learner in compared if learner.family == "deep"] or compared
     if not learners:
         return None
-    panels = [ALL, *(experiment.scenarios if len(experiment.scenarios) <= _FEW else ())]
+    panels = [search.ALL, *(experiment.scenarios if len(experiment.scenarios) <= _FEW else ())]
     n_rows, n = math.ceil(len(panels) / _COLUMNS), table["trials"].max()
     ticks = [b for b in table["trials"].unique() if 1.4 * b <= n or b == n]  # apart from each other
     height = 2.1 * n_rows + 0.45 * math.ceil(len(learners) / 2) + 0.5
     with figure_of(n_rows, min(len(panels), _COLUMNS), (WIDTH, height)) as (figure, axes):
-        for axis, scenario in zip_longest(axes.flat, panels):
-            axis.set_visible(scenario is not None)
+        for axis in axes.flat[len(panels) :]:
+            axis.set_axis_off()
+        for axis, scenario in zip(axes.flat, panels, strict=False):
             axis.axhline(0.5, color="0.35", lw=0.8, ls=":")
             for learner in learners:
                 rows = _of(table[table["scenario"] == scenario], learner)
                 axis.plot(rows["trials"], rows["beats"], ms=5, lw=1.4, **style_of(learner.name, experiment))
-            axis.set(xscale="log", ylim=(-0.03, 1.03))
-            axis.set_title("all scenarios" if scenario == ALL else scenario)
-            axis.set_xticks(ticks, [str(tick) for tick in ticks])
+            axis.set(xscale="log", ylim=(-0.03, 1.03), title=_PANELS.get(scenario, scenario))
+            axis.set_xticks(ticks, ticks)
             axis.xaxis.set_minor_locator(NullLocator())
         figure.supxlabel("trials of either learner, b", fontsize="medium")
         figure.supylabel("probability of a better pick", fontsize="medium")
@@ -153,22 +149,6 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
         titles = [f"{learner.title}\nagainst {experiment.learners[name].title}" for learner, name in names]
         figure.legend(axes[0, 0].lines[1:], titles, loc="outside upper center", ncols=2, frameon=False)
     return figure
-
-
-@picks.shown
-def _(table: pd.DataFrame) -> pd.DataFrame:
-    """Shows a row per learner, over all scenarios: what its picks are expected to reach, and beat."""
-    shown, over_all = [], table[table["scenario"] == ALL]
-    learners = [rows for _, rows in over_all.groupby("learner", sort=False)]
-    for rows in sorted(learners, key=lambda rows: -rows["expected"].iloc[-1]):
-        some = rows[rows["trials"].isin({*_SOME, rows["trials"].max()})]
-        expected, beats = (
-            {f"{text} of {row['trials']}": entry(row, key, "picks", 3) for _, row in some.iterrows()}
-            for key, text in (("expected", "best"), ("beats", "beats it with the best"))
-        )
-        learner = {"learner": rows["learner"].iloc[0]}
-        shown.append(learner | expected | {"reference": entry(rows.iloc[0], "reference", "picks")} | beats)
-    return pd.DataFrame(shown)
 
 
 @_item(
@@ -180,7 +160,7 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
 )
 def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the effort of each search; `cpu_ms` is the mean time that a run of the search trains."""
-    for name, result in chosen_by(experiment, runs).items():
+    for name, result in search.chosen_by(experiment, runs).items():
         effort = result.model_dump(include={"trials", "runs", "steps", "cpu_time_s"})
         cpu_ms = 1000 * result.cpu_time_s / result.runs
         yield _names(experiment.learners[name]) | effort | {"cpu_ms": cpu_ms}
@@ -198,8 +178,8 @@ def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 def _tried(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    names, measure = [*experiment.scenarios], measure_of(experiment)
-    for outcome in outcomes(experiment, runs):
+    names, measure = [*experiment.scenarios], search.measure_of(experiment)
+    for outcome in search.outcomes(experiment, runs):
         for trial, measures in enumerate(outcome.searched):
             cells = [outcome.fresh.get((trial, name), np.array([math.nan])) for name in names]
             yield _names(outcome.learner) | {
@@ -213,7 +193,7 @@ def _tried(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 @trials.figure("What each trial of the search reached, and what the chosen settings reach in fresh runs.")
 def _(tables: Frames, experiment: Experiment) -> Figure:
-    learners, measure = [*experiment.learners.values()], measure_of(experiment)
+    learners, measure = [*experiment.learners.values()], search.measure_of(experiment)
     with figure_of(1, 1, (WIDTH, 0.3 * len(learners) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
         for y, learner in enumerate(learners):
@@ -244,7 +224,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
 )
 def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the chosen settings, and the same with one setting at another value, on runs of their own."""
-    of_stage, measure = runs[runs["stage"] == AROUND], measure_of(experiment)
+    of_stage, measure = runs[runs["stage"] == search.AROUND], search.measure_of(experiment)
     if of_stage.empty:
         return
     for learner in experiment.learners.values():
