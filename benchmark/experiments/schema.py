@@ -500,8 +500,8 @@ class Extension(Table):
     description: str
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key. The other's `note` and `report.question` do not hold here, nor does the title
-    of a variant whose `algorithm` changes."""
+    """New values, by dotted key. The other's `note` and `report.question` do not hold here, nor does the
+    title of a variant whose `algorithm` changes."""
 
 
 def overlap(a: range, b: range) -> bool:

@@ -1,7 +1,8 @@
-"""The report of a search: what the best of b trials is expected to reach, and what is published."""
+"""The report of a search: what is picked of b trials, and what is published."""
 
 import json
-from itertools import combinations
+import math
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -10,33 +11,80 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.analysis.intervals import mean_over_scenarios
+from benchmark.analysis.search import picked, references
+from benchmark.drawing.tables import plain, write_csv
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
-from benchmark.reports.search.results import at_edges, expected_best, gain
+from benchmark.reports.folder import Folder
+from benchmark.reports.search import REPORT
+from benchmark.reports.search.results import at_edges, gain
 from tests.support import ROOT, make, mistyped_columns
 
 PUBLISHED = ROOT / "results" / "tuning"
 TUNING = load_experiment("tuning")
 
 
-@pytest.mark.parametrize("b", [1, 2, 3, 4])
-def test_expected_best_of_all_draws(b: int) -> None:
-    """Averages over all draws of b trials, chosen by one half of the runs and scored by the other."""
-    areas = np.random.default_rng(1).random((4, 2, 6))
-    weights = np.array([1, 2, 0, 1])
-    pool = np.repeat(range(4), weights)
-    found = []
-    for chosen_by, scored_by in ((slice(3), slice(3, None)), (slice(3, None), slice(3))):
-        by, score = (areas[:, :, part].mean(axis=(1, 2)) for part in (chosen_by, scored_by))
-        found.append(np.mean([score[max(draw, key=lambda t: by[t])] for draw in combinations(pool, b)]))
-    assert expected_best(areas, weights)[b - 1] == pytest.approx(np.mean(found))
+TRIALS = pd.DataFrame(
+    [
+        *(("ppo", "coordinates", 0, math.nan, 0.2, 9, 9), ("ppo", "coordinates", 1, 0.5, math.nan, 0.7, 0.3)),
+        *(("ppo", "coordinates", 2, 0.4, math.nan, 0.8, 0.0), ("ppo", "coordinates", 3, 0.4, 0.5, 0.3, 0.5)),
+        *(("tiles", "index", 1, 0.4, 0.4, 0.4, 0.4), ("tiles", "index", 2, 0.6, math.nan, 0.3, 0.9)),
+        *(("tiles", "index", 3, 0.1, math.nan, 0.2, 0.0), ("table", "index", 1, 0.9, 0.3, 0.9, 0.9)),
+        *(("ppo", "offset_coordinates", 1, 0.1, 0.1, 0.1, 0.1), ("dqn", "centre", 1, 0.2, 0.2, 0.2, 0.2)),
+    ],
+    columns=["algorithm", "observation", "trial", "area", "fresh_area", "A", "B"],
+)
+FAMILIES = {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"}
 
 
-def test_expected_best_by_hand() -> None:
-    """Of 4 trials, 6 pairs: the lowest is never the best, the others are in 1, 2 and 3 of them."""
-    measures = np.array([0.3, 0.1, 0.6, 1.0])[:, None, None].repeat(2, axis=2)
-    expected = [2.0 / 4, (0.3 + 2 * 0.6 + 3 * 1.0) / 6, (0.6 + 3 * 1.0) / 4, 1.0]
-    assert expected_best(measures, np.ones(4)) == pytest.approx(expected)
+def test_references_are_the_best_that_observe_the_same() -> None:
+    """Chosen on fresh runs: among cells, the best that is no net; among offsets, where all are nets, the best."""
+    found = references(TRIALS, FAMILIES)
+    assert {name for name, reference in found.items() if reference == "tiles, index"} == {
+        "ppo, coordinates", "tiles, index", "table, index",
+    }  # fmt: skip
+    assert found["ppo, offset_coordinates"] == found["dqn, centre"] == "dqn, centre"
+
+
+def test_picks_are_those_of_all_draws() -> None:
+    """Draws every pair of sets of b trials: the first of the largest mean over all is picked on each side."""
+    two = TRIALS[TRIALS["algorithm"].isin(["ppo", "tiles"]) & (TRIALS["observation"] != "offset_coordinates")]
+    table = pd.DataFrame(picked(two, references(two, FAMILIES)))
+    nets, tiles = (two[(two["algorithm"] == name) & (two["trial"] > 0)] for name in ("ppo", "tiles"))
+    for b, (scenario, column) in product((1, 2, 3), {"all": "area", "A": "A", "B": "B"}.items()):
+        picks = [
+            [max(draw, key=lambda at: rows["area"].iloc[at]) for draw in combinations(range(3), b)]
+            for rows in (nets, tiles)
+        ]
+        pairs = [(nets[column].iloc[i], tiles[column].iloc[j]) for i, j in product(*picks)]
+        rows = table[(table["scenario"] == scenario) & (table["trials"] == b)]
+        (_, of_nets), (_, of_tiles) = rows.iterrows()
+        assert of_nets["beats"] == pytest.approx(np.mean([(np.sign(x - y) + 1) / 2 for x, y in pairs]))
+        assert of_nets["expected"] == pytest.approx(np.mean([x for x, _ in pairs]))
+        assert of_nets["reference"] == "tiles, index"
+        assert (of_tiles["reference"], str(of_tiles["beats"])) == ("", "nan")
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([(1, 0.2, 0.5, 0.1), (0, 0.1, 0.1, 0.0)], "over training goes from 0.20 to 0.50 for the best learner, a"),
+        ([(1, 0.4, 0.5, -0.2)], "2 trials, no gain is shown for a, index: success averaged over training is 0.50"),
+        ([(0, 0.5, 0.5, 0.0), (1, 0.2, 0.3, 0.1)], "For the best learner, a, index, the settings as declared stay the"),
+        ([(1, 0.001, 0.003, 0.001), (0, 0.0, 0.0, 0.0)], "goes from 0.001 to 0.003 for the best learner"),
+        ([(0, 0.0, 0.0, 0.0)] * 2, "No learner has learned in the search"),
+        ([(0, 1.0, 1.0, 0.0)] * 2, "For a, index, the settings as declared stay the best"),
+    ],
+)  # fmt: skip
+def test_headlines_claim_no_gain_that_is_not_shown(
+    rows: list[tuple[float, ...]], expected: str, tmp_path: Path
+) -> None:
+    chosen = pd.DataFrame(rows, columns=["trial", "default", "chosen", "gain_low"])
+    names = [*"ab"][: len(rows)]
+    chosen.assign(algorithm=names, observation="index").to_csv(tmp_path / "chosen.csv", index=False)
+    manifest = {"report": {"kind": "search"}, "scenarios": {}, "search": {"trials": 2}, "solved": None}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    assert expected in plain(REPORT.headline(Folder(tmp_path)) or "")
 
 
 def test_means_are_over_scenarios() -> None:
@@ -70,15 +118,16 @@ def test_a_policy_that_training_does_not_return_is_refused(
     assert "policy = stochastic: its training returns no such policy" in capsys.readouterr().err
 
 
-def test_everything_of_a_search_is_published(folder: Path) -> None:
+def test_everything_of_a_search_is_published(folder: Path, tmp_path: Path) -> None:
     tables = {path.stem: pd.read_csv(path) for path in folder.glob("*.csv")}
     assert {name: len(table) for name, table in tables.items()} == {
-        "chosen": 3, "best_of": 9, "cost": 3, "trials": 12, "around": 18, "spaces": 5,
+        "chosen": 3, "picks": 27, "cost": 3, "trials": 12, "around": 18, "spaces": 5,
     }  # fmt: skip
-    assert sorted(path.stem for path in folder.glob("*.svg")) == ["best_of", "scenes", "trials"]
+    assert sorted(path.stem for path in folder.glob("*.svg")) == ["picks", "scenes", "trials"]
     assert [path.name for path in folder.glob("*.csv") if mistyped_columns(path)] == []
-    is_open = tables["best_of"]["expected_high"].isna()
-    assert is_open.equals(tables["best_of"]["trials"] > 1)  # a third of three trials
+    again, families = tmp_path / "picks.csv", {"dqn": "deep", "q_learning": "tabular"}
+    write_csv(pd.DataFrame(picked(tables["trials"], references(tables["trials"], families))), again)
+    assert again.read_bytes() == (folder / "picks.csv").read_bytes()
     chosen = tables["chosen"].iloc[0]
     rows = tables["trials"]
     row = rows[(rows["observation"] == "index") & (rows["trial"] == chosen["trial"])].iloc[0]
