@@ -17,7 +17,7 @@ from benchmark.experiments import (
     experiment_names,
     load_experiment,
 )
-from benchmark.experiments.schema import Declaration
+from benchmark.experiments.schema import Declaration, read_experiment
 from benchmark.reports import load_report
 from envs import InputError, load_scenario
 from envs.inputs import parse, read_toml
@@ -36,6 +36,19 @@ def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
 
 
 # What is declared
+
+
+def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path) -> None:
+    path, algorithm = tmp_path / "mine.toml", '"algorithms.tile_coding.algorithm" = "linear_sarsa_lambda"'
+    path.write_text(
+        f'extends = "compare_deep"\ndescription = "-"\n[changes]\n{algorithm}\n', encoding="utf-8"
+    )
+    (base, _), (mine, _) = read_experiment("compare_deep"), read_experiment(path)
+    assert base.note
+    assert mine.report is not None
+    assert (mine.note, mine.report.question, mine.algorithms["tile_coding"].title) == ("", "", "")
+    assert mine.algorithms["ppo"].title == base.algorithms["ppo"].title
+    assert extended(tmp_path, "noted", note="mine").declared.note == "mine"
 
 
 @pytest.mark.parametrize("name", experiment_names())

@@ -38,7 +38,7 @@ FAMILIES = {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"}
 
 
 def test_references_are_the_best_that_observe_the_same() -> None:
-    """Chosen on fresh runs: among cells, the best that is no net; among offsets, where all are nets, the best."""
+    """By fresh runs: among cells, the best that is no net; among offsets, where all are nets, the best."""
     found = references(TRIALS, FAMILIES)
     assert {name for name, reference in found.items() if reference == "tiles, index"} == {
         "ppo, coordinates", "tiles, index", "table, index",
@@ -68,9 +68,9 @@ def test_picks_are_those_of_all_draws() -> None:
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [
-        ([(1, 0.2, 0.5, 0.1), (0, 0.1, 0.1, 0.0)], "over training goes from 0.20 to 0.50 for the best learner, a"),
-        ([(1, 0.4, 0.5, -0.2)], "2 trials, no gain is shown for a, index: success averaged over training is 0.50"),
-        ([(0, 0.5, 0.5, 0.0), (1, 0.2, 0.3, 0.1)], "For the best learner, a, index, the settings as declared stay the"),
+        ([(1, 0.2, 0.5, 0.1), (0, 0.1, 0.1, 0.0)], "goes from 0.20 to 0.50 for the best learner, a, index"),
+        ([(1, 0.4, 0.5, -0.2)], "no gain is shown for a, index: success averaged over training is 0.50"),
+        ([(0, 0.5, 0.5, 0.0), (1, 0.2, 0.3, 0.1)], "For the best learner, a, index, the settings as declared"),
         ([(1, 0.001, 0.003, 0.001), (0, 0.0, 0.0, 0.0)], "goes from 0.001 to 0.003 for the best learner"),
         ([(0, 0.0, 0.0, 0.0)] * 2, "No learner has learned in the search"),
         ([(0, 1.0, 1.0, 0.0)] * 2, "For a, index, the settings as declared stay the best"),
