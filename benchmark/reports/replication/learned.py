@@ -19,7 +19,7 @@ from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, anchors, opti
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, WIDTH, figure_of, name_lines, norm_of
 from benchmark.experiments import Experiment
-from benchmark.reports.item import Frames, drawing, expanded, item, labelled_columns
+from benchmark.reports.item import COLUMNS, Frames, drawing, expanded, item, labelled_columns
 from benchmark.reports.replication.agents import agents_of, few_agents
 from envs import ACTIONS
 from envs.people import FEEDBACK
@@ -29,21 +29,6 @@ _DASHES: Final = ("-", "--", ":")
 _BLOCK: Final = 5  # records of a curve that share a point of the figure
 _OF_BLOCK: Final = {"step": "first", "mean": "mean", "min": "min", "max": "max"}
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
-_MEANINGS: Final = {
-    "optimal_share": "share of agents whose greedy policy is optimal",
-    "start_value_optimal": "optimal value of the start cell",
-    "start_value_learned": "largest Q in the start cell, mean over agents",
-    "cells_differing": "share of cells in which a greedy action is not optimal, mean over agents",
-    "mean": "mean over agents",
-    "std": "their standard deviation",
-    "min": "smallest over agents",
-    "max": "largest over agents",
-    "optimal": "optimal action value",
-    "difference": "`mean` minus `optimal`",
-    "is_optimal": "whether the action is optimal in the cell",
-    "largest_learned": "largest Q in the cell, mean over agents",
-    "differs": "share of agents whose greedy action in the cell is not optimal",
-}
 
 
 @drawing(
@@ -100,7 +85,7 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
 @item(
     "max_q",
     "maximum Q over agents at every recorded step, of the visited cell and of the table",
-    meanings=_MEANINGS,
+    meanings=COLUMNS["replication"],
 )
 def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the maximum Q of the visited cell, and of the table, over agents at each record."""
@@ -119,7 +104,7 @@ def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     "success, score of the greedy policy, and the share of optimal agents, over training",
     labelled_columns({}, "scenario success score optimal_share unbounded_score"),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
-    meanings=_MEANINGS,
+    meanings=COLUMNS["replication"],
 )
 def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates success, the score of the greedy policy, and the share of optimal agents, over training."""
@@ -167,7 +152,7 @@ def _(table: pd.DataFrame) -> Figure:
         "scenario agents success optimal_share grid_return_learned grid_return_optimal "
         "start_value_learned start_value_optimal cells_differing",
     ),
-    meanings=_MEANINGS,
+    meanings=COLUMNS["replication"],
 )
 def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:
     """Tabulates what the greedy policies reach after training, and the exact anchors."""
@@ -216,7 +201,7 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
 @item(
     "q_values",
     "final Q over agents and Q* of every cell and action, and where policies differ",
-    meanings=_MEANINGS,
+    meanings=COLUMNS["replication"],
 )
 def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates final Q-values, and those of an agent that knows its state, with no wrong PING so far."""

@@ -13,7 +13,7 @@ from benchmark.drawing.style import COLOURS, WIDTH, draw_cells, figure_of
 from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import entry, item, no_rows
+from benchmark.reports.item import COLUMNS, entry, item, no_rows
 from benchmark.reports.replication.agents import agents_of, is_of_paper
 from benchmark.reports.replication.claims import CLAIMS, SCENARIOS, VERDICTS, agreement, judge, weakest
 
@@ -28,25 +28,6 @@ _SHOWN: Final = (
     *("claim", "agents", "verdict", "sets", "agreeing", "part", "right_side", "threshold", "value", "state"),
     *("drawn", "effect", "agents_needed"),
 )
-_MEANINGS: Final = {
-    "claim": "claim of the paper",
-    "part": "which number of the claim",
-    "reading": "reading of the paper",
-    "value": "the number",
-    "low": "lower end of its 95 % interval",
-    "high": "upper end of its 95 % interval",
-    "right_side": "on which side of the threshold the part must lie",
-    "threshold": "threshold",
-    "state": "whether the part passes, fails or is undecided",
-    "verdict": "verdict on the claim",
-    "effect": "distance to the right side of the threshold, in standard deviations of a single agent",
-    "agents_needed": "agents that decide an undecided part with a probability of 80 %, by its effect",
-    "note": "more about the part",
-    "drawn": "what the paper's figure shows instead of `value`",
-    "sets": "disjoint sets of agents, each of as many as the variant's `seeds`",
-    "sets_agreeing": "sets with the same verdict on the claim",
-    "share": "`sets_agreeing` / `sets`",
-}
 
 
 @lru_cache(maxsize=1)  # three tables are of them
@@ -72,7 +53,7 @@ def _default_parts(experiment: Experiment, records: RecordsOf, least: str) -> pd
 @item(
     "claims",
     "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
-    meanings=_MEANINGS,
+    meanings=COLUMNS["replication"],
 )
 def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
@@ -106,7 +87,7 @@ def headline(folder: Folder) -> str | None:
 @item(
     "claim_sets",
     "every part of every claim in each of the disjoint sets of agents, and the verdicts",
-    meanings=_MEANINGS,
+    meanings=COLUMNS["replication"],
 )
 def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim in each set."""
@@ -118,7 +99,7 @@ def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     "sensitivity",
     "every part of every claim, its state and the verdict, under every reading of the paper",
     where=no_rows,
-    meanings=_MEANINGS,
+    meanings=COLUMNS["replication"],
 )
 def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""

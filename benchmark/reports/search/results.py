@@ -20,43 +20,11 @@ from benchmark.drawing.style import WIDTH, figure_of
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.search import Choice, Space
 from benchmark.reports.comparison.figures import style_of
-from benchmark.reports.item import Frames, drawing, item, labelled_columns, no_rows
+from benchmark.reports.item import COLUMNS, Frames, drawing, item, labelled_columns, no_rows
 from envs import compile_scenario
 
 Row = dict[str, object]
 
-_MEANINGS: Final = {
-    "area": "mean area under the curve of success, over scenarios and runs",
-    "beats": "probability that the best of b trials beats that of the reference; ties count as a half",
-    "chosen": "mean area, or earliness, of the chosen settings, on fresh runs",
-    "cpu_ms": "CPU milliseconds of training per run of the search",
-    "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
-    "default": "mean area, or earliness, of trial 0, the settings as declared, on fresh runs",
-    "difference": "area, or earliness, minus that of the chosen settings",
-    "earliness": "mean share of the logarithm of the budget that is saved, over scenarios and runs: of a run "
-    "that has learned, 1 - log(steps / evaluation_every) / log(budget / evaluation_every), else 0",
-    "edges": "settings whose chosen value lies outside the inner eight tenths of its range, on its scale, or "
-    "is the smallest or largest of three or more numbers",
-    "expected": "expected area, or earliness, of the best of b trials, on the first runs, which chose it",
-    "found": "mean area, or earliness, of the best trial on its first runs",
-    "fresh_area": "`area` on fresh runs; empty if the trial was not run again",
-    "fresh_earliness": "`earliness` on fresh runs; empty if the trial was not run again",
-    "gain": "`chosen` minus `default`",
-    "per_scenario": "mean area, or earliness, if the best trial could be chosen in each scenario",
-    "range": "declared range",
-    "reference": "the best learner, by `chosen`, of those that observe the same, cells or offsets, and are "
-    "neither nets nor planners, or else of all that observe the same; empty for itself",
-    "runs": "runs of the search: of all trials, and fresh ones of those that were ranked",
-    "scenario": "scenario, or `all` for means over all",
-    "sensitivity": "`per_scenario` minus `chosen`",
-    "setting": "setting, by dotted key",
-    "settings": "values of the searched settings, as JSON",
-    "steps": "environment steps of all these runs; with [solved] their budgets, before which they may end",
-    "trial": "number of the trial; 0 has the settings as declared",
-    "trials": "number of trials, b, without trial 0",
-    "value": "value of that setting",
-    "why": "the reason for the range",
-}
 _LABELS: Final = {
     "cpu_ms": "CPU ms per run",
     "cpu_time_s": "CPU seconds",
@@ -68,11 +36,11 @@ _LABELS: Final = {
     "sensitivity": "gain per scenario",
     "steps": "environment steps",
 }
-_item: Final = partial(item, meanings=_MEANINGS)
+_item: Final = partial(item, meanings=COLUMNS["search"])
 _columns: Final = partial(labelled_columns, _LABELS)
 _AXES: Final = {"area": "mean area under the curve of success", "earliness": "mean earliness"}
 _FEW: Final = 5  # scenarios that a figure shows each
-_COLUMNS: Final = 3  # of panels
+_IN_A_ROW: Final = 3  # panels
 _PANELS: Final = {search.ALL: "all scenarios"}  # what they are called, if not by their scenario
 
 
@@ -129,10 +97,10 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     if not learners:
         return None
     panels = [search.ALL, *(experiment.scenarios if len(experiment.scenarios) <= _FEW else ())]
-    n_rows, n = math.ceil(len(panels) / _COLUMNS), table["trials"].max()
+    n_rows, n = math.ceil(len(panels) / _IN_A_ROW), table["trials"].max()
     ticks = [b for b in table["trials"].unique() if 1.4 * b <= n or b == n]  # apart from each other
     height = 2.1 * n_rows + 0.45 * math.ceil(len(learners) / 2) + 0.5
-    with figure_of(n_rows, min(len(panels), _COLUMNS), (WIDTH, height)) as (figure, axes):
+    with figure_of(n_rows, min(len(panels), _IN_A_ROW), (WIDTH, height)) as (figure, axes):
         for axis in axes.flat[len(panels) :]:
             axis.set_axis_off()
         for axis, scenario in zip(axes.flat, panels, strict=False):
@@ -170,7 +138,10 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     "trials",
     "every trial of every learner: settings, and means by scenario",
     where=no_rows,
-    meanings=_MEANINGS | {"*": "mean area, or earliness, in the scenario of this name, on the first runs"},
+    meanings={
+        **COLUMNS["search"],
+        "*": "mean area, or earliness, in the scenario of this name, on the first runs",
+    },
 )
 def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the means over the first runs of each trial, and over fresh runs where there are any."""
@@ -244,7 +215,7 @@ def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     "spaces",
     "the declared range of every setting, and why",
     _columns("algorithm setting default range why") | {"default": "trial 0"},
-    meanings=_MEANINGS | {"default": "value in trial 0, as declared"},
+    meanings={**COLUMNS["search"], "default": "value in trial 0, as declared"},
 )
 def spaces(experiment: Experiment) -> Iterator[Row]:
     """Tabulates what was declared before the search."""
