@@ -11,7 +11,7 @@ import pytest
 from benchmark import leaderboard
 from benchmark.__main__ import main
 from benchmark.assessment import assess
-from benchmark.leaderboard import Submission, checked, submit, texts
+from benchmark.leaderboard import checked, submit, texts
 from envs import ACTIONS, InputError, load_scenario
 from tests.support import ROOT
 
@@ -127,43 +127,27 @@ def test_best_score_is_first_and_text_stays_text(made: Path, tmp_path: Path) -> 
         submit(
             assess(lambda _: 0, scenario=scenario, observation="index"), folder / f"{name}.toml", **DECLARED
         )
+    copy = assess(lambda o: walk(int(o.argmax())), scenario="S1", observation="one_hot")
+    submit(copy, folder / "zz.toml", **DECLARED)
     text = texts(tmp_path)[folder / "README.md"]
     rows = re.findall(r"^## .*|^\| \[.*", text, flags=re.MULTILINE)
-    assert [row[:8] for row in rows] == ["## Hall", "| [b](b.", "## S1", "| [z](z.", "| [a](a."]
+    assert [row[2:5] for row in rows] == [" Ha", "[b]", " S1", "[z]", "[zz", "[a]"]
+    assert ["same policy as [z](z.toml)" in row for row in rows] == [False] * 4 + [True, False]
     assert "| by &#124; hand |" in rows[1]
 
 
-def test_scores_are_ordered_exactly_and_told_apart(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    values = {"a": (0.999996, 1.0), "b": (0.5, 0.2), "c": (0.5, 0.9), "d": (1.0, 1.0)}
+def test_scores_are_ordered_exactly(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hidden file is not read: it would not be found among these."""
+    scores = {"a": (0.999996, 1.0), "b": (0.5, 0.2), "c": (0.5, 0.9), "d": (1.0, 1.0)}
     one, folder = checked(made), tmp_path / "leaderboard"
     folder.mkdir()
-    for name in (*values, ".hidden"):  # which would not be found among the values
+    for name in (*scores, ".hidden"):
         shutil.copy(made, folder / f"{name}.toml")
-
-    def found(path: Path) -> Submission:
-        score, success = values[path.stem]
-        return one.model_copy(update={"score": score, "success": success})
-
-    monkeypatch.setattr(leaderboard, "checked", found)
-    rows = re.findall(r"^\| (\[.*)", texts(tmp_path)[folder / "README.md"], flags=re.MULTILINE)
-    cells = [[cell.strip() for cell in row.split("|")] for row in rows]
-    assert [(row[0][1], row[3], row[4]) for row in cells] == [
-        ("d", "1.000000", "1.0000"), ("a", "0.999996", "1.0000"), ("c", "0.500000", "0.9000"),
-        ("b", "0.500000", "0.2000"),
-    ]  # fmt: skip
-
-
-def test_a_copy_is_called_so_whatever_it_observes(made: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "leaderboard"
-    folder.mkdir()
-    shutil.copy(made, folder / "a.toml")
-    agent = assess(lambda o: walk(int(o.argmax())), scenario="S1", observation="one_hot")
-    submit(agent, folder / "b.toml", **DECLARED)
-    submit(assess(lambda _: 0, scenario="S1", observation="index"), folder / "c.toml", **DECLARED)
-    rows = re.findall(r"^\| (\[.*?) *\|", texts(tmp_path)[folder / "README.md"], flags=re.MULTILINE)
-    assert rows == ["[a](a.toml)", "[b](b.toml), same policy as [a](a.toml)", "[c](c.toml)"]
+    found = {name: one.model_copy(update={"score": x, "success": y}) for name, (x, y) in scores.items()}
+    monkeypatch.setattr(leaderboard, "checked", lambda path: found[path.stem])
+    rows = re.findall(r"^\| \[(.).*?(\d\.\d+) +\| (\S+)", texts(tmp_path)[folder / "README.md"], re.MULTILINE)
+    assert rows[:2] == [("d", "1.000000", "1.0000"), ("a", "0.999996", "1.0000")]
+    assert rows[2:] == [("c", "0.500000", "0.9000"), ("b", "0.500000", "0.2000")]
 
 
 def test_the_command_writes_a_new_file_whole(

@@ -39,15 +39,12 @@ def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
 
 
 def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path) -> None:
-    path, algorithm = tmp_path / "mine.toml", '"algorithms.tile_coding.algorithm" = "linear_sarsa_lambda"'
-    path.write_text(
-        f'extends = "compare_deep"\ndescription = "-"\n[changes]\n{algorithm}\n', encoding="utf-8"
-    )
-    (base, _), (mine, _) = read_experiment("compare_deep"), read_experiment(path)
-    assert base.note
+    path, change = tmp_path / "mine.toml", '"algorithms.dqn.algorithm" = "dqn"'
+    path.write_text(f'extends = "compare_deep"\ndescription = "-"\nchanges = {{ {change} }}\n', "utf-8")
+    mine = read_experiment(path)[0]
     assert mine.report is not None
-    assert (mine.note, mine.report.question, mine.algorithms["tile_coding"].title) == ("", "", "")
-    assert mine.algorithms["ppo"].title == base.algorithms["ppo"].title
+    assert (mine.note, mine.report.question, mine.algorithms["dqn"].title) == ("", "", "")
+    assert mine.algorithms["ppo"].title == "PPO"
     assert extended(tmp_path, "noted", note="mine").declared.note == "mine"
 
 

@@ -239,32 +239,26 @@ def test_published_verdicts_are_counted_and_every_claim_is_explained() -> None:
     ("table", "key", "value"),
     [
         ("scenarios.S1.issuer", "position", [2, 2]),
-        ("scenarios.S3.grid", "start", [9, 11]),
         ("scenarios.S2.rewards", "wrong_ping", -0.1),
         ("algorithms.q_learning", "algorithm", "sarsa"),
-        ("algorithms.q_learning.settings.index", "learning_rate", 0.1),
-        ("algorithms.q_learning.settings.index", "time_limit", 200),
+        ("algorithms.q_learning.settings.index", "budget", 600),
         ("readings.default", "curve", "table"),
-        ("", "horizon", 20),
         ("scenarios.S1", "description", "-"),
     ],
 )
 def test_other_scenes_and_settings_are_not_the_papers(
-    table: str, key: str, value: object, tmp_path: Path
+    table: str, key: str, value: Any, tmp_path: Path
 ) -> None:
-    """What changes is all but a description."""
+    """Any change makes them others, but that of a description."""
     published = ROOT / "results" / "reproduce"
     shutil.copy(published / "claims.csv", tmp_path)
     manifest = json.loads((published / "manifest.json").read_text(encoding="utf-8"))
-    reduce(dict.__getitem__, filter(None, table.split(".")), manifest)[key] = value
+    reduce(dict.__getitem__, table.split("."), manifest)[key] = value
     (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
-    is_of_paper = key == "description"
     text = (
-        "the paper's 11 claims, with"
-        if is_of_paper
-        else "11 claims like the paper's, in scenes or with settings"
+        "the paper's 11 claims, with" if key == "description" else "11 claims like the paper's, in scenes or"
     )
-    assert f"Verdicts on {text}" in (verdicts.headline(Folder(tmp_path)) or "")
+    assert (verdicts.headline(Folder(tmp_path)) or "").startswith(f"Verdicts on {text}")
 
 
 def test_items_of_disjoint_sets() -> None:

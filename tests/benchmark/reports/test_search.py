@@ -1,9 +1,9 @@
 """The report of a search: what is picked of b trials, and what is published."""
 
 import json
-import math
 from itertools import combinations, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,45 +24,27 @@ PUBLISHED = ROOT / "results" / "tuning"
 TUNING = load_experiment("tuning")
 
 
-TRIALS = pd.DataFrame(
-    [
-        *(("ppo", "coordinates", 0, math.nan, 0.2, 9, 9), ("ppo", "coordinates", 1, 0.5, math.nan, 0.7, 0.3)),
-        *(("ppo", "coordinates", 2, 0.4, math.nan, 0.8, 0.0), ("ppo", "coordinates", 3, 0.4, 0.5, 0.3, 0.5)),
-        *(("tiles", "index", 1, 0.4, 0.4, 0.4, 0.4), ("tiles", "index", 2, 0.6, math.nan, 0.3, 0.9)),
-        *(("tiles", "index", 3, 0.1, math.nan, 0.2, 0.0), ("table", "index", 1, 0.9, 0.3, 0.9, 0.9)),
-        *(("ppo", "offset_coordinates", 1, 0.1, 0.1, 0.1, 0.1), ("dqn", "centre", 1, 0.2, 0.2, 0.2, 0.2)),
-    ],
-    columns=["algorithm", "observation", "trial", "area", "fresh_area", "A", "B"],
-)
-FAMILIES = {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"}
-
-
-def test_references_are_the_best_that_observe_the_same() -> None:
-    """By fresh runs: among cells, the best that is no net; among offsets, where all are nets, the best."""
-    found = references(TRIALS, FAMILIES)
-    assert {name for name, reference in found.items() if reference == "tiles, index"} == {
-        "ppo, coordinates", "tiles, index", "table, index",
-    }  # fmt: skip
-    assert found["ppo, offset_coordinates"] == found["dqn, centre"] == "dqn, centre"
-
-
 def test_picks_are_those_of_all_draws() -> None:
-    """Draws every pair of sets of b trials: the first of the largest mean over all is picked on each side."""
-    two = TRIALS[TRIALS["algorithm"].isin(["ppo", "tiles"]) & (TRIALS["observation"] != "offset_coordinates")]
-    table = pd.DataFrame(picked(two, references(two, FAMILIES)))
-    nets, tiles = (two[(two["algorithm"] == name) & (two["trial"] > 0)] for name in ("ppo", "tiles"))
+    """Draws every pair of sets of b trials. References are the best, but no nets, that observe the same."""
+    rng = np.random.default_rng(1)
+    names = ["ppo, coordinates", "tiles, index", "table, index", "table, offset", "dqn, centre"]
+    trials = pd.DataFrame(
+        [name.split(", ") for name in np.repeat(names, 4)], columns=["algorithm", "observation"]
+    )
+    trials["trial"], trials["area"] = np.tile(range(4), 5), rng.integers(6, size=20) / 5  # with ties
+    trials["fresh_area"] = np.repeat([0.9, 0.8, 0.7, 0.6, 0.9], 4)
+    trials["A"], trials["B"] = rng.random((2, 20))
+    against = references(trials, {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"})
+    assert [*against.items()] == [*zip(names, [names[1]] * 3 + [names[3]] * 2, strict=True)]
+    rows = pd.DataFrame(picked(trials, against)).set_index(["algorithm", "scenario", "trials"])
+    drawn = [trials[trials["algorithm"].eq(name) & trials["trial"].gt(0)] for name in ("ppo", "tiles")]
     for b, (scenario, column) in product((1, 2, 3), {"all": "area", "A": "A", "B": "B"}.items()):
-        picks = [
-            [max(draw, key=lambda at: rows["area"].iloc[at]) for draw in combinations(range(3), b)]
-            for rows in (nets, tiles)
-        ]
-        pairs = [(nets[column].iloc[i], tiles[column].iloc[j]) for i, j in product(*picks)]
-        rows = table[(table["scenario"] == scenario) & (table["trials"] == b)]
-        (_, of_nets), (_, of_tiles) = rows.iterrows()
-        assert of_nets["beats"] == pytest.approx(np.mean([(np.sign(x - y) + 1) / 2 for x, y in pairs]))
-        assert of_nets["expected"] == pytest.approx(np.mean([x for x, _ in pairs]))
-        assert of_nets["reference"] == "tiles, index"
-        assert (of_tiles["reference"], str(of_tiles["beats"])) == ("", "nan")
+        draws = [[side.loc[[*draw]] for draw in combinations(side.index, b)] for side in drawn]
+        x, y = ([draw.nlargest(1, "area")[column].item() for draw in side] for side in draws)
+        beats = np.mean([(np.sign(i - j) + 1) / 2 for i, j in product(x, y)])
+        row = rows.loc["ppo"].loc[scenario].loc[b]
+        assert (row["beats"], row["expected"]) == pytest.approx((beats, np.mean(x)))
+    assert rows.loc["tiles"]["beats"].isna().all()
 
 
 @pytest.mark.parametrize(
@@ -75,13 +57,11 @@ def test_picks_are_those_of_all_draws() -> None:
         ([(0, 0.0, 0.0, 0.0)] * 2, "No learner has learned in the search"),
         ([(0, 1.0, 1.0, 0.0)] * 2, "For a, index, the settings as declared stay the best"),
     ],
-)  # fmt: skip
-def test_headlines_claim_no_gain_that_is_not_shown(
-    rows: list[tuple[float, ...]], expected: str, tmp_path: Path
-) -> None:
+)
+def test_headlines_claim_no_gain_that_is_not_shown(rows: Any, expected: str, tmp_path: Path) -> None:
     chosen = pd.DataFrame(rows, columns=["trial", "default", "chosen", "gain_low"])
-    names = [*"ab"][: len(rows)]
-    chosen.assign(algorithm=names, observation="index").to_csv(tmp_path / "chosen.csv", index=False)
+    chosen = chosen.assign(algorithm=[*"ab"][: len(rows)], observation="index")
+    chosen.to_csv(tmp_path / "chosen.csv", index=False)
     manifest = {"report": {"kind": "search"}, "scenarios": {}, "search": {"trials": 2}, "solved": None}
     (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     assert expected in plain(REPORT.headline(Folder(tmp_path)) or "")
