@@ -180,13 +180,11 @@ def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
 def chances(means: Floats, b: int) -> Floats:
     """Returns the probability that each of n trials is the best of b drawn without replacement, (n,).
 
-    Of equal ones, the first counts as better.
-
     >>> chances(np.array([0.2, 0.8, 0.5]), 2).round(3).tolist()
     [0.0, 0.667, 0.333]
     """
     n, found = len(means), np.zeros(len(means))
-    for n_better, trial in enumerate(np.argsort(-means, kind="stable")):
+    for n_better, trial in enumerate(np.argsort(-means, kind="stable")):  # of equal ones, the first is better
         found[trial] = comb(n - 1 - n_better, b - 1) / comb(n, b)
     return found
 
@@ -202,12 +200,8 @@ def references(trials: pd.DataFrame, families: Mapping[str, str]) -> dict[str, s
       families: Of variants, by name.
     """
     fresh = trials.filter(regex="^fresh_(area|earliness)$").max(axis=1)
-    best = (
-        trials.assign(best=fresh)
-        .groupby(["algorithm", "observation"], sort=False)["best"]
-        .max()
-        .reset_index()
-    )
+    groups = trials.assign(best=fresh).groupby(["algorithm", "observation"], sort=False)
+    best = groups["best"].max().reset_index()
     names = best["algorithm"] + ", " + best["observation"]
     best["is_other"] = ~best["algorithm"].map(families).isin(["deep", "planner"])
     best["observes"] = best["observation"].str.startswith(RELATIVE)

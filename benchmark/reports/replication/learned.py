@@ -1,6 +1,7 @@
 """The items on what was learned: the paper's figure, the curves, and the distance from the exact optimum."""
 
 from collections.abc import Iterator
+from functools import partial
 from string import ascii_lowercase
 from typing import Final
 
@@ -25,6 +26,7 @@ from envs import ACTIONS
 from envs.people import FEEDBACK
 from envs.scene import scene_of
 
+_item: Final = partial(item, meanings=COLUMNS["replication"])
 _DASHES: Final = ("-", "--", ":")
 _BLOCK: Final = 5  # records of a curve that share a point of the figure
 _OF_BLOCK: Final = {"step": "first", "mean": "mean", "min": "min", "max": "max"}
@@ -82,11 +84,7 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
     return figure
 
 
-@item(
-    "max_q",
-    "maximum Q over agents at every recorded step, of the visited cell and of the table",
-    meanings=COLUMNS["replication"],
-)
+@_item("max_q", "maximum Q over agents at every recorded step, of the visited cell and of the table")
 def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the maximum Q of the visited cell, and of the table, over agents at each record."""
     frames = []
@@ -99,12 +97,11 @@ def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-@item(
+@_item(
     "learning",
     "success, score of the greedy policy, and the share of optimal agents, over training",
     labelled_columns({}, "scenario success score optimal_share unbounded_score"),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
-    meanings=COLUMNS["replication"],
 )
 def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates success, the score of the greedy policy, and the share of optimal agents, over training."""
@@ -144,7 +141,7 @@ def _(table: pd.DataFrame) -> Figure:
     return figure
 
 
-@item(
+@_item(
     "optimal",
     "the exact optimum, what was learned, success, and the regret, with all agents as well",
     labelled_columns(
@@ -152,7 +149,6 @@ def _(table: pd.DataFrame) -> Figure:
         "scenario agents success optimal_share grid_return_learned grid_return_optimal "
         "start_value_learned start_value_optimal cells_differing",
     ),
-    meanings=COLUMNS["replication"],
 )
 def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:
     """Tabulates what the greedy policies reach after training, and the exact anchors."""
@@ -198,11 +194,7 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
     return figure
 
 
-@item(
-    "q_values",
-    "final Q over agents and Q* of every cell and action, and where policies differ",
-    meanings=COLUMNS["replication"],
-)
+@_item("q_values", "final Q over agents and Q* of every cell and action, and where policies differ")
 def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates final Q-values, and those of an agent that knows its state, with no wrong PING so far."""
     frames = []

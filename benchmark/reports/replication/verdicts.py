@@ -1,6 +1,6 @@
 """The items on the paper's claims: judged with few agents and many, in disjoint sets, under each reading."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from textwrap import fill
 from typing import Final
 
@@ -17,6 +17,7 @@ from benchmark.reports.item import COLUMNS, entry, item, no_rows
 from benchmark.reports.replication.agents import agents_of, is_of_paper
 from benchmark.reports.replication.claims import CLAIMS, SCENARIOS, VERDICTS, agreement, judge, weakest
 
+_item: Final = partial(item, meanings=COLUMNS["replication"])
 _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # by brightness, too
@@ -50,11 +51,7 @@ def _default_parts(experiment: Experiment, records: RecordsOf, least: str) -> pd
     return parts.loc[parts[least].eq(parts[least].min())]
 
 
-@item(
-    "claims",
-    "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
-    meanings=COLUMNS["replication"],
-)
+@_item("claims", "every part of every claim, with its 95 % interval, its state and the verdict, by agents")
 def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
     few_and_all, sets = (_default_parts(experiment, records, key) for key in ("first_seed", "agents"))
@@ -84,22 +81,17 @@ def headline(folder: Folder) -> str | None:
     return f"Verdicts on {scope}, with {n_agents:,} agents per scenario: {', '.join(counts)}."
 
 
-@item(
-    "claim_sets",
-    "every part of every claim in each of the disjoint sets of agents, and the verdicts",
-    meanings=COLUMNS["replication"],
-)
+@_item("claim_sets", "every part of every claim in each of the disjoint sets of agents, and the verdicts")
 def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim in each set."""
     columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
     return _default_parts(experiment, records, "agents")[columns]
 
 
-@item(
+@_item(
     "sensitivity",
     "every part of every claim, its state and the verdict, under every reading of the paper",
     where=no_rows,
-    meanings=COLUMNS["replication"],
 )
 def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmark.analysis.search import COLUMNS
-from benchmark.drawing.tables import link
+from benchmark.drawing.tables import link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
@@ -28,16 +28,13 @@ def headline(folder: Folder) -> str:
     """Says what the best learner gains by chosen settings, if a gain is shown."""
     table = folder.frame("chosen")
     best = table.iloc[int(table["chosen"].argmax())]
-    default, chosen = (link(_shown(best[key]), "chosen", best) for key in ("default", "chosen"))
+    default, chosen = (link(show(best[key]), "chosen", best) for key in ("default", "chosen"))
     share = "the share of the logarithm of the budget that is saved"
     measure = share if folder.manifest["solved"] else "success averaged over training"
-    searched = (
-        f"the best of the declared settings and {counted(folder.manifest['search']['trials'], 'trial')}"
-    )
+    n_trials = counted(folder.manifest["search"]["trials"], "trial")
+    searched = f"the best of the declared settings and {n_trials}"
     if best["chosen"] == 0:
-        return (
-            f"No learner has learned in the search: with {searched}, {measure} is {chosen} for every learner."
-        )
+        return f"No learner has learned in the search: with {searched}, {measure} is {chosen} for all."
     learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
     is_alone = (table["chosen"] == best["chosen"]).sum() == 1 < len(table)
     who = f"the best learner, {learner}" if is_alone else learner
@@ -46,11 +43,6 @@ def headline(folder: Folder) -> str:
     if best["trial"] == 0:
         return f"For {who}, the settings as declared stay {searched}: {measure} is {chosen}."
     return f"With {searched}, no gain is shown for {who}: {measure} is {chosen}, and {default} as declared."
-
-
-def _shown(value: float) -> str:
-    """Returns a measure with two decimals, or more if it would be shown as 0."""
-    return f"{value:.2f}" if value == 0 or value >= 0.005 else f"{value:.1g}"
 
 
 REPORT: Final = Report(

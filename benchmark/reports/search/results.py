@@ -25,19 +25,8 @@ from envs import compile_scenario
 
 Row = dict[str, object]
 
-_LABELS: Final = {
-    "cpu_ms": "CPU ms per run",
-    "cpu_time_s": "CPU seconds",
-    "difference": "difference from the chosen",
-    "edges": "at the edge of the range",
-    "found": "mean on the first runs",
-    "n": "runs",
-    "per_scenario": "the best per scenario",
-    "sensitivity": "gain per scenario",
-    "steps": "environment steps",
-}
 _item: Final = partial(item, meanings=COLUMNS["search"])
-_columns: Final = partial(labelled_columns, _LABELS)
+_columns: Final = partial(labelled_columns, COLUMNS["search_labels"])
 _AXES: Final = {"area": "mean area under the curve of success", "earliness": "mean earliness"}
 _FEW: Final = 5  # scenarios that a figure shows each
 _IN_A_ROW: Final = 3  # panels
@@ -56,10 +45,8 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     for outcome in search.outcomes(experiment, runs):
         learner, fresh, trial = outcome.learner, outcome.fresh, outcome.ranked[0]
         best, default = search.everywhere(fresh, trial), search.everywhere(fresh, 0)
-        apart = [
-            fresh[pair]
-            for pair in zip(search.best_apart(outcome.searched), experiment.scenarios, strict=True)
-        ]
+        pairs = zip(search.best_apart(outcome.searched), experiment.scenarios, strict=True)
+        apart = [fresh[pair] for pair in pairs]
         settings = _settings(experiment, learner, trial)
         yield _names(learner) | {
             "trial": trial,
@@ -75,9 +62,7 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @_item(
-    "picks",
-    "how often the best of b trials beats that of a reference, and what it is expected to reach",
-    where=no_rows,
+    "picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows
 )
 def picks(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates what is `picked` of the trials, with the digits that trials.csv has."""
@@ -138,10 +123,7 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     "trials",
     "every trial of every learner: settings, and means by scenario",
     where=no_rows,
-    meanings={
-        **COLUMNS["search"],
-        "*": "mean area, or earliness, in the scenario of this name, on the first runs",
-    },
+    meanings={**COLUMNS["search"], "*": "mean area, or earliness, in this scenario, on the first runs"},
 )
 def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the means over the first runs of each trial, and over fresh runs where there are any."""

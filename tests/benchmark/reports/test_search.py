@@ -50,8 +50,8 @@ def test_picks_are_those_of_all_draws() -> None:
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [
-        ([(1, 0.2, 0.5, 0.1), (0, 0.1, 0.1, 0.0)], "goes from 0.20 to 0.50 for the best learner, a, index"),
-        ([(1, 0.4, 0.5, -0.2)], "no gain is shown for a, index: success averaged over training is 0.50"),
+        ([(1, 0.2, 0.5, 0.1), (0, 0.1, 0.1, 0.0)], "goes from 0.2 to 0.5 for the best learner, a, index"),
+        ([(1, 0.4, 0.5, -0.2)], "no gain is shown for a, index: success averaged over training is 0.5"),
         ([(0, 0.5, 0.5, 0.0), (1, 0.2, 0.3, 0.1)], "For the best learner, a, index, the settings as"),
         ([(1, 0.001, 0.003, 0.001), (0, 0.0, 0.0, 0.0)], "goes from 0.001 to 0.003 for the best learner"),
         ([(0, 0.0, 0.0, 0.0)] * 2, "No learner has learned in the search"),
