@@ -28,6 +28,7 @@ _HEAD: Final = (
     "# Made by python -m benchmark assess --submit. Keys above scenario are declared, not checked.\n"
 )
 _TOLERANCE: Final = 1e-9  # of probabilities and scores
+_DECIMALS: Final = 9  # of scores and probabilities that count
 _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
 
 
@@ -92,7 +93,7 @@ def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
 
 
 def checked(path: Path) -> Submission:
-    """Reads a file; one that says something else than its policy and the scenario raises an InputError."""
+    """Reads a file, with scores computed again; one that says something else raises an InputError."""
     check_file_name(path, "a submission is")
     submission = parse(Submission, read_toml(path), str(path))
     for key, known in (("scenario", scenario_names()), ("observation", OBSERVATIONS)):
@@ -110,7 +111,7 @@ def checked(path: Path) -> Submission:
         is_same = found == value if isinstance(value, str) else math.isclose(found, value, abs_tol=_TOLERANCE)
         if not is_same:
             raise InputError(f"{path}: {key} = {shortened(str(found))}: recomputed: {value}.")
-    return submission
+    return submission.model_copy(update=_computed(assessment))
 
 
 def _computed(assessment: Assessment) -> dict[str, Any]:
@@ -130,20 +131,45 @@ def texts(results: Path) -> dict[Path, str]:
     """Returns the README of the leaderboard in a folder of results, by its path; empty without any file."""
     folder = results / "leaderboard"
     submitted = [(path, checked(path)) for path in sorted(folder.glob("[!.]*.toml"))]
-    tables = {name: list[dict[str, str]]() for name in scenario_names()}
-    for path, each in sorted(
-        submitted, key=lambda pair: (-round(pair[1].score, 4), -round(pair[1].success, 4))
-    ):
-        row = {
-            "name": f"[{path.stem}]({path.name})",
-            "learner": each.learner,
-            "observation": each.observation,
-            "score": f"{each.score:.4f}",
-            "success": f"{each.success:.4f}",
-            "declared training steps": f"{each.training_steps:,}",
-            "declared search trials": f"{each.search_trials:,}",
-        }
-        tables[each.scenario].append(row)
-    shown = {name: to_markdown(pd.DataFrame(rows)) for name, rows in tables.items() if rows}
+    shown = dict[str, str]()
+    for scenario in scenario_names():
+        here = [(path, each) for path, each in submitted if each.scenario == scenario]
+        here.sort(key=lambda pair: (-round(pair[1].score, _DECIMALS), -round(pair[1].success, _DECIMALS)))
+        scores, successes = (_texts([getattr(each, key) for _, each in here]) for key in ("score", "success"))
+        rows, first = [], dict[bytes, str]()
+        for (path, each), score, success in zip(here, scores, successes, strict=True):
+            name = f"[{path.stem}]({path.name})"
+            other = first.setdefault(_behaviour(each), name)
+            row = {
+                "name": name if other == name else f"{name}, same policy as {other}",
+                "learner": each.learner,
+                "observation": each.observation,
+                "score": score,
+                "success": success,
+                "declared training steps": f"{each.training_steps:,}",
+                "declared search trials": f"{each.search_trials:,}",
+            }
+            rows.append(row)
+        shown |= {scenario: to_markdown(pd.DataFrame(rows))} if rows else {}
     text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=shown)
     return {folder / "README.md": text} if submitted else {}
+
+
+def _texts(values: list[float]) -> list[str]:
+    """Returns numbers with as many decimals, from four, as tell them apart from each other, 0 and 1.
+
+    >>> _texts([1.0, 0.999996, 0.5]), _texts([1.0, 0.5])
+    (['1.000000', '0.999996', '0.500000'], ['1.0000', '0.5000'])
+    """
+    different = {round(value, _DECIMALS) for value in (*values, 0.0, 1.0)}
+    decimals = 4
+    while len({f"{value:.{decimals}f}" for value in different}) < len(different):
+        decimals += 1
+    return [f"{value:.{decimals}f}" for value in values]
+
+
+def _behaviour(submission: Submission) -> bytes:
+    """Returns what a policy does in every state, whatever it observes."""
+    model = compile_seen(load_scenario(submission.scenario), submission.observation)
+    table = np.array(submission.rows)[list(submission.policy)].round(_DECIMALS)
+    return (table + 0.0)[model.observation].tobytes()

@@ -1,16 +1,17 @@
 """The stages of a search for settings: which runs it has, given those that are stored.
 
-First, every trial of every learner, in all scenarios. Then, with fresh seeds, the trials of the largest mean;
-that with the largest mean on these seeds is chosen, so one that was merely lucky is not. Beside them trial 0,
-and in each scenario the trial that is best there. Last, unless the search leaves it out, with other seeds the
-chosen settings, and the same with one of them at other values. Means are of a measure of each run: the area
-under its curve of exact success or, with `[solved]`, how early it has learned.
+First, every trial of every learner, in all scenarios. Then, with fresh seeds, the trials of the largest mean
+and trial 0; that with the largest mean on these seeds is chosen, so one that was merely lucky is not. Beside
+them, in each scenario, the trial that is best there. Last, unless the search leaves it out, with other seeds
+the chosen settings, and the same with one of them at other values. Means are of a measure of each run: the
+area under its curve of exact success or, with `[solved]`, how early it has learned.
 """
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, product
+from math import comb, nan
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,10 +22,12 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Learner, Population
 from benchmark.experiments.search import Chosen, Finalist, Search
 from envs.inputs import override, parse
+from envs.scenario import RELATIVE
 
 Fresh = Mapping[tuple[int, str], Floats]  # (N,) on fresh seeds, by trial and scenario
 COLUMNS: Final = ("area", "earliness", "cpu_time_s")  # of runs, that a search needs as far as they have them
 SEARCHED, FRESH, AROUND = "search", "fresh", "around"  # stages
+ALL: Final = "all"  # scenarios together
 
 
 class Outcome(NamedTuple):
@@ -33,7 +36,9 @@ class Outcome(NamedTuple):
     learner: Learner
     searched: Floats  # (trials, I, N) of every trial, on the first seeds
     fresh: Fresh
-    ranked: Sequence[int]  # finalists by their mean on fresh seeds; the first is chosen
+    ranked: Sequence[
+        int
+    ]  # by their mean on fresh seeds, the first is chosen: finalists, and trial 0 if first
 
 
 def measure_of(experiment: Experiment) -> str:
@@ -76,8 +81,9 @@ def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
             for (trial, scenario), measures in again.groupby(["trial", "scenario"], sort=False)[measure]
         }
         best = finalists(searched, experiment.declared.search.finalists)
-        means = {trial: float(np.mean(everywhere(fresh, trial))) for trial in best}
+        means = {trial: float(np.mean(everywhere(fresh, trial))) for trial in (*best, 0)}
         ranked = sorted(best, key=means.__getitem__, reverse=True)
+        ranked = [0, *ranked] if means[0] > means[ranked[0]] else ranked
         all_outcomes.append(Outcome(learner, searched, fresh, ranked))
     return all_outcomes
 
@@ -99,7 +105,7 @@ def chosen(experiment: Experiment, store: Store) -> dict[str, Chosen]:
 def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
     """Returns the same, given the runs of the first two stages, or of all.
 
-    The effort is that of the trials and of the fresh runs of finalists: the choice depends on no others.
+    The effort is that of the trials and of the fresh runs of those that are ranked.
     """
     results = {}
     for outcome in outcomes(experiment, runs):
@@ -169,3 +175,64 @@ def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
         first = replace(population.first, settings=other)
         runs = [first.with_seed(seed) for seed in search.seeds_around(len(population.seeds))]
         yield Group(population, runs, {"stage": AROUND, "setting": key, "value": value})
+
+
+def chances(means: Floats, b: int) -> Floats:
+    """Returns the probability that each of n trials is the best of b drawn without replacement, (n,).
+
+    >>> chances(np.array([0.2, 0.8, 0.5]), 2).round(3).tolist()
+    [0.0, 0.667, 0.333]
+    """
+    n, found = len(means), np.zeros(len(means))
+    for n_better, trial in enumerate(np.argsort(-means, kind="stable")):  # of equal ones, the first is better
+        found[trial] = comb(n - 1 - n_better, b - 1) / comb(n, b)
+    return found
+
+
+def references(trials: pd.DataFrame, families: Mapping[str, str]) -> dict[str, str]:
+    """Returns with which learner each one's picks are compared, by their names.
+
+    It is the learner whose best trial has the largest mean on fresh runs, of those that observe the same
+    (cells or offsets) and are neither nets nor planners; if there are none, of all that observe the same.
+
+    Args:
+      trials: A table like trials.csv.
+      families: Of variants, by name.
+    """
+    fresh = trials.filter(regex="^fresh_(area|earliness)$").max(axis=1)
+    groups = trials.assign(best=fresh).groupby(["algorithm", "observation"], sort=False)
+    best = groups["best"].max().reset_index()
+    names = best["algorithm"] + ", " + best["observation"]
+    best["is_other"] = ~best["algorithm"].map(families).isin(["deep", "planner"])
+    best["observes"] = best["observation"].str.startswith(RELATIVE)
+    ranked = best.sort_values(["is_other", "best"], ascending=False, kind="stable")
+    first = ranked.drop_duplicates("observes").index
+    of_kind = dict(zip(best["observes"][first], names[first], strict=True))
+    return dict(zip(names, best["observes"].map(of_kind), strict=True))
+
+
+def picked(trials: pd.DataFrame, references: Mapping[str, str]) -> Iterator[dict[str, object]]:
+    """Yields how the pick from b trials compares with that of another learner, for b from 1 to all.
+
+    A pick is the trial of the largest mean over scenarios among b that are drawn, without trial 0. Picks are
+    compared by this mean, and by that in each scenario; ties count as a half.
+
+    Args:
+      trials: A table like trials.csv, whose last columns are the means in each scenario.
+      references: With which learner each one is compared, by name; of one with itself, there is no result.
+    """
+    measure = "area" if "fresh_area" in trials else "earliness"
+    scenarios = [*trials][[*trials].index(f"fresh_{measure}") + 1 :]
+    parts = trials[trials["trial"] > 0].groupby(["algorithm", "observation"], sort=False)
+    means = {", ".join(map(str, key)): rows[[measure, *scenarios]].to_numpy().T for key, rows in parts}
+    for name, own in means.items():
+        keys = dict(zip(("algorithm", "observation"), name.split(", "), strict=True))
+        reference = references[name] if references[name] != name else ""
+        n, other = own.shape[1], means[references[name]]
+        for scenario, x, y in zip((ALL, *scenarios), own, other, strict=True):
+            beaten = (np.sign(x[:, None] - y) + 1) / 2
+            for b in (*(2**i for i in range(n.bit_length()) if 2**i < n), n):
+                chance = chances(own[0], b)
+                beats = float(chance @ beaten @ chances(other[0], b)) if reference else nan
+                row = {"scenario": scenario, **keys, "reference": reference, "trials": b, "beats": beats}
+                yield row | {"expected": float(chance @ x)}

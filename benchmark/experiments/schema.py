@@ -518,7 +518,8 @@ class Extension(Table):
     description: str
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key."""
+    """New values, by dotted key. The other's `note` and `report.question` do not hold here, nor does the
+    title of a variant whose `algorithm` changes."""
 
 
 def overlap(a: range, b: range) -> bool:
@@ -588,8 +589,14 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         base = _path(extension.extends)
         if base in (path, *extended_by):
             raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
-        changes = {"description": extension.description} | extension.changes
-        data = override(_read(base, (path, *extended_by)), changes, str(path))
+        data = _read(base, (path, *extended_by))
+        # What is said of the other's runs, question and algorithms need not be true here.
+        texts = ["note", *(["report.question"] if "report" in data else [])]
+        texts += [
+            f"{key[:-9]}title" for key in extension.changes if re.match(r"algorithms\..*\.algorithm$", key)
+        ]
+        changes = dict.fromkeys(texts, "") | {"description": extension.description} | extension.changes
+        data = override(data, changes, str(path))
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
     return data

@@ -110,10 +110,15 @@ class Document:
             others = manifest.get("searches", {}).items() if search else ()
             sources += [f"search `{other}` in the grid `{grid}`" for grid, other in others]
             for observation in declared["settings"]:
+                varied = declared.get("varied", {}).get(observation, {}).items()
+                tables_of = [(*table.split("."), "`, `".join(keys)) for table, keys in varied]
+                changed = [
+                    f"`{keys}` changed in the {kind[:-1]} `{table}`" for kind, table, keys in tables_of
+                ]
                 name, policy = f"{variant}, {observation}", declared["policy"]
                 row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`", "policy": policy}
                 if not manifest["search"]:
-                    row |= {"settings": "; ".join(sources), "runs": f"{declared['runs']}{plus}"}
+                    row |= {"settings": "; ".join([*sources, *changed]), "runs": f"{declared['runs']}{plus}"}
                 rows.append(row)
         return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
 

@@ -103,6 +103,6 @@ def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     if {"algorithm", "observation"} <= {*frame} and "learner" not in frame:
         learners = frame["algorithm"] + ", " + frame["observation"]
         frame.insert([*frame].index("algorithm"), "learner", learners)
-    for column in {"learner", "x", "y"} & {*frame}:
+    for column in {"learner", "reference", "x", "y"} & {*frame}:
         frame[column] = frame[column].map(lambda side: titled(side, titles), na_action="ignore")
     return frame

@@ -31,8 +31,8 @@ Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Es
 Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
-# What columns mean, whichever table they are in.
-_COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(
+# What columns mean: in any table, and in those of some kinds of reports.
+COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
 _ARGUMENTS: Final = ("runs", "curves", "experiment", "records", "is_partial")
@@ -107,7 +107,7 @@ class Item:
 
     def meaning(self, column: str) -> str | None:
         """Returns what a column of its table means; None if nothing says so."""
-        return _meaning(column, {**_COLUMNS["columns"], **(self.meanings or {})})
+        return _meaning(column, {**COLUMNS["columns"], **(self.meanings or {})})
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
@@ -211,12 +211,12 @@ def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> 
 def _meaning(column: str, known: Mapping[str, str]) -> str | None:
     """Returns what a column means; `*` is any other column.
 
-    >>> _meaning("every_cell_success_low", _COLUMNS["columns"])
+    >>> _meaning("every_cell_success_low", COLUMNS["columns"])
     'lower end of the 95 % interval of `every_cell_success`'
     """
     if column in known:
         return known[column]
-    for pattern, text in _COLUMNS["affixes"].items():
+    for pattern, text in COLUMNS["affixes"].items():
         if match := re.fullmatch(pattern, column):
             name = next(filter(None, match.groups()))
             if base := _meaning(name, {key: known[key] for key in known if key != "*"}):

@@ -4,9 +4,10 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from benchmark.analysis.records import Provenance
-from benchmark.experiments import RunSpecification
+from benchmark.experiments import DEFAULT_CONDITION, RunSpecification
 from benchmark.reports.data import Data
 
 
@@ -15,9 +16,12 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
     declared, runs = data.experiment.declared, data.specifications
     sizes = Counter(run.population for run in runs)
     largest = max(sizes, key=lambda population: sizes[population])
-    # One run of each learner in each scenario, under the first condition that has it.
+    # One run of each learner in each scenario, by default or else under the first condition that has it.
     first: dict[tuple[str, str], RunSpecification] = {}
-    for population in (group.population for group in data.groups):
+    groups = sorted(
+        data.groups, key=lambda each: each.population.condition.axes["reading"] != DEFAULT_CONDITION
+    )
+    for population in (group.population for group in groups):
         first.setdefault((population.scenario.name, population.learner.name), population.first)
     searches = {name: grid.tuned_by for name, grid in declared.grids.items() if grid.tuned_by}
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
@@ -36,6 +40,7 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
         "note": declared.note.strip(),
         "readings": {
             name: reading.model_dump(include={"title", "question", "answer"})
+            | ({"curve": reading.curve} if name == DEFAULT_CONDITION and reading.curve == "table" else {})
             for name, reading in declared.readings.items()
         },
         "runs": len(runs),
@@ -48,18 +53,25 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
 
 def _variants(
     data: Data, first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
-) -> dict[str, dict[str, object]]:
-    variants: dict[str, dict[str, object]] = {}
+) -> dict[str, dict[str, Any]]:
+    variants: dict[str, dict[str, Any]] = {}
     settings: dict[str, dict[str, object]] = {}
     for (_, name), run in first.items():
         learner = data.experiment.learners[name]
-        keys = {"algorithm", "title", "reference_for", "policy", "tuned_by", "rank"}
-        about = learner.declared.model_dump(include=keys)
+        declared = {"algorithm", "title", "reference_for", "policy", "tuned_by", "rank"}
+        about = learner.declared.model_dump(include=declared)
         about |= {"family": learner.family, "packages": learner.algorithm.packages}
         about |= {"changed": learner.changed, "runs": sizes[run.population]}  # in a scenario
         of_forms = settings.setdefault(learner.variant, {})
         of_forms[learner.observation] = run.settings.model_dump(mode="json")
         variants.setdefault(learner.variant, about | {"settings": of_forms})
+    for population in (group.population for group in data.groups):
+        for table, change in population.condition.changes.items():
+            for key in change.settings:  # of a reading, or of a grid or one of its axes
+                varied = variants[population.learner.variant].setdefault("varied", {})
+                by_table = varied.setdefault(population.learner.observation, {})
+                keys = by_table.setdefault(".".join(table.split(".")[:2]), [])
+                keys += [key] if key not in keys else []
     return variants
 
 

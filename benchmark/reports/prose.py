@@ -85,11 +85,6 @@ class Lookups:
         text = tables.duration(row[column]) if form == "time" else format(row[column], form)
         return tables.link(text, table, row)
 
-    def interval(self, table: str, column: str, **where: object) -> str:
-        """Returns a number with its interval."""
-        low, high = (self.row(table, **where)[f"{column}_{end}"] for end in ("low", "high"))
-        return f"{self.number(table, column, '.2f', **where)} [{low:.2f}, {high:.2f}]"
-
     def count(self, table: str, of: str = "", **where: object) -> str:
         """Returns how many rows have these values, or how many different values a column has in them."""
         rows = self.rows(table, **where)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmark import leaderboard
 from benchmark.__main__ import main
 from benchmark.assessment import assess
 from benchmark.leaderboard import checked, submit, texts
@@ -70,6 +71,7 @@ def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> 
         ("policy = .*", "policy = []", "policy, of 0 numbers: accepted: 120 numbers from 0 to 2"),
         ("policy = .*", f"policy = {[0] * 250_001}", "policy = "),
         (r"rows = \[\[0\.0", "rows = [[0.5", "rows.0 = [0.5, 0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
+        (r"rows = \[\[0\.0, 0\.0", "rows = [[-0.5, 0.5", "rows.0 = [-0.5, 0.5, 0.0, 0.0, 1.0]: accepted: 5"),
         (r"rows = \[\[0\.0", "rows = [[nan", "rows.0.0 = NaN: "),
         (r"rows = \[\[0\.0, ", "rows = [[", "rows.0 = [0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
         (r"rows = .*", "rows = []", "rows = []: "),
@@ -125,10 +127,27 @@ def test_best_score_is_first_and_text_stays_text(made: Path, tmp_path: Path) -> 
         submit(
             assess(lambda _: 0, scenario=scenario, observation="index"), folder / f"{name}.toml", **DECLARED
         )
+    copy = assess(lambda o: walk(int(o.argmax())), scenario="S1", observation="one_hot")
+    submit(copy, folder / "zz.toml", **DECLARED)
     text = texts(tmp_path)[folder / "README.md"]
     rows = re.findall(r"^## .*|^\| \[.*", text, flags=re.MULTILINE)
-    assert [row[:8] for row in rows] == ["## Hall", "| [b](b.", "## S1", "| [z](z.", "| [a](a."]
+    assert [row[2:5] for row in rows] == [" Ha", "[b]", " S1", "[z]", "[zz", "[a]"]
+    assert ["same policy as [z](z.toml)" in row for row in rows] == [False] * 4 + [True, False]
     assert "| by &#124; hand |" in rows[1]
+
+
+def test_scores_are_ordered_exactly(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hidden file is not read: it would not be found among these."""
+    scores = {"a": (0.999996, 1.0), "b": (0.5, 0.2), "c": (0.5, 0.9), "d": (1.0, 1.0)}
+    one, folder = checked(made), tmp_path / "leaderboard"
+    folder.mkdir()
+    for name in (*scores, ".hidden"):
+        shutil.copy(made, folder / f"{name}.toml")
+    found = {name: one.model_copy(update={"score": x, "success": y}) for name, (x, y) in scores.items()}
+    monkeypatch.setattr(leaderboard, "checked", lambda path: found[path.stem])
+    rows = re.findall(r"^\| \[(.).*?(\d\.\d+) +\| (\S+)", texts(tmp_path)[folder / "README.md"], re.MULTILINE)
+    assert rows[:2] == [("d", "1.000000", "1.0000"), ("a", "0.999996", "1.0000")]
+    assert rows[2:] == [("c", "0.500000", "0.9000"), ("b", "0.500000", "0.2000")]
 
 
 def test_the_command_writes_a_new_file_whole(

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from agents.tabular.learner import Q_LEARNING as Q_LEARNING
+from benchmark.__main__ import main
 from benchmark.experiments import all_specifications
 from tests.benchmark.reports.conftest import experiment_of
 
@@ -63,3 +65,14 @@ def test_a_grid_keeps_the_runs_of_the_experiment_without_it(tmp_path: Path) -> N
     unchanged = [run for run in grid if run.condition == "default/both/learning_rate=paper/cost=paper"]
     assert [run.digest for run in unchanged] == [run.digest for run in plain]
     assert len({run.folder for run in grid}) == len(grid)
+
+
+def test_a_readme_says_which_settings_vary_and_what_is_from_outside(tmp_path: Path) -> None:
+    path, outside = tmp_path / "grid.toml", GRID.replace('"q_learning",', f'"{__name__}:Q_LEARNING",')
+    path.write_text(f'report = "comparison"\n{outside}', encoding="utf-8")
+    assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 0
+    text = " ".join((tmp_path / "results" / "grid" / "README.md").read_text("utf-8").split())
+    assert (
+        "declared; `learning_rate` changed in the grid `both`; `time_limit` changed in the reading `t" in text
+    )
+    assert "if what is not this project's (`q_learning`) draws every random number from its seed" in text

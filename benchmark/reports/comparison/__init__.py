@@ -24,7 +24,6 @@ REPORT = Report(
         results.verdicts,
         results.effects,
         results.same_input,
-        results.classes,
         scenarios.scenarios,
         training.cost,
         results.scores,

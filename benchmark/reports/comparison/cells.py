@@ -1,4 +1,4 @@
-"""The runs of a comparison, learner after learner, and what each population of them comes to."""
+"""The runs of a comparison, learner after learner, and one summary row per learner and scenario."""
 
 from collections.abc import Iterator
 from typing import Any

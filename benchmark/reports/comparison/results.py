@@ -21,7 +21,7 @@ from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, effort, names_of, own_rows, populations, wrong_pings
 from benchmark.reports.comparison.columns import CELL, DIFFERENCES, ENDPOINTS, MEANINGS, RATE, WORDS, columns
-from benchmark.reports.comparison.declared import drawn_learners, knowledge, reporting_of
+from benchmark.reports.comparison.declared import drawn_learners, reporting_of
 from benchmark.reports.comparison.verdicts import contrast_rows, effect_rows, outcome_rows, same_input_rows
 from benchmark.reports.folder import SCORES, Folder, with_titles
 from benchmark.reports.item import Frames, item, no_rows, writing
@@ -30,8 +30,6 @@ from envs.scene import COLOUR_MAP
 _MOST_DRAWN: Final = 15  # contrasts
 _MOST_NAMED: Final = 3  # contrasts in a sentence
 _CHARACTERS, _MOST_COLUMNS = 72, 8  # of the names of a figure's columns in a line; columns with level names
-_TILES: Final = ("linear_q_lambda", "linear_sarsa_lambda")  # algorithms with tile coding
-_KINDS: Final = dict.fromkeys(_TILES, "tile coding") | {"tabular": "table", "deep": "net"}
 # What outcomes mean, in the order of scenarios in a figure
 _OUTCOMES: Final = {
     "earns": "a net beats every baseline in success",
@@ -50,7 +48,7 @@ _OUTCOMES: Final = {
 
 
 def _measured(frame: pd.DataFrame) -> pd.DataFrame:
-    """Says of which equivalent learners a difference is shown, too."""
+    """Marks equivalences whose difference is significant."""
     is_shown = (frame["success_verdict"] == EQUIVALENT) & (frame["success_p_different"] <= 0.05)
     texts = frame["success_margin"].map("within {:g}, but measurably ".format)
     texts += np.where(frame["success_difference"] > 0, BETTER, WORSE)
@@ -187,33 +185,6 @@ def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
         for outcome, title in _OUTCOMES.items()
     }
     return {title: names for title, names in groups.items() if names}
-
-
-@item("classes", "the best learner of each class, after training", meanings=MEANINGS)
-def classes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Finds it by mean success, in each scenario and condition; reference implementations are left out."""
-    found: dict[tuple[str, ...], list[Row]] = {}
-    for names, learner, rows in populations(runs, experiment):
-        if not learner.reference_for:
-            row: Row = {name: names[name] for name in ("scenario", "condition") if name in names}
-            row["kind"] = _KINDS.get(learner.declared.algorithm) or _KINDS.get(learner.family, learner.family)
-            row |= {"policy": learner.declared.policy, "knowledge": knowledge(learner.name)}
-            members = found.setdefault(tuple(row.values()), [])
-            success = proportion(rows["success"].to_numpy())
-            members.append({**row, **names, "n": len(rows), "success": success})
-    for members in found.values():
-        yield max(members, key=lambda row: row["success"].value) | {"learners": len(members)}
-
-
-@classes.shown
-def _(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns a row for each scenario and condition, and a column for each class."""
-    rows: dict[str, dict[str, str]] = {}
-    for (_, row), place in zip(frame.iterrows(), figures.labelled(frame)["scenario"], strict=True):
-        label = f"{row['policy']} {row['kind']}, {row['knowledge']}"
-        success = link(show(float(row["success"]), 2), "classes", row)
-        rows.setdefault(place, {"scenario": inert(place)})[label] = success
-    return pd.DataFrame(rows.values()).fillna("-")
 
 
 @item(

@@ -1,4 +1,4 @@
-"""Differences between cells, and what they come to.
+"""Differences between cells, and the verdicts on them.
 
 A row is the difference of two cells, or of two means of cells over scenarios: x minus y. The rules of
 verdicts and outcomes are in `document.md.jinja`. Contrasts that name scenarios or conditions have no part in

@@ -1,4 +1,4 @@
-"""From which value of an axis on one learner needs fewer steps, with each of its best settings."""
+"""Where the faster learner changes, with each of the best settings."""
 
 import math
 from collections.abc import Iterator, Mapping

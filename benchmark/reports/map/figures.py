@@ -153,8 +153,8 @@ def unseen(tables: Frames, experiment: Experiment) -> Figure | None:
 
 
 @results.verdicts.figure(
-    "Contrasts (rows) at each point of the grids (columns): where decided, which learner needs fewer steps, and "
-    "how many times as many the other needs. A heading names a grid and its axes, as in `cells: places`."
+    "Contrasts (rows) at each point of the grids (columns): where decided, which learner needs fewer steps, "
+    "and how many times as many the other needs. Headings name a grid and its axes, as in `cells: places`."
 )
 def who(tables: Frames, experiment: Experiment) -> Figure:
     """Draws all contrasts; grids share a line while there is room."""

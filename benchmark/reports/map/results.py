@@ -13,80 +13,18 @@ from benchmark.analysis.frames import by_step
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, median, proportion
 from benchmark.analysis.looks import UNITS, VERDICTS, Contrast
 from benchmark.experiments import Experiment, Population
-from benchmark.reports.item import expanded, item, labelled_columns, no_rows
+from benchmark.reports.item import COLUMNS, expanded, item, labelled_columns, no_rows
 from envs import InputError
 from envs.people import NoisyFeedback
 
 Row = Mapping[str, object]
 
-_LABELS: Final = {
-    "disagreements": "median wrong PINGs",
-    "faster": "probability that x is faster",
-    "fewer_wrong_pings": "probability that x makes fewer wrong PINGs",
-    "n": "runs",
-    "n_reference": "runs of y",
-    "ratio": "median steps of y / of x",
-    "solved": "share that learns",
-    "steps": "median steps",
-    "steps_reference": "median steps of y",
-    "success": "success at the last evaluation",
-    "unseen_success": "success in unseen places",
-    "verdict": "verdict on x",
-    "wrong_pings_verdict": "in wrong PINGs",
-}
-_MEANINGS: Final = {
-    "at_all_levels": "of these, how many have the same verdict at all levels",
-    "at_no_other_level": "others that have it at no further level and are reversed at none",
-    "at_some_levels": "others that have it at some further levels and are reversed at none",
-    "columns": "columns of the room",
-    "contrasts": "contrasts that ended with so many pairs of runs",
-    "cpu_time_s": "CPU seconds of training until a run has learned, median; inf if most never do",
-    "decided": "points at which x is faster or slower",
-    "disagreements": "wrong PINGs until a run has learned, or their median; inf or empty if it never does",
-    "faster": "probability that a run of x needs fewer steps than one of y; in `contrasts.csv`, its interval "
-    "holds for all contrasts and looks at once, and can contain 1/2 although the contrast is decided",
-    "feedback": "kind of the person's feedback",
-    "grid": "grid of the experiment",
-    "n": "runs; of contrasts, pairs of runs; in `verdicts.csv`, contrasts",
-    "n_reference": "runs of the reference implementation, y",
-    "n_solved": "runs that learn",
-    "noise": "half the width of the interval from which the noise of feedback is drawn; 0 without",
-    "permuted": "share of people's cells whose coordinates are permuted",
-    "places": "places in which the person may stand; with several, each is the cells of all",
-    "point": "point of the grid",
-    "points": "points of all grids, those of several once",
-    "ratio": "median steps of y divided by those of x; where one never learns, the budget counts",
-    "ratio_disagreements": "the same of wrong PINGs",
-    "fewer_wrong_pings": "the same as `faster` of wrong PINGs until runs have learned",
-    "n_wrong_pings": "pairs of runs of the verdict in wrong PINGs",
-    "unit": "what is compared until runs have learned: steps, or wrong PINGs",
-    "why_none": "why there is no verdict in steps; empty if there is one",
-    "wrong_pings_verdict": "the same verdict in wrong PINGs: of the faster learner, runs make fewer of them",
-    "wrong_pings_x": "wrong PINGs of the run of x until it has learned; empty if it never does",
-    "wrong_pings_y": "the same of the run of y",
-    "reversed": "of the decided, how many have the opposite verdict at a further level",
-    "rows": "rows of the room",
-    "run": "number of the run, from 0, in the order of seeds",
-    "solved": "share of runs that learn",
-    "steps": "steps until a run has learned, or their median; inf or empty if it never does",
-    "steps_reference": "the same of the reference implementation, y",
-    "success": "success of the last evaluated policy, mean over runs; with unseen places, at the budget",
-    "unseen": "further places, never met in training",
-    "unseen_budget": "success in unseen places at the budget, by the policy that counts",
-    "unseen_success": "the same when it was certain that a run had learned, else at the budget",
-    **{
-        f"unseen_{when}{policy}": f"the same by the {policy} policy, {words}"
-        for when, words in (("", "when the run had learned"), ("budget_", "at the budget"))
-        for policy in ("greedy", "stochastic")
-    },
-    "verdict": "verdict on x",
-    **dict.fromkeys(VERDICTS, "contrasts with this verdict"),
-}
-_item: Final = partial(item, meanings=_MEANINGS)
+_COUNTS: Final = dict.fromkeys(VERDICTS, "contrasts with this verdict")
+_item: Final = partial(item, meanings={**COLUMNS["map"], **_COUNTS})
 _KEPT: Final = ("at_all_levels", "at_some_levels", "at_no_other_level", "reversed")
 _SPREAD: Final = 18  # evaluations of `success.csv`
 _COUNTED: Final = dict.fromkeys(VERDICTS, "")
-_columns: Final = partial(labelled_columns, _LABELS)
+_columns: Final = partial(labelled_columns, COLUMNS["map_labels"])
 
 
 @_item(

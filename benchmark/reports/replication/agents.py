@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 from benchmark.analysis.frames import RecordsOf
 from benchmark.analysis.records import Records
-from benchmark.experiments import DEFAULT_CONDITION, Experiment
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, load_experiment
 from benchmark.reports.replication.claims import SCENARIOS
 from envs import InputError, compile_scenario
 from envs.words import listed
@@ -36,6 +37,25 @@ def check(experiment: Experiment) -> None:
                 "observes its cell alone, there is one start and one phase, no wall, and the regions are "
                 "squares by their radii."
             )
+
+
+def is_of_paper(manifest: Mapping[str, Any]) -> bool:
+    """Returns whether scenes and settings are the paper's by default: those of `reproduce`."""
+    paper = load_experiment("reproduce")
+    runs = [each.first for each in paper.populations if each.condition.name == DEFAULT_CONDITION]
+    scenes = {run.scenario.name: run.scenario.model_dump(mode="json") for run in runs}
+    found = {
+        name: {**scene, "description": scenes[name]["description"]}
+        for name, scene in manifest["scenarios"].items()
+    }
+    (about,) = manifest["algorithms"].values()
+    return (
+        found == scenes
+        and about["algorithm"] == runs[0].algorithm
+        and about["settings"] == {runs[0].observation: runs[0].settings.model_dump(mode="json")}
+        and manifest["horizon"] == paper.declared.horizon
+        and "curve" not in manifest["readings"][DEFAULT_CONDITION]
+    )
 
 
 @lru_cache(maxsize=1)  # most tables and figures are of the default reading

@@ -170,22 +170,13 @@ def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
     return parts
 
 
+_VARIABILITY: Final = partial(_ratios, _spread)
+_FOCUS: Final = partial(_ratios, _focus)
 CLAIMS: Final = (
-    Claim(
-        "variability-S2", "max Q varies most in S2", ">", 1.0, ("S2", "S1", "S3"), partial(_ratios, _spread)
-    ),
+    Claim("variability-S2", "max Q varies most in S2", ">", 1.0, ("S2", "S1", "S3"), _VARIABILITY),
     Claim("max-near-1", "max Q reaches about 1", ">", 0.95, ("S1", "S3"), _near_one),
-    Claim(
-        "variability-S3", "max Q varies least in S3", "<", 1.0, ("S3", "S1", "S2"), partial(_ratios, _spread)
-    ),
-    Claim(
-        "moves-focused",
-        "moves are most focused in S3",
-        "<",
-        1.0,
-        ("S3", "S1", "S2"),
-        partial(_ratios, _focus),
-    ),
+    Claim("variability-S3", "max Q varies least in S3", "<", 1.0, ("S3", "S1", "S2"), _VARIABILITY),
+    Claim("moves-focused", "moves are most focused in S3", "<", 1.0, ("S3", "S1", "S2"), _FOCUS),
     Claim("ping-S3", "S3: no cell outside valued", "<", 1.0, ("S3",), _valued_outside),
     Claim("ping-S3-inside", "S3: all target cells valued", "<", 1.0, ("S3",), _missing_inside),
     Claim("ping-S1", "S1: cells outside valued", ">", 0.0, ("S1",), _valued_outside),

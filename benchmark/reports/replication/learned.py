@@ -1,6 +1,7 @@
 """The items on what was learned: the paper's figure, the curves, and the distance from the exact optimum."""
 
 from collections.abc import Iterator
+from functools import partial
 from string import ascii_lowercase
 from typing import Final
 
@@ -19,37 +20,23 @@ from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, anchors, opti
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, WIDTH, figure_of, name_lines, norm_of
 from benchmark.experiments import Experiment
-from benchmark.reports.item import Frames, drawing, expanded, item, labelled_columns
+from benchmark.reports.item import COLUMNS, Frames, drawing, expanded, item, labelled_columns
 from benchmark.reports.replication.agents import agents_of, few_agents
 from envs import ACTIONS
 from envs.people import FEEDBACK
 from envs.scene import scene_of
 
+_item: Final = partial(item, meanings=COLUMNS["replication"])
 _DASHES: Final = ("-", "--", ":")
 _BLOCK: Final = 5  # records of a curve that share a point of the figure
 _OF_BLOCK: Final = {"step": "first", "mean": "mean", "min": "min", "max": "max"}
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
-_MEANINGS: Final = {
-    "optimal_share": "share of agents whose greedy policy is optimal",
-    "start_value_optimal": "optimal value of the start cell",
-    "start_value_learned": "largest Q in the start cell, mean over agents",
-    "cells_differing": "share of cells in which a greedy action is not optimal, mean over agents",
-    "mean": "mean over agents",
-    "std": "their standard deviation",
-    "min": "smallest over agents",
-    "max": "largest over agents",
-    "optimal": "optimal action value",
-    "difference": "`mean` minus `optimal`",
-    "is_optimal": "whether the action is optimal in the cell",
-    "largest_learned": "largest Q in the cell, mean over agents",
-    "differs": "share of agents whose greedy action in the cell is not optimal",
-}
 
 
 @drawing(
     "figure",
-    "the paper's figure: maximum Q per step, final Q of the moves, final Q of PING",
-    "The paper's figure: maximum Q over training, final Q of the moves and of PING.",
+    "a figure as in the paper: maximum Q per step, final Q of the moves, final Q of PING",
+    "As in the paper's figure: maximum Q over training, final Q of the moves and of PING.",
 )
 def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | None:
     """Draws a column per scenario."""
@@ -79,10 +66,8 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
             dots(ping_axis, ping[ping["mean"] > 0])
             move_axis.set(title=f"({letters[1]}) final Q of moves")
             ping_axis.set(title=f"({letters[2]}) final Q of PING")
-        last, style = (
-            curves[curves["scenario"] == next(iter(groups))].iloc[-1],
-            {"ha": "right", "fontsize": "small"},
-        )
+        last = curves[curves["scenario"] == next(iter(groups))].iloc[-1]
+        style = {"ha": "right", "fontsize": "small"}
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].text(last["step"], 1.0 + room, "a correct PING in S1", va="bottom", **style)
         axes[0, 0].text(last["step"], (last["mean"] + last["max"]) / 2, "range over agents ", **style)
@@ -99,11 +84,7 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
     return figure
 
 
-@item(
-    "max_q",
-    "maximum Q over agents at every recorded step, of the visited cell and of the table",
-    meanings=_MEANINGS,
-)
+@_item("max_q", "maximum Q over agents at every recorded step, of the visited cell and of the table")
 def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the maximum Q of the visited cell, and of the table, over agents at each record."""
     frames = []
@@ -116,12 +97,11 @@ def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-@item(
+@_item(
     "learning",
     "success, score of the greedy policy, and the share of optimal agents, over training",
     labelled_columns({}, "scenario success score optimal_share unbounded_score"),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
-    meanings=_MEANINGS,
 )
 def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates success, the score of the greedy policy, and the share of optimal agents, over training."""
@@ -161,7 +141,7 @@ def _(table: pd.DataFrame) -> Figure:
     return figure
 
 
-@item(
+@_item(
     "optimal",
     "the exact optimum, what was learned, success, and the regret, with all agents as well",
     labelled_columns(
@@ -169,7 +149,6 @@ def _(table: pd.DataFrame) -> Figure:
         "scenario agents success optimal_share grid_return_learned grid_return_optimal "
         "start_value_learned start_value_optimal cells_differing",
     ),
-    meanings=_MEANINGS,
 )
 def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:
     """Tabulates what the greedy policies reach after training, and the exact anchors."""
@@ -196,10 +175,8 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
     if "q_values" not in tables:
         return None
     cells, groups = tables["q_values"], few_agents(experiment, records)
-    shares, norm = (
-        1 - cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first(),
-        Normalize(0, 1),
-    )
+    shares = 1 - cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first()
+    norm = Normalize(0, 1)
     with figure_of(1, len(groups), (WIDTH, 3.1)) as (figure, axes):
         for axis, (name, agents) in zip(axes[0], groups.items(), strict=True):
             scene = scene_of(agents.model)
@@ -217,11 +194,7 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
     return figure
 
 
-@item(
-    "q_values",
-    "final Q over agents and Q* of every cell and action, and where policies differ",
-    meanings=_MEANINGS,
-)
+@_item("q_values", "final Q over agents and Q* of every cell and action, and where policies differ")
 def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates final Q-values, and those of an agent that knows its state, with no wrong PING so far."""
     frames = []

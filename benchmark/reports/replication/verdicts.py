@@ -1,6 +1,6 @@
 """The items on the paper's claims: judged with few agents and many, in disjoint sets, under each reading."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from textwrap import fill
 from typing import Final
 
@@ -13,10 +13,11 @@ from benchmark.drawing.style import COLOURS, WIDTH, draw_cells, figure_of
 from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import entry, item, no_rows
-from benchmark.reports.replication.agents import agents_of
+from benchmark.reports.item import COLUMNS, entry, item, no_rows
+from benchmark.reports.replication.agents import agents_of, is_of_paper
 from benchmark.reports.replication.claims import CLAIMS, SCENARIOS, VERDICTS, agreement, judge, weakest
 
+_item: Final = partial(item, meanings=COLUMNS["replication"])
 _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # by brightness, too
@@ -28,25 +29,6 @@ _SHOWN: Final = (
     *("claim", "agents", "verdict", "sets", "agreeing", "part", "right_side", "threshold", "value", "state"),
     *("drawn", "effect", "agents_needed"),
 )
-_MEANINGS: Final = {
-    "claim": "claim of the paper",
-    "part": "which number of the claim",
-    "reading": "reading of the paper",
-    "value": "the number",
-    "low": "lower end of its 95 % interval",
-    "high": "upper end of its 95 % interval",
-    "right_side": "on which side of the threshold the part must lie",
-    "threshold": "threshold",
-    "state": "whether the part passes, fails or is undecided",
-    "verdict": "verdict on the claim",
-    "effect": "distance to the right side of the threshold, in standard deviations of a single agent",
-    "agents_needed": "agents that decide an undecided part with a probability of 80 %, by its effect",
-    "note": "more about the part",
-    "drawn": "what the paper's figure shows instead of `value`",
-    "sets": "disjoint sets of as many agents as the paper has",
-    "sets_agreeing": "sets with the same verdict on the claim",
-    "share": "`sets_agreeing` / `sets`",
-}
 
 
 @lru_cache(maxsize=1)  # three tables are of them
@@ -69,11 +51,7 @@ def _default_parts(experiment: Experiment, records: RecordsOf, least: str) -> pd
     return parts.loc[parts[least].eq(parts[least].min())]
 
 
-@item(
-    "claims",
-    "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
-    meanings=_MEANINGS,
-)
+@_item("claims", "every part of every claim, with its 95 % interval, its state and the verdict, by agents")
 def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
     few_and_all, sets = (_default_parts(experiment, records, key) for key in ("first_seed", "agents"))
@@ -98,26 +76,22 @@ def headline(folder: Folder) -> str | None:
     rows = weakest(frame[frame["agents"] == n_agents])
     parts = [(name, rows[rows["verdict"] == name]) for name in VERDICTS]
     counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
-    scope = f"the paper's {len(rows)} claims, with {n_agents:,} agents per scenario"
-    return f"Verdicts on {scope}: {', '.join(counts)}."
+    like = f"{len(rows)} claims like the paper's, in scenes or with settings that are not the paper's"
+    scope = f"the paper's {len(rows)} claims" if is_of_paper(folder.manifest) else like
+    return f"Verdicts on {scope}, with {n_agents:,} agents per scenario: {', '.join(counts)}."
 
 
-@item(
-    "claim_sets",
-    "every part of every claim in each of the disjoint sets of agents, and the verdicts",
-    meanings=_MEANINGS,
-)
+@_item("claim_sets", "every part of every claim in each of the disjoint sets of agents, and the verdicts")
 def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim in each set."""
     columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
     return _default_parts(experiment, records, "agents")[columns]
 
 
-@item(
+@_item(
     "sensitivity",
     "every part of every claim, its state and the verdict, under every reading of the paper",
     where=no_rows,
-    meanings=_MEANINGS,
 )
 def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""
@@ -125,7 +99,7 @@ def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     return first[["claim", "reading", *_JUDGED[1:10]]]
 
 
-@sensitivity.figure("Whether the paper's claims hold, by how the paper is read.")
+@sensitivity.figure("Whether the claims hold, by how the paper is read.")
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
     readings = {name: experiment.declared.readings[name].title or name for name in table["reading"].unique()}
     verdicts = weakest(table, "reading").set_index(["claim", "reading"])["verdict"]

@@ -4,12 +4,13 @@ from pathlib import Path
 from typing import Final
 
 from benchmark.analysis.search import COLUMNS
-from benchmark.drawing.tables import link
+from benchmark.drawing.tables import link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
 from benchmark.reports.search import results
 from envs import InputError
+from envs.words import counted
 
 
 def check(experiment: Experiment) -> None:
@@ -24,18 +25,24 @@ def check(experiment: Experiment) -> None:
 
 
 def headline(folder: Folder) -> str:
-    """Says what the best learner gains by chosen settings."""
+    """Says what the best learner gains by chosen settings, if a gain is shown."""
     table = folder.frame("chosen")
     best = table.iloc[int(table["chosen"].argmax())]
-    default, chosen = (link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen"))
-    learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
-    trials = folder.manifest["search"]["trials"]
+    default, chosen = (link(show(best[key]), "chosen", best) for key in ("default", "chosen"))
     share = "the share of the logarithm of the budget that is saved"
     measure = share if folder.manifest["solved"] else "success averaged over training"
-    return (
-        f"With the best of the declared settings and {trials} trials, {measure} goes from "
-        f"{default} to {chosen} for the best learner, {learner}."
-    )
+    n_trials = counted(folder.manifest["search"]["trials"], "trial")
+    searched = f"the best of the declared settings and {n_trials}"
+    if best["chosen"] == 0:
+        return f"No learner has learned in the search: with {searched}, {measure} is {chosen} for all."
+    learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
+    is_alone = (table["chosen"] == best["chosen"]).sum() == 1 < len(table)
+    who = f"the best learner, {learner}" if is_alone else learner
+    if best["gain_low"] > 0:
+        return f"With {searched}, {measure} goes from {default} to {chosen} for {who}."
+    if best["trial"] == 0:
+        return f"For {who}, the settings as declared stay {searched}: {measure} is {chosen}."
+    return f"With {searched}, no gain is shown for {who}: {measure} is {chosen}, and {default} as declared."
 
 
 REPORT: Final = Report(
@@ -44,7 +51,7 @@ REPORT: Final = Report(
     check=check,
     items=(
         results.chosen,
-        results.best_of,
+        results.picks,
         results.cost,
         results.trials,
         results.around,
@@ -53,7 +60,7 @@ REPORT: Final = Report(
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
-    lead="best_of",
+    lead="picks",
     reads_curves=True,
     columns=COLUMNS,
 )

@@ -12,65 +12,25 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
+from benchmark.analysis import search
 from benchmark.analysis.frames import Floats
-from benchmark.analysis.intervals import Estimate, combined, interval, mean_over_scenarios, resample
-from benchmark.analysis.search import AROUND, best_apart, chosen_by, everywhere, measure_of, outcomes
+from benchmark.analysis.intervals import Estimate, combined, mean_over_scenarios
 from benchmark.drawing.maps import gallery
-from benchmark.drawing.style import WIDTH, figure_of, name_lines
-from benchmark.drawing.tables import decimals_of
+from benchmark.drawing.style import WIDTH, figure_of
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.search import Choice, Space
 from benchmark.reports.comparison.figures import style_of
-from benchmark.reports.item import Frames, drawing, entry, item, labelled_columns, no_rows
+from benchmark.reports.item import COLUMNS, Frames, drawing, item, labelled_columns, no_rows
 from envs import compile_scenario
 
 Row = dict[str, object]
 
-_MEANINGS: Final = {
-    "area": "mean area under the curve of success, over scenarios and runs",
-    "chosen": "mean area, or earliness, of the chosen settings, on fresh runs",
-    "cpu_ms": "CPU milliseconds of training per run of the search",
-    "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
-    "default": "mean area, or earliness, of trial 0, the settings as declared, on fresh runs",
-    "difference": "area, or earliness, minus that of the chosen settings",
-    "earliness": "mean share of the logarithm of the budget that is saved, over scenarios and runs: of a run "
-    "that has learned, 1 - log(steps / evaluation_every) / log(budget / evaluation_every), else 0",
-    "edges": "settings whose chosen value lies outside the inner eight tenths of its range, on its scale, or "
-    "is the smallest or largest of three or more numbers",
-    "expected": "expected area, or earliness, of the best of b trials",
-    "found": "mean area, or earliness, of the best trial on its first runs",
-    "fresh_area": "`area` on fresh runs; empty if the trial was not run again",
-    "fresh_earliness": "`earliness` on fresh runs; empty if the trial was not run again",
-    "gain": "`chosen` minus `default`",
-    "per_scenario": "mean area, or earliness, if the best trial could be chosen in each scenario",
-    "range": "declared range",
-    "runs": "runs of the search: of all trials, and fresh ones of finalists",
-    "sensitivity": "`per_scenario` minus `chosen`",
-    "setting": "setting, by dotted key",
-    "settings": "values of the searched settings, as JSON",
-    "steps": "environment steps of all these runs; with [solved] their budgets, before which they may end",
-    "trial": "number of the trial; 0 has the settings as declared",
-    "trials": "number of trials, b, without trial 0",
-    "value": "value of that setting",
-    "why": "the reason for the range",
-}
-_LABELS: Final = {
-    "cpu_ms": "CPU ms per run",
-    "cpu_time_s": "CPU seconds",
-    "difference": "difference from the chosen",
-    "edges": "at the edge of the range",
-    "found": "mean on the first runs",
-    "n": "runs",
-    "per_scenario": "the best per scenario",
-    "sensitivity": "gain per scenario",
-    "steps": "environment steps",
-}
-_item: Final = partial(item, meanings=_MEANINGS)
-_columns: Final = partial(labelled_columns, _LABELS)
+_item: Final = partial(item, meanings=COLUMNS["search"])
+_columns: Final = partial(labelled_columns, COLUMNS["search_labels"])
 _AXES: Final = {"area": "mean area under the curve of success", "earliness": "mean earliness"}
-_TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
-_SOME: Final = (1, 4, 16)  # numbers of trials that readers see
-_CLOSE: Final = 0.05  # measures that differ by less are close to each other
+_FEW: Final = 5  # scenarios that a figure shows each
+_IN_A_ROW: Final = 3  # panels
+_PANELS: Final = {search.ALL: "all scenarios"}  # what they are called, if not by their scenario
 
 
 @_item(
@@ -82,10 +42,11 @@ _CLOSE: Final = 0.05  # measures that differ by less are close to each other
 )
 def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
-    for outcome in outcomes(experiment, runs):
+    for outcome in search.outcomes(experiment, runs):
         learner, fresh, trial = outcome.learner, outcome.fresh, outcome.ranked[0]
-        best, default = everywhere(fresh, trial), everywhere(fresh, 0)
-        apart = [fresh[pair] for pair in zip(best_apart(outcome.searched), experiment.scenarios, strict=True)]
+        best, default = search.everywhere(fresh, trial), search.everywhere(fresh, 0)
+        pairs = zip(search.best_apart(outcome.searched), experiment.scenarios, strict=True)
+        apart = [fresh[pair] for pair in pairs]
         settings = _settings(experiment, learner, trial)
         yield _names(learner) | {
             "trial": trial,
@@ -100,75 +61,59 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         }
 
 
-@_item("best_of", "the expected result of the best of b trials")
-def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Tabulates `expected_best` of the trials without trial 0, with intervals over trials.
-
-    Beyond a third of the trials there are none: the bootstrap of a maximum has too narrow ones there.
-    """
-    budget = experiment.populations[0].first.settings.budget
-    for outcome in outcomes(experiment, runs):
-        tried = outcome.searched[1:]
-        samples = expected_best(tried, resample(len(tried), outcome.learner.name))
-        low, high = interval(samples)
-        for i, value in enumerate(samples[0]):
-            ends = (min(low[i], value), max(high[i], value)) if i < len(tried) // 3 else (math.nan, math.nan)
-            effort = {"trials": i + 1, "steps": (i + 1) * budget * tried[0].size}
-            yield _names(outcome.learner) | effort | {"expected": Estimate(value, *ends)}
-
-
-@best_of.figure(
-    "What tuning buys: the expected result of the best of b trials, for each algorithm with its best form of "
-    "observation."
+@_item(
+    "picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows
 )
-def _(tables: Frames, experiment: Experiment) -> Figure:
-    frame, chosen, best = tables["best_of"], tables["chosen"], dict[str, Learner]()
-    for _, row in chosen.sort_values("chosen", kind="stable").iterrows():
-        best[row["algorithm"]] = experiment.learners[f"{row['algorithm']}, {row['observation']}"]
-    with figure_of(1, 1, (WIDTH, 4.4)) as (figure, axes):
-        axis, ends = axes[0, 0], {}
-        for i, learner in enumerate(best.values()):
-            rows, style = _of(frame, learner), style_of(learner.name, experiment)
-            axis.plot(rows["trials"], rows["expected"], markevery=(i, 12), ms=5, lw=1.4, **style)
-            low, high = rows["expected_low"], rows["expected_high"]
-            axis.fill_between(rows["trials"], low, high, color=style["color"], alpha=0.1, lw=0)
-            by_default = _of(chosen, learner)["default"].iloc[0]
-            axis.plot(0.8, by_default, "x", ms=6, mew=1.8, color=style["color"])
-            ends[learner.title] = float(rows["expected"].iloc[-1]), style
-        ticks = [tick for tick in _TICKS if tick <= frame["trials"].max()]
-        axis.set(xscale="log", xlim=(0.7, frame["trials"].max()), ylim=(-0.02, 1.0))
-        axis.set(xlabel="trials (cross: settings as declared)", ylabel=_AXES[measure_of(experiment)])
-        axis.set_xticks(ticks, [str(tick) for tick in ticks])
-        axis.xaxis.set_minor_locator(NullLocator())
-        name_lines(axis, ends)
+def picks(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Tabulates what is `picked` of the trials, with the digits that trials.csv has."""
+    tried = pd.DataFrame(_tried(runs, experiment))
+    tried = tried.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
+    families = {learner.variant: learner.family for learner in experiment.learners.values()}
+    yield from search.picked(tried, search.references(tried, families))
+
+
+@picks.figure(
+    "How often the best of b trials beats the best of b of the reference: by means over all scenarios, and, "
+    "if they are few, in each."
+)
+def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
+    compared = [each for each in experiment.learners.values() if _of(table, each)["beats"].notna().any()]
+    learners = [learner for learner in compared if learner.family == "deep"] or compared
+    if not learners:
+        return None
+    panels = [search.ALL, *(experiment.scenarios if len(experiment.scenarios) <= _FEW else ())]
+    n_rows, n = math.ceil(len(panels) / _IN_A_ROW), table["trials"].max()
+    ticks = [b for b in table["trials"].unique() if 1.4 * b <= n or b == n]  # apart from each other
+    height = 2.1 * n_rows + 0.45 * math.ceil(len(learners) / 2) + 0.5
+    with figure_of(n_rows, min(len(panels), _IN_A_ROW), (WIDTH, height)) as (figure, axes):
+        for axis in axes.flat[len(panels) :]:
+            axis.set_axis_off()
+        for axis, scenario in zip(axes.flat, panels, strict=False):
+            axis.axhline(0.5, color="0.35", lw=0.8, ls=":")
+            for learner in learners:
+                rows = _of(table[table["scenario"] == scenario], learner)
+                axis.plot(rows["trials"], rows["beats"], ms=5, lw=1.4, **style_of(learner.name, experiment))
+            axis.set(xscale="log", ylim=(-0.03, 1.03), title=_PANELS.get(scenario, scenario))
+            axis.set_xticks(ticks, ticks)
+            axis.xaxis.set_minor_locator(NullLocator())
+        figure.supxlabel("trials of either learner, b", fontsize="medium")
+        figure.supylabel("probability of a better pick", fontsize="medium")
+        names = [(learner, _of(table, learner)["reference"].iloc[0]) for learner in learners]
+        titles = [f"{learner.title}\nagainst {experiment.learners[name].title}" for learner, name in names]
+        figure.legend(axes[0, 0].lines[1:], titles, loc="outside upper center", ncols=2, frameon=False)
     return figure
-
-
-@best_of.shown
-def _(table: pd.DataFrame) -> pd.DataFrame:
-    """Shows a row per learner: some numbers of trials, and how many come close to all of them."""
-    n, digits, shown = int(table["trials"].max()), decimals_of(table, "expected"), []
-    learners = [rows for _, rows in table.groupby("learner", sort=False)]
-    for rows in sorted(learners, key=lambda rows: -rows["expected"].iloc[-1]):
-        row = {"learner": rows["learner"].iloc[0]}
-        for b in (*(b for b in _SOME if b < n), n):
-            row[f"best of {b}"] = entry(rows.iloc[b - 1], "expected", "best_of", digits)
-        is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
-        needed = f"trials needed to come within {_CLOSE} of the best of {n}"
-        shown.append(row | {needed: f"{rows.loc[is_close, 'trials'].iloc[0]}"})
-    return pd.DataFrame(shown)
 
 
 @_item(
     "cost",
-    "cost of the search: of all trials, and of fresh runs of finalists",
+    "cost of the search: of all trials, and of fresh runs of those that were ranked",
     _columns("learner trials runs steps cpu_time_s cpu_ms"),
     is_measured=True,
     best="-cpu_time_s",
 )
 def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the effort of each search; `cpu_ms` is the mean time that a run of the search trains."""
-    for name, result in chosen_by(experiment, runs).items():
+    for name, result in search.chosen_by(experiment, runs).items():
         effort = result.model_dump(include={"trials", "runs", "steps", "cpu_time_s"})
         cpu_ms = 1000 * result.cpu_time_s / result.runs
         yield _names(experiment.learners[name]) | effort | {"cpu_ms": cpu_ms}
@@ -178,12 +123,16 @@ def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     "trials",
     "every trial of every learner: settings, and means by scenario",
     where=no_rows,
-    meanings=_MEANINGS | {"*": "mean area, or earliness, in the scenario of this name, on the first runs"},
+    meanings={**COLUMNS["search"], "*": "mean area, or earliness, in this scenario, on the first runs"},
 )
 def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the means over the first runs of each trial, and over fresh runs where there are any."""
-    names, measure = [*experiment.scenarios], measure_of(experiment)
-    for outcome in outcomes(experiment, runs):
+    yield from _tried(runs, experiment)
+
+
+def _tried(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    names, measure = [*experiment.scenarios], search.measure_of(experiment)
+    for outcome in search.outcomes(experiment, runs):
         for trial, measures in enumerate(outcome.searched):
             cells = [outcome.fresh.get((trial, name), np.array([math.nan])) for name in names]
             yield _names(outcome.learner) | {
@@ -197,7 +146,7 @@ def trials(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 @trials.figure("What each trial of the search reached, and what the chosen settings reach in fresh runs.")
 def _(tables: Frames, experiment: Experiment) -> Figure:
-    learners, measure = [*experiment.learners.values()], measure_of(experiment)
+    learners, measure = [*experiment.learners.values()], search.measure_of(experiment)
     with figure_of(1, 1, (WIDTH, 0.3 * len(learners) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
         for y, learner in enumerate(learners):
@@ -228,7 +177,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
 )
 def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the chosen settings, and the same with one setting at another value, on runs of their own."""
-    of_stage, measure = runs[runs["stage"] == AROUND], measure_of(experiment)
+    of_stage, measure = runs[runs["stage"] == search.AROUND], search.measure_of(experiment)
     if of_stage.empty:
         return
     for learner in experiment.learners.values():
@@ -248,7 +197,7 @@ def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     "spaces",
     "the declared range of every setting, and why",
     _columns("algorithm setting default range why") | {"default": "trial 0"},
-    meanings=_MEANINGS | {"default": "value in trial 0, as declared"},
+    meanings={**COLUMNS["search"], "default": "value in trial 0, as declared"},
 )
 def spaces(experiment: Experiment) -> Iterator[Row]:
     """Tabulates what was declared before the search."""
@@ -315,32 +264,3 @@ def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:
     if not apart:
         return Estimate(0.0, 0.0, 0.0)
     return Estimate(float(np.dot(weights, means)), *combined(weights, means, [*map(len, sides)]))
-
-
-def expected_best(measures: Floats, weights: Floats) -> Floats:
-    """Returns the expected mean of the best of b of n trials, for b from 1 to n: (..., n).
-
-    Trials are drawn without replacement. The best of them is that with the largest mean over half of the runs
-    of each scenario, and what counts is its mean over the other half, which removes the optimism of the
-    maximum; both ways are averaged.
-
-    Args:
-      measures: (n, I, N) of all trials, N at least 2.
-      weights: (..., n) how often each trial is among those that are drawn from; they sum to n.
-
-    >>> measures = np.array([0.2, 0.5, 0.8])[:, None, None].repeat(2, axis=2)
-    >>> expected_best(measures, np.ones(3)).round(3).tolist()  # of 2: 0.5 with probability 1/3, else 0.8
-    [0.5, 0.7, 0.8]
-    """
-    n, half = len(measures), measures.shape[2] // 2
-    parts = [measures[:, :, part].mean(axis=(1, 2)) for part in (slice(half), slice(half, None))]
-    # The probability that all of b trials are among the lowest c, for c from 0 and b from 1: (n + 1, n).
-    drawn = np.arange(n)
-    all_among = np.cumprod(np.maximum(np.arange(n + 1)[:, None] - drawn, 0) / (n - drawn), axis=1)
-    halves = []
-    for by, counted in (parts, parts[::-1]):
-        order = np.argsort(by, kind="stable")  # the worst first
-        up_to = weights[..., order].cumsum(axis=-1).astype(int)
-        is_best = np.diff(all_among[up_to], axis=-2, prepend=0.0)  # (..., trials, b)
-        halves.append((is_best * counted[order][:, None]).sum(axis=-2))
-    return np.asarray(np.mean(halves, axis=0))

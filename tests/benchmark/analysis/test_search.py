@@ -36,16 +36,20 @@ FIRST = [[0.1, 0.1], [0.9, 0.3], [0.5, 0.5], [0.2, 0.8]]
 FRESH = [[0.1, 0.1], [0.3, 0.3], [0.4, 0.6], [0.2, 0.7]]
 
 
-def test_the_winner_of_a_lottery_does_not_win() -> None:
+@pytest.mark.parametrize(
+    ("declared", "ranked"),  # 0.5 and 0.3 of finalists, against trial 0
+    [([0.1, 0.1], [2, 1]), ([0.5, 0.5], [2, 1]), ([0.6, 0.5], [0, 2, 1])],
+)
+def test_the_winner_of_a_lottery_does_not_win(declared: list[float], ranked: list[int]) -> None:
     areas = np.array(FIRST)[:, :, None].repeat(2, axis=2)
     assert finalists(areas, 2) == [1, 2]  # 0.6, 0.5; as trial 3, but declared before it
     assert best_apart(areas) == [1, 3]
-    rows = []
-    for (stage, means), population in product({"search": FIRST, "fresh": FRESH}.items(), SMALL.populations):
+    rows, again = [], [declared, *FRESH[1:]]
+    for (stage, means), population in product({"search": FIRST, "fresh": again}.items(), SMALL.populations):
         row = keys_of(population) | {"stage": stage}
         at = [*SMALL.scenarios].index(row["scenario"])
         rows.append(row | {"area": means[int(row["trial"])][at]})
-    assert [outcome.ranked for outcome in outcomes(SMALL, pd.DataFrame(rows))] == [[2, 1]] * 3  # 0.5, 0.3
+    assert [outcome.ranked for outcome in outcomes(SMALL, pd.DataFrame(rows))] == [ranked] * 3
 
 
 def test_runs_are_compared_by_how_early_they_learn(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from benchmark.experiments import (
     experiment_names,
     load_experiment,
 )
-from benchmark.experiments.schema import Declaration
+from benchmark.experiments.schema import Declaration, read_experiment
 from benchmark.reports import load_report
 from envs import InputError, load_scenario
 from envs.inputs import parse, read_toml
@@ -36,6 +36,16 @@ def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
 
 
 # What is declared
+
+
+def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path) -> None:
+    path, change = tmp_path / "mine.toml", '"algorithms.dqn.algorithm" = "dqn"'
+    path.write_text(f'extends = "compare_deep"\ndescription = "-"\nchanges = {{ {change} }}\n', "utf-8")
+    mine = read_experiment(path)[0]
+    assert mine.report is not None
+    assert (mine.note, mine.report.question, mine.algorithms["dqn"].title) == ("", "", "")
+    assert mine.algorithms["ppo"].title == "PPO"
+    assert extended(tmp_path, "noted", note="mine").declared.note == "mine"
 
 
 @pytest.mark.parametrize("name", experiment_names())

@@ -208,9 +208,8 @@ def folder_of(path: Path, data: Data, *names: str) -> Document:
     assert experiment.report is not None
     algorithms: dict[str, Any] = {}
     for learner in experiment.learners.values():
-        about = learner.declared.model_dump(
-            mode="json", include={"algorithm", "title", "policy", "tuned_by", "seeds"}
-        )
+        keys = {"algorithm", "title", "policy", "tuned_by", "seeds"}
+        about = learner.declared.model_dump(mode="json", include=keys)
         about |= {"family": learner.family, "runs": about.pop("seeds"), "settings": {}, "changed": []}
         algorithms.setdefault(learner.variant, about)["settings"][learner.observation] = {}
     manifest = {

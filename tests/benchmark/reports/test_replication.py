@@ -1,6 +1,8 @@
 """The replication by itself: its tables and claims by hand, and what it demands."""
 
+import json
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from benchmark.reports.document import Document
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Item, expanded
 from benchmark.reports.replication import REPORT, claims, learned, verdicts
+from benchmark.reports.replication.agents import is_of_paper
 from envs import InputError
 from envs.model import PING
 from tests.benchmark.populations import population
@@ -230,6 +233,25 @@ def test_published_verdicts_are_counted_and_every_claim_is_explained() -> None:
     assert [number for number, *_ in LINK.findall(headline or "")] == ["7", "1", "3"]
     assert [claim.id for claim in claims.CLAIMS if f"- *{claim.title}* (`{claim.id}`): " not in text] == []
     assert f"{RESAMPLES:,} seeded" in text
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("scenarios.S1.issuer", "position", [2, 2]),
+        ("algorithms.q_learning", "algorithm", "sarsa"),
+        ("algorithms.q_learning.settings.index", "budget", 600),
+        ("readings.default", "curve", "table"),
+    ],
+)
+def test_other_scenes_and_settings_are_not_the_papers(table: str, key: str, value: object) -> None:
+    folder = Folder(ROOT / "results" / "reproduce")
+    manifest = json.loads(json.dumps(folder.manifest))
+    manifest["scenarios"]["S1"]["description"] = "other words"
+    assert is_of_paper(manifest)
+    reduce(dict.__getitem__, table.split("."), manifest)[key] = value
+    folder.__dict__["manifest"] = manifest
+    assert "11 claims like the paper's, in scenes or with settings" in (verdicts.headline(folder) or "")
 
 
 def test_items_of_disjoint_sets() -> None:

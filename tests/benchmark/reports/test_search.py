@@ -1,8 +1,9 @@
-"""The report of a search: what the best of b trials is expected to reach, and what is published."""
+"""The report of a search: what is picked of b trials, and what is published."""
 
 import json
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,33 +11,59 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.analysis.intervals import mean_over_scenarios
+from benchmark.analysis.search import picked, references
+from benchmark.drawing.tables import plain, write_csv
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
-from benchmark.reports.search.results import at_edges, expected_best, gain
+from benchmark.reports.folder import Folder
+from benchmark.reports.search import REPORT
+from benchmark.reports.search.results import at_edges, gain
 from tests.support import ROOT, make, mistyped_columns
 
 PUBLISHED = ROOT / "results" / "tuning"
 TUNING = load_experiment("tuning")
 
 
-@pytest.mark.parametrize("b", [1, 2, 3, 4])
-def test_expected_best_of_all_draws(b: int) -> None:
-    """Averages over all draws of b trials, chosen by one half of the runs and scored by the other."""
-    areas = np.random.default_rng(1).random((4, 2, 6))
-    weights = np.array([1, 2, 0, 1])
-    pool = np.repeat(range(4), weights)
-    found = []
-    for chosen_by, scored_by in ((slice(3), slice(3, None)), (slice(3, None), slice(3))):
-        by, score = (areas[:, :, part].mean(axis=(1, 2)) for part in (chosen_by, scored_by))
-        found.append(np.mean([score[max(draw, key=lambda t: by[t])] for draw in combinations(pool, b)]))
-    assert expected_best(areas, weights)[b - 1] == pytest.approx(np.mean(found))
+def test_picks_are_those_of_all_draws() -> None:
+    """Draws every pair of sets of b trials. References are the best, but no nets, that observe the same."""
+    rng = np.random.default_rng(1)
+    names = ["ppo, coordinates", "tiles, index", "table, index", "table, offset", "dqn, centre"]
+    trials = pd.DataFrame(
+        [name.split(", ") for name in np.repeat(names, 4)], columns=["algorithm", "observation"]
+    )
+    trials["trial"], trials["area"] = np.tile(range(4), 5), rng.integers(6, size=20) / 5  # with ties
+    trials["fresh_area"] = np.repeat([0.9, 0.8, 0.7, 0.6, 0.9], 4)
+    trials["A"], trials["B"] = rng.random((2, 20))
+    against = references(trials, {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"})
+    assert [*against.items()] == [*zip(names, [names[1]] * 3 + [names[3]] * 2, strict=True)]
+    rows = pd.DataFrame(picked(trials, against)).set_index(["algorithm", "scenario", "trials"])
+    drawn = [trials[trials["algorithm"].eq(name) & trials["trial"].gt(0)] for name in ("ppo", "tiles")]
+    for b, (scenario, column) in product((1, 2, 3), {"all": "area", "A": "A", "B": "B"}.items()):
+        draws = [[side.loc[[*draw]] for draw in combinations(side.index, b)] for side in drawn]
+        x, y = ([draw.nlargest(1, "area")[column].item() for draw in side] for side in draws)
+        beats = np.mean([(np.sign(i - j) + 1) / 2 for i, j in product(x, y)])
+        row = rows.loc["ppo"].loc[scenario].loc[b]
+        assert (row["beats"], row["expected"]) == pytest.approx((beats, np.mean(x)))
+    assert rows.loc["tiles"]["beats"].isna().all()
 
 
-def test_expected_best_by_hand() -> None:
-    """Of 4 trials, 6 pairs: the lowest is never the best, the others are in 1, 2 and 3 of them."""
-    measures = np.array([0.3, 0.1, 0.6, 1.0])[:, None, None].repeat(2, axis=2)
-    expected = [2.0 / 4, (0.3 + 2 * 0.6 + 3 * 1.0) / 6, (0.6 + 3 * 1.0) / 4, 1.0]
-    assert expected_best(measures, np.ones(4)) == pytest.approx(expected)
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([(1, 0.2, 0.5, 0.1), (0, 0.1, 0.1, 0.0)], "goes from 0.2 to 0.5 for the best learner, a, index"),
+        ([(1, 0.4, 0.5, -0.2)], "no gain is shown for a, index: success averaged over training is 0.5"),
+        ([(0, 0.5, 0.5, 0.0), (1, 0.2, 0.3, 0.1)], "For the best learner, a, index, the settings as"),
+        ([(0, 0.0, 0.0, 0.0)] * 2, "No learner has learned in the search"),
+        ([(0, 1.0, 1.0, 0.0)] * 2, "For a, index, the settings as declared stay the best"),
+    ],
+)
+def test_headlines_claim_no_gain_that_is_not_shown(rows: Any, expected: str, tmp_path: Path) -> None:
+    rows = [(*row, name, "index") for row, name in zip(rows, "ab", strict=False)]
+    columns = ["trial", "default", "chosen", "gain_low", "algorithm", "observation"]
+    write_csv(pd.DataFrame(rows, columns=columns), tmp_path / "chosen.csv")
+    manifest = {"report": {"kind": "search"}, "scenarios": {}, "search": {"trials": 2}, "solved": None}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    assert expected in plain(REPORT.headline(Folder(tmp_path)) or "")
 
 
 def test_means_are_over_scenarios() -> None:
@@ -70,15 +97,16 @@ def test_a_policy_that_training_does_not_return_is_refused(
     assert "policy = stochastic: its training returns no such policy" in capsys.readouterr().err
 
 
-def test_everything_of_a_search_is_published(folder: Path) -> None:
+def test_everything_of_a_search_is_published(folder: Path, tmp_path: Path) -> None:
     tables = {path.stem: pd.read_csv(path) for path in folder.glob("*.csv")}
     assert {name: len(table) for name, table in tables.items()} == {
-        "chosen": 3, "best_of": 9, "cost": 3, "trials": 12, "around": 18, "spaces": 5,
+        "chosen": 3, "picks": 27, "cost": 3, "trials": 12, "around": 18, "spaces": 5,
     }  # fmt: skip
-    assert sorted(path.stem for path in folder.glob("*.svg")) == ["best_of", "scenes", "trials"]
+    assert sorted(path.stem for path in folder.glob("*.svg")) == ["picks", "scenes", "trials"]
     assert [path.name for path in folder.glob("*.csv") if mistyped_columns(path)] == []
-    is_open = tables["best_of"]["expected_high"].isna()
-    assert is_open.equals(tables["best_of"]["trials"] > 1)  # a third of three trials
+    again, families = tmp_path / "picks.csv", {"dqn": "deep", "q_learning": "tabular"}
+    write_csv(pd.DataFrame(picked(tables["trials"], references(tables["trials"], families))), again)
+    assert again.read_bytes() == (folder / "picks.csv").read_bytes()
     chosen = tables["chosen"].iloc[0]
     rows = tables["trials"]
     row = rows[(rows["observation"] == "index") & (rows["trial"] == chosen["trial"])].iloc[0]
