@@ -48,9 +48,7 @@ class Decision(NamedTuple):
     n: int  # pairs of runs
     verdict: str
     why: str  # there is no verdict; else empty
-    faster: (
-        Estimate  # the probability that x takes less; its interval holds for all contrasts and looks at once
-    )
+    faster: Estimate  # the probability that x takes less; intervals hold for all contrasts and looks at once
 
 
 class Contrast(NamedTuple):
@@ -61,11 +59,6 @@ class Contrast(NamedTuple):
     took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of as many pairs as its decisions use
     decisions: Mapping[str, Decision]  # by unit
     at_level: Mapping[float, str]  # verdicts on the same pairs at further levels of success, exploratory
-
-    @property
-    def decision(self) -> Decision:
-        """What is decided in steps."""
-        return self.decisions["steps"]
 
     def took_by(self, unit: str) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Returns what both sides took in the pairs of runs that a decision uses."""
@@ -162,19 +155,13 @@ def taken(experiment: Experiment, curves: pd.DataFrame, level: float) -> Taken:
 
 def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     """Lists all contrasts that have enough runs for a look, each looked at until it is decided."""
-    solved = experiment.declared.solved
-    assert solved is not None
-    further = {level: taken(experiment, curves, level) for level in solved.further}
-    return contrasts_of(experiment, taken(experiment, curves, solved.success), further)
-
-
-def contrasts_of(experiment: Experiment, runs: Taken, further: Mapping[float, Taken]) -> list[Contrast]:
-    """Lists the same, given what runs took until they had learned, also at further levels of success."""
-    report = experiment.report
+    report, solved, looked = experiment.report, experiment.declared.solved, list[Contrast]()
     assert report is not None
-    looked, margin = [], report.margins.faster
+    assert solved is not None
+    runs, *further = (taken(experiment, curves, level) for level in (solved.success, *solved.further))
     # The same contrast may be in two grids.
     distinct = {(x.first.digest, y.first.digest): (x, y) for x, y in compared(experiment)}
+    margin = report.margins.faster
     decided = {unit: _decide_all(distinct, runs, report.errors, margin, unit) for unit in UNITS}
     for sides in compared(experiment):
         key = (sides[0].first.digest, sides[1].first.digest)
@@ -185,7 +172,7 @@ def contrasts_of(experiment: Experiment, runs: Taken, further: Mapping[float, Ta
         tail = tail_of(len(distinct), report.errors[n_steps])
         at_level = {
             level: _look([of_level[side] for side in sides], n_steps, margin, tail, "steps")[0]
-            for level, of_level in further.items()
+            for level, of_level in zip(solved.further, further, strict=True)
         }
         x, y = (runs[side][:n] for side in sides)
         looked.append(Contrast(*sides, (x, y), decisions, at_level))
@@ -258,7 +245,7 @@ def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     for before, n in pairwise(experiment.report.looks):
         _, curves = tables(looked_at, store, ["success", *SPENT.values()])
         looked = contrasts(experiment, curves)
-        undecided = [contrast for contrast in looked if contrast.decision.verdict == UNDECIDED]
+        undecided = [contrast for contrast in looked if contrast.decisions["steps"].verdict == UNDECIDED]
         if not undecided:
             return
         groups = []

@@ -75,10 +75,10 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         yield {
             **_point(contrast.x),
             **_sides(contrast),
-            "n": contrast.decision.n,
-            "verdict": contrast.decision.verdict,
-            "why_none": contrast.decision.why,
-            "faster": contrast.decision.faster,
+            "n": contrast.decisions["steps"].n,
+            "verdict": contrast.decisions["steps"].verdict,
+            "why_none": contrast.decisions["steps"].why,
+            "faster": contrast.decisions["steps"].faster,
             "ratio": ratio(*contrast.took_by("steps"), "steps"),
             "ratio_disagreements": ratio(*contrast.took_by("steps"), "disagreements"),
             "n_wrong_pings": contrast.decisions["disagreements"].n,
@@ -108,7 +108,7 @@ def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 def levels(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts how verdicts change with the level of success; a point of two grids counts once."""
     decided = pd.DataFrame(
-        _sides(contrast) | {"kept": _kept(contrast.decision.verdict, [*contrast.at_level.values()])}
+        _sides(contrast) | {"kept": _kept(contrast.decisions["steps"].verdict, [*contrast.at_level.values()])}
         for contrast in _distinct(experiment, curves)
         if contrast.at_level
     )

@@ -118,7 +118,7 @@ STEPS = np.full(40, 5000.0)
         ({"before_steps": 0.0}, {"steps": 9000.0, "before_steps": 5000.0}, ""),  # x had learned before
     ],
 )
-def test_no_verdict_is_about_something_else(x: dict[str, object], y: dict[str, object], why: str) -> None:
+def test_no_verdict_is_about_something_else(x: dict[str, float], y: dict[str, float], why: str) -> None:
     (found,) = decided((side(STEPS).assign(**x), side(STEPS).assign(**y)))
     assert (found.verdict, found.why) == ((NO_VERDICT if why else FASTER), why)
 
