@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from benchmark.analysis.frames import Group, by_population, by_step, learned, tables
 from benchmark.analysis.intervals import Estimate, proportion_interval
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, Population
+from benchmark.experiments import Experiment, Population, Reporting
 
 FASTER, SLOWER, EQUAL, UNDECIDED = "faster", "slower", "equally fast", "undecided"
 NEITHER: Final = "neither learns"  # most runs of neither learner learn
@@ -40,6 +40,7 @@ _COARSE: Final = 1.25  # an evaluation that is more than so many times as late a
 
 Numbers = NDArray[np.float64]
 Taken = Mapping[Population, pd.DataFrame]  # see `took`
+Key = tuple[str, str]  # of a contrast: digests of both sides' first runs
 
 
 class Decision(NamedTuple):
@@ -59,11 +60,6 @@ class Contrast(NamedTuple):
     took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of as many pairs as its decisions use
     decisions: Mapping[str, Decision]  # by unit
     at_level: Mapping[float, str]  # verdicts on the same pairs at further levels of success, exploratory
-
-    def took_by(self, unit: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Returns what both sides took in the pairs of runs that a decision uses."""
-        x, y = (side[: self.decisions[unit].n] for side in self.took)
-        return x, y
 
 
 def tail_of(n_contrasts: int, error: float) -> float:
@@ -148,28 +144,25 @@ def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
     ]
 
 
-def taken(experiment: Experiment, curves: pd.DataFrame, level: float) -> Taken:
-    """Returns what the runs of every population took, see `took`."""
-    return {population: took(rows, level) for population, rows in rows_of(experiment, curves).items()}
-
-
 def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     """Lists all contrasts that have enough runs for a look, each looked at until it is decided."""
     report, solved, looked = experiment.report, experiment.declared.solved, list[Contrast]()
     assert report is not None
     assert solved is not None
-    runs, *further = (taken(experiment, curves, level) for level in (solved.success, *solved.further))
+    runs, *further = (
+        {population: took(rows, level) for population, rows in rows_of(experiment, curves).items()}
+        for level in (solved.success, *solved.further)
+    )
     # The same contrast may be in two grids.
     distinct = {(x.first.digest, y.first.digest): (x, y) for x, y in compared(experiment)}
-    margin = report.margins.faster
-    decided = {unit: _decide_all(distinct, runs, report.errors, margin, unit) for unit in UNITS}
+    decided = {unit: _decide_all(distinct, runs, report, unit) for unit in UNITS}
     for sides in compared(experiment):
         key = (sides[0].first.digest, sides[1].first.digest)
         if key not in decided["steps"]:
             continue
         decisions = {unit: of_unit[key] for unit, of_unit in decided.items()}
         n, n_steps = max(decision.n for decision in decisions.values()), decisions["steps"].n
-        tail = tail_of(len(distinct), report.errors[n_steps])
+        tail, margin = tail_of(len(distinct), report.errors[n_steps]), report.margins.faster
         at_level = {
             level: _look([of_level[side] for side in sides], n_steps, margin, tail, "steps")[0]
             for level, of_level in zip(solved.further, further, strict=True)
@@ -179,19 +172,12 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     return looked
 
 
-Key = tuple[str, str]  # digests of both sides' first runs
-
-
 def _decide_all(
-    pairs: Mapping[Key, tuple[Population, Population]],
-    runs: Taken,
-    errors: Mapping[int, float],
-    margin: float,
-    unit: str,
+    pairs: Mapping[Key, tuple[Population, Population]], runs: Taken, report: Reporting, unit: str
 ) -> dict[Key, Decision]:
-    """Decides contrasts in a unit, look after look, given the error of each; see the module's docstring."""
-    decisions, remaining = dict[Key, Decision](), dict(pairs)
-    for n, error in errors.items():
+    """Decides contrasts in a unit, look after look; see the module's docstring."""
+    decisions, remaining, margin = dict[Key, Decision](), dict(pairs), report.margins.faster
+    for n, error in report.errors.items():
         at_once = tail_of(len(pairs), error)
         looked = {
             key: [runs[side] for side in sides]

@@ -22,10 +22,10 @@ def headline(folder: Folder) -> str:
     for unit, of_unit in table[table["grid"] == grid].groupby("unit", sort=False):
         parts = []
         for _, row in of_unit.iterrows():
-            ended = [verdict for verdict in VERDICTS if row[verdict]]
             counts = [
                 f"{_WORDS[unit].get(verdict, verdict)} at {link(str(row[verdict]), 'verdicts', row)}"
-                for verdict in ended
+                for verdict in VERDICTS
+                if row[verdict]
             ]
             x, y = (folder.phrase(row[side]) for side in "xy")
             parts.append(f"{x} compared with {y}: {', '.join(counts)}")

@@ -72,18 +72,19 @@ def cpu(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the declared contrasts."""
     for contrast in _contrasts(experiment, curves):
+        steps, wrong_pings = (contrast.decisions[unit] for unit in UNITS)
         yield {
             **_point(contrast.x),
             **_sides(contrast),
-            "n": contrast.decisions["steps"].n,
-            "verdict": contrast.decisions["steps"].verdict,
-            "why_none": contrast.decisions["steps"].why,
-            "faster": contrast.decisions["steps"].faster,
-            "ratio": ratio(*contrast.took_by("steps"), "steps"),
-            "ratio_disagreements": ratio(*contrast.took_by("steps"), "disagreements"),
-            "n_wrong_pings": contrast.decisions["disagreements"].n,
-            "wrong_pings_verdict": contrast.decisions["disagreements"].verdict,
-            "fewer_wrong_pings": contrast.decisions["disagreements"].faster,
+            "n": steps.n,
+            "verdict": steps.verdict,
+            "why_none": steps.why,
+            "faster": steps.faster,
+            "ratio": ratio(contrast, "steps"),
+            "ratio_disagreements": ratio(contrast, "disagreements"),
+            "n_wrong_pings": wrong_pings.n,
+            "wrong_pings_verdict": wrong_pings.verdict,
+            "fewer_wrong_pings": wrong_pings.faster,
             **{f"verdict_{level:g}": verdict for level, verdict in contrast.at_level.items()},
         }
 
@@ -190,18 +191,14 @@ def success(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None
 @_item("pairs", "what every contrast uses: the steps and wrong PINGs of its pairs of runs", where=no_rows)
 def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates the runs of each contrast; numbers are empty where a run does not learn."""
+    names = {"steps": "steps", "disagreements": "wrong_pings"}
     return _numbered(
         (
             name_of(contrast.x) | _sides(contrast),
-            pd.DataFrame(
-                {
-                    f"{name}_{side}": took[unit]
-                    for unit, name in (("steps", "steps"), ("disagreements", "wrong_pings"))
-                    for side, took in zip("xy", contrast.took, strict=True)
-                }
-            ),
+            pd.DataFrame({f"{names[unit]}_{side}": took[unit] for unit in UNITS for side, took in both}),
         )
         for contrast in _contrasts(experiment, curves)
+        for both in [[*zip("xy", contrast.took, strict=True)]]
     )
 
 
@@ -253,18 +250,18 @@ def _distinct(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     return [*{(contrast.x.first.digest, contrast.y.first.digest): contrast for contrast in every}.values()]
 
 
-def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
-    """Returns how many times as much y takes as x, by medians over pairs of runs, given what they took.
+def ratio(contrast: Contrast, unit: str) -> Estimate:
+    """Returns how many times as much y takes as x, by medians over the pairs of runs of the verdict in steps.
 
     Where most runs never learn, what they spend within the budget counts, so the ratio is a bound. It
     is NaN if that is so of both, or if a median is 0. The 95 % interval is by resampling pairs.
     """
-    n, rng = len(x), np.random.default_rng(BOOTSTRAP_SEED)
+    n, rng = contrast.decisions["steps"].n, np.random.default_rng(BOOTSTRAP_SEED)
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
-    medians = [np.median(took[currency].to_numpy()[drawn], axis=1) for took in (x, y)]
+    medians = [np.median(took[unit].to_numpy()[drawn], axis=1) for took in contrast.took]
     if all(np.isinf(median[0]) for median in medians) or any(median[0] == 0 for median in medians):
         return Estimate(np.nan, np.nan, np.nan)
-    spent = [np.median(took[f"spent_{currency}"]) for took in (x, y)]
+    spent = [np.median(took[f"spent_{unit}"][:n]) for took in contrast.took]
     of_x, of_y = (np.where(np.isinf(m), other, m) for m, other in zip(medians, spent, strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have solved at step 0
         samples = of_y / of_x

@@ -1,6 +1,7 @@
 """Contrasts with several looks: error rates by simulation, decisions and intervals by hand."""
 
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -50,7 +51,8 @@ def decided(
         for name, own in zip(pair, both, strict=True)
     }
     pairs = {pair: pair for pair in names}
-    return [*_decide_all(cast("Any", pairs), cast("Any", runs), errors, MARGIN, "steps").values()]
+    declared = SimpleNamespace(errors=errors, margins=SimpleNamespace(faster=MARGIN))
+    return [*cast("Any", _decide_all)(pairs, runs, declared, "steps").values()]
 
 
 def ended(x: np.ndarray, y: np.ndarray) -> str:
