@@ -5,12 +5,14 @@ probability that the first takes less, with ties counted as a half, over pairs o
 have the same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has
 the interval of a proportion, and what a scenario draws is part of its width.
 
-Each look has a share of an error of 5 %. There, contrasts are decided step by step, as by Holm (1979): first
-by intervals of which any is wrong with at most this probability; those that remain are fewer, so they have
-narrower intervals, and so on. So the probability of any wrong verdict in a unit is at most 5 % over all
-looks, and it does not matter why a contrast gets more runs (Jennison and Turnbull 1989, Journal of the Royal
-Statistical Society B 51:305-361). For the steps after the first, this is known if contrasts are independent
-(Shaffer 1980, Annals of Statistics 8:1342-1347), and simulated if they share runs.
+Each look has a share of an error of 5 %. There, intervals hold for all contrasts at once, so any verdict is
+wrong with at most this probability (repeated confidence intervals: Jennison and Turnbull 1989, Journal of the
+Royal Statistical Society B 51:305-361), and it does not matter why a contrast gets more runs. Which learner
+is faster is decided step by step, as by Holm (1979): once some are, the intervals of all others are narrower,
+as for so many. These others include contrasts that are equally fast, since a claim of a difference can be
+wrong about them. So the probability of any wrong claim that a learner is faster, or that neither learns, is
+at most 5 %; that of any wrong claim that both are equally fast is at most a third of it. Steps need contrasts
+that are independent (Shaffer 1980, Annals of Statistics 8:1342-1347), or else simulation.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -72,27 +74,35 @@ def tail_of(n_contrasts: int, error: float) -> float:
 
 
 def decide(
-    x: Numbers, y: Numbers, margin: float, tail: float, is_open: NDArray[np.bool_] | None = None
+    x: Numbers,
+    y: Numbers,
+    margin: float,
+    tail: float,
+    stepped: float = 0.0,
+    is_open: NDArray[np.bool_] | None = None,
 ) -> str:
     """Compares what runs of the same seeds took, (N,) each, infinite if they never learned.
 
-    `is_open` (N,) marks pairs of which evaluations are too rare to tell who took less. There is a verdict
-    only if it does not depend on them.
+    `stepped`, if it is larger, is the tail by which one learner is faster. `is_open` (N,) marks pairs
+    of which evaluations are too rare to tell who took less: there is a verdict only if it does not depend on
+    them.
     """
     wins = np.where(x == y, 0.5, x < y)
     never = min(float(proportion_interval(np.isinf(taken).mean(), len(x), tail)[0]) for taken in (x, y))
     if never > 0.5:
         return NEITHER
-    verdicts = [_verdict(wins, margin, tail)]
+    tails = tail, max(tail, stepped)
+    verdicts = [_verdict(wins, margin, *tails)]
     if is_open is not None and is_open.any():
-        verdicts += [_verdict(np.where(is_open, end, wins), margin, tail) for end in (0.0, 1.0)]
+        verdicts += [_verdict(np.where(is_open, end, wins), margin, *tails) for end in (0.0, 1.0)]
     return verdicts[0] if len({*verdicts}) == 1 else NO_VERDICT if verdicts[0] != UNDECIDED else UNDECIDED
 
 
-def _verdict(wins: Numbers, margin: float, tail: float) -> str:
+def _verdict(wins: Numbers, margin: float, tail: float, stepped: float) -> str:
     low, high = (float(end) for end in proportion_interval(wins.mean(), len(wins), tail))
     if 0.5 - margin < low <= high < 0.5 + margin:
         return EQUAL
+    low, high = (float(end) for end in proportion_interval(wins.mean(), len(wins), stepped))
     return FASTER if low > 0.5 else SLOWER if high < 0.5 else UNDECIDED
 
 
@@ -164,7 +174,7 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
         n, n_steps = max(decision.n for decision in decisions.values()), decisions["steps"].n
         tail, margin = tail_of(len(distinct), report.errors[n_steps]), report.margins.faster
         at_level = {
-            level: _look([of_level[side] for side in sides], n_steps, margin, tail, "steps")[0]
+            level: _look([of_level[side] for side in sides], n_steps, margin, (tail, tail), "steps")[0]
             for level, of_level in zip(solved.further, further, strict=True)
         }
         x, y = (runs[side][:n] for side in sides)
@@ -176,32 +186,34 @@ def _decide_all(
     pairs: Mapping[Key, tuple[Population, Population]], runs: Taken, report: Reporting, unit: str
 ) -> dict[Key, Decision]:
     """Decides contrasts in a unit, look after look; see the module's docstring."""
-    decisions, remaining, margin = dict[Key, Decision](), dict(pairs), report.margins.faster
+    decisions, margin, n_faster = dict[Key, Decision](), report.margins.faster, 0
     for n, error in report.errors.items():
-        at_once = tail_of(len(pairs), error)
+        tail = tail_of(len(pairs), error)
         looked = {
             key: [runs[side] for side in sides]
-            for key, sides in remaining.items()
+            for key, sides in pairs.items()
             if all(side in runs and len(runs[side]) >= n for side in sides)
+            and (key not in decisions or decisions[key].verdict in (UNDECIDED, NO_VERDICT))
         }
-        decided: list[Key] | None = None
-        while decided != []:
-            tail = tail_of(max(len(remaining), 1), error)
-            found = {
-                key: _look(sides, n, margin, tail, unit) for key, sides in looked.items() if key in remaining
-            }
-            for key, (verdict, why) in found.items():
-                x, y = (side[unit].to_numpy()[:n] for side in looked[key])
+        n_before = -1
+        while n_faster > n_before:
+            n_before = n_faster
+            stepped = tail_of(max(len(pairs) - n_faster, 1), error)
+            for key, sides in [*looked.items()]:
+                verdict, why = _look(sides, n, margin, (tail, stepped), unit)
+                x, y = (side[unit].to_numpy()[:n] for side in sides)
                 mean = float(np.where(x == y, 0.5, x < y).mean())
-                ends = (float(end) for end in proportion_interval(mean, n, at_once))
+                ends = (float(end) for end in proportion_interval(mean, n, tail))
                 decisions[key] = Decision(n, verdict, why, Estimate(mean, *ends))
-            decided = [key for key, (verdict, _) in found.items() if verdict not in (UNDECIDED, NO_VERDICT)]
-            for key in decided:
-                del remaining[key]
+                if verdict not in (UNDECIDED, NO_VERDICT):
+                    del looked[key]
+                n_faster += verdict in (FASTER, SLOWER)
     return decisions
 
 
-def _look(sides: Sequence[pd.DataFrame], n: int, margin: float, tail: float, unit: str) -> tuple[str, str]:
+def _look(
+    sides: Sequence[pd.DataFrame], n: int, margin: float, tails: tuple[float, float], unit: str
+) -> tuple[str, str]:
     """Returns the verdict by the first n pairs of runs, and why there is none."""
     x, y = (side[:n] for side in sides)
     if max(x["untrained"].mean(), y["untrained"].mean()) > 0.5:
@@ -211,7 +223,7 @@ def _look(sides: Sequence[pd.DataFrame], n: int, margin: float, tail: float, uni
     # What a run took lies between what it had spent at two evaluations.
     overlaps = (x[unit] > y[f"before_{unit}"]) & (y[unit] > x[f"before_{unit}"])
     is_open = (is_learned & overlaps & (is_coarse[0] | is_coarse[1])).to_numpy()
-    verdict = decide(x[unit].to_numpy(), y[unit].to_numpy(), margin, tail, is_open)
+    verdict = decide(x[unit].to_numpy(), y[unit].to_numpy(), margin, *tails, is_open)
     winner = {FASTER: x, SLOWER: y}.get(verdict)
     if winner is not None and winner["lasts"][np.isfinite(winner["steps"])].mean() < 0.5:
         return NO_VERDICT, LOST

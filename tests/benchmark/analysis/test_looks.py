@@ -106,7 +106,7 @@ def test_published_intervals_hold_for_all_contrasts_and_looks_at_once() -> None:
     assert (row["faster"], row["faster_low"]) == pytest.approx((wins / row["n"], low), abs=1e-5)
 
 
-STEPS = np.full(40, 5000.0)
+STEPS = np.full(160, 5000.0)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_a_map_has_no_wrong_verdict_in_95_of_100(spread: float) -> None:
     """Of equal learners, none may be called faster anywhere on a map, in at least 95 % of maps.
 
     What a scenario draws makes runs of a seed alike, in all cells of a map and for both learners. Half of the
-    contrasts have a clear winner, so that steps down are taken.
+    contrasts have a clear winner, so that steps down are taken; the others are mostly found equally fast.
     """
     rng, n_maps, n_wrong = np.random.default_rng(7), 60, 0
     for _ in range(n_maps):

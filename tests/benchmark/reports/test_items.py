@@ -121,21 +121,6 @@ def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> N
     assert document.folder.frame("summary")["algorithm"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
 
 
-def test_classes_are_found_under_each_condition() -> None:
-    cells = [
-        Cell(name, np.full(2, success), condition=condition)
-        for condition, shares in {"default/noise=low": (0.25, 0.5), "default/noise=high": (1.0, 0.0)}.items()
-        for name, success in zip("ab", shares, strict=True)
-    ]
-    frame = table("classes", data_of(cells))
-    assert frame.set_index("condition")["algorithm"].to_dict() == {
-        "default/noise=low": "b",
-        "default/noise=high": "a",
-    }
-    shown = item("classes").display(frame)
-    assert shown["scenario"].tolist() == ["S1 under default/noise=low", "S1 under default/noise=high"]
-
-
 def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:
     learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0, 0.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0, 0.0))}
     scenarios = ["S1", "S2", "S3", "Hall", "Walls"]
