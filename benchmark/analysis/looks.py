@@ -5,14 +5,13 @@ probability that the first takes less, with ties counted as a half, over pairs o
 have the same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has
 the interval of a proportion, and what a scenario draws is part of its width.
 
-Each look has a share of an error of 5 %. There, intervals hold for all contrasts at once, so any verdict is
-wrong with at most this probability (repeated confidence intervals: Jennison and Turnbull 1989, Journal of the
-Royal Statistical Society B 51:305-361), and it does not matter why a contrast gets more runs. Which learner
-is faster is decided step by step, as by Holm (1979): once some are, the intervals of all others are narrower,
-as for so many. These others include contrasts that are equally fast, since a claim of a difference can be
-wrong about them. So the probability of any wrong claim that a learner is faster, or that neither learns, is
-at most 5 %; that of any wrong claim that both are equally fast is at most a third of it. Steps need contrasts
-that are independent (Shaffer 1980, Annals of Statistics 8:1342-1347), or else simulation.
+Each look has a share of an error of 5 %. There, intervals hold for all contrasts at once, so it does not
+matter why a contrast gets more runs (repeated confidence intervals: Jennison and Turnbull 1989, Journal of
+the Royal Statistical Society B 51:305-361). Which learner is faster is decided step by step, as by Holm
+(1979): once some are, the intervals of all others, also of those that are equally fast, are narrower, as for
+so many. So any claim that a learner is faster, or that neither learns, is wrong with a probability of at most
+5 %, and any that both are equally fast with a third of it. Steps need independent contrasts (Shaffer 1980,
+Annals of Statistics 8:1342-1347), or else simulation.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,8 +40,8 @@ _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of 
 _COARSE: Final = 1.25  # an evaluation that is more than so many times as late as the one before
 
 Numbers = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Taken = Mapping[Population, pd.DataFrame]  # see `took`
-Key = tuple[str, str]  # of a contrast: digests of both sides' first runs
 
 
 class Decision(NamedTuple):
@@ -74,12 +73,7 @@ def tail_of(n_contrasts: int, error: float) -> float:
 
 
 def decide(
-    x: Numbers,
-    y: Numbers,
-    margin: float,
-    tail: float,
-    stepped: float = 0.0,
-    is_open: NDArray[np.bool_] | None = None,
+    x: Numbers, y: Numbers, margin: float, tail: float, stepped: float = 0.0, is_open: Mask | None = None
 ) -> str:
     """Compares what runs of the same seeds took, (N,) each, infinite if they never learned.
 
@@ -109,9 +103,8 @@ def _verdict(wins: Numbers, margin: float, tail: float, stepped: float) -> str:
 def took(curves: pd.DataFrame, level: float) -> pd.DataFrame:
     """Returns what the runs of a population took until they had learned, a row for each.
 
-    It has the keys of `SPENT`, infinite if the run never learned, and with prefixes the same at the
-    evaluation before (`before_`) and at the last one (`spent_`); `success` at the last one, whether that
-    reaches the level (`lasts`), and whether the untrained policy does (`untrained`).
+    It has the keys of `SPENT`, infinite if the run never learned; the same at the evaluation before
+    (`before_`) and at the last one (`spent_`); and whether the first and last policy reach the level.
     """
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
     first, last = learned(success, steps, level, until=2), len(steps) - 1
@@ -155,7 +148,7 @@ def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
 
 
 def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
-    """Lists all contrasts that have enough runs for a look, each looked at until it is decided."""
+    """Lists all contrasts, also those of several grids, with enough runs for a look, each until it is decided."""
     report, solved, looked = experiment.report, experiment.declared.solved, list[Contrast]()
     assert report is not None
     assert solved is not None
@@ -163,7 +156,6 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
         {population: took(rows, level) for population, rows in rows_of(experiment, curves).items()}
         for level in (solved.success, *solved.further)
     )
-    # The same contrast may be in two grids.
     distinct = {(x.first.digest, y.first.digest): (x, y) for x, y in compared(experiment)}
     decided = {unit: _decide_all(distinct, runs, report, unit) for unit in UNITS}
     for sides in compared(experiment):
@@ -183,10 +175,10 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
 
 
 def _decide_all(
-    pairs: Mapping[Key, tuple[Population, Population]], runs: Taken, report: Reporting, unit: str
-) -> dict[Key, Decision]:
+    pairs: Mapping[tuple[str, str], tuple[Population, Population]], runs: Taken, report: Reporting, unit: str
+) -> dict[tuple[str, str], Decision]:
     """Decides contrasts in a unit, look after look; see the module's docstring."""
-    decisions, margin, n_faster = dict[Key, Decision](), report.margins.faster, 0
+    decisions, margin, n_faster = dict[tuple[str, str], Decision](), report.margins.faster, 0
     for n, error in report.errors.items():
         tail = tail_of(len(pairs), error)
         looked = {

@@ -108,10 +108,9 @@ def _train_and_evaluate(job: Job) -> Arrays:
 def _train_until_solved(run: RunSpecification) -> Arrays:
     """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
 
-    A curve is continued with the point at which that is certain, but if the run is trained to its budget, the
-    last point is that of its last policy. It is if its algorithm cannot end early, or if there are unseen
-    places: in these, `unseen_success` (1, 2, 2) is that of the greedy and the stochastic policy, when the run
-    has learned and at the budget. A learner without a stochastic policy explores by `EXPLORED`.
+    A curve is continued with the point at which that is certain; if the run is trained to its budget, since
+    its algorithm cannot end early or there are unseen places, its last point is that of its last policy. In
+    unseen places, `unseen_success` (1, 2, 2) is that when learned and at the budget, greedy and stochastic.
     """
     assert run.solved is not None
     enough, is_greedy = float(run.solved["success"]), run.solved["policy"] == "greedy"

@@ -273,8 +273,9 @@ class _Loading:
         seeds = declared.seeds_of(learner.variant, condition)
         evaluation_every, map_every = declared.schedule(learner.variant)
         solved = None
-        if declared.solved is not None:
+        if declared.solved is not None:  # the version is that of what is recorded
             solved = declared.solved.model_dump(mode="json", exclude={"levels"})
+            solved |= {"policy": variant.policy, "version": 2}
         run = RunSpecification(
             stream=declared.stream or declared.name,
             condition=condition.name,
@@ -293,8 +294,7 @@ class _Loading:
             map_every=map_every,
             evaluated_from=declared.evaluated_from,
             seed=seeds[0],
-            # The version of what is recorded of such runs
-            solved=None if solved is None else {**solved, "policy": variant.policy, "version": 2},
+            solved=solved,
         )
         where = f"{self.path}: algorithms.{learner.variant}"
         with self.noted(f"{where}: "):

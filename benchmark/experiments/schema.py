@@ -287,8 +287,8 @@ class Reporting(Table):
     looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
     """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
     spent: tuple[Annotated[float, Field(gt=0)], ...] = ()
-    """The error of each look, 0.05 at most in all; by default equal parts of 0.05. If some is left, further
-    looks can be declared later with what is left: the verdicts of earlier ones stay."""
+    """The error of each look, 0.05 in all at most; by default equal parts. What is left is for looks that are
+    declared later."""
     panels: tuple[Panel, ...] = ()
     """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
     answer: Answer | None = None

@@ -13,4 +13,3 @@ EFFORT: Final = "settings_tried search_steps search_cpu_s"
 WORDS: Final = {verdict: verdict for verdict in VERDICTS} | {NEITHER: "neither is shown to beat random"}
 columns: Final = partial(labelled_columns, COLUMNS["comparison_labels"])
 MEANINGS: Final = dict(COLUMNS["comparison"])
-RATE: Final = MEANINGS["training_wrong_pings"]

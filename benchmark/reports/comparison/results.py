@@ -20,7 +20,7 @@ from benchmark.drawing.tables import inert, link, show, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, effort, names_of, own_rows, populations, wrong_pings
-from benchmark.reports.comparison.columns import CELL, DIFFERENCES, ENDPOINTS, MEANINGS, RATE, WORDS, columns
+from benchmark.reports.comparison.columns import CELL, DIFFERENCES, ENDPOINTS, MEANINGS, WORDS, columns
 from benchmark.reports.comparison.declared import drawn_learners, reporting_of
 from benchmark.reports.comparison.verdicts import contrast_rows, effect_rows, outcome_rows, same_input_rows
 from benchmark.reports.folder import SCORES, Folder, with_titles
@@ -63,7 +63,8 @@ contrasts = item(
         "scenario condition x y success_verdict score_verdict success_except n success_difference "
         "success_p_different success_p_equivalent score_difference wrong_pings_difference"
     ),
-    meanings=MEANINGS | {"n": "runs per scenario, the smallest number", "wrong_pings": RATE},
+    meanings=MEANINGS
+    | {"n": "runs per scenario, the smallest number", "wrong_pings": MEANINGS["training_wrong_pings"]},
     where=_measured,
 )(contrast_rows)
 
@@ -112,7 +113,7 @@ effects = item(
     "effects",
     "exploratory: differences between scenarios, conditions or learners, x minus y",
     columns(f"effect {CELL} x y n {DIFFERENCES}"),
-    meanings=MEANINGS | {"wrong_pings": RATE},
+    meanings=MEANINGS | {"wrong_pings": MEANINGS["training_wrong_pings"]},
 )(effect_rows)
 
 

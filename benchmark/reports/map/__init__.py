@@ -11,7 +11,6 @@ from benchmark.reports.map import figures, results
 from benchmark.reports.map.check import check
 from benchmark.reports.map.crossings import crossings
 
-# What verdicts are called in a unit
 _WORDS: Final = {"steps": {}, "wrong PINGs": {FASTER: "fewer", SLOWER: "more", EQUAL: "equally many"}}
 
 
@@ -27,11 +26,11 @@ def headline(folder: Folder) -> str:
                 for verdict in VERDICTS
                 if row[verdict]
             ]
-            x, y = (folder.phrase(row[side]) for side in "xy")
-            parts.append(f"{x} compared with {y}: {', '.join(counts)}")
+            sides = " compared with ".join(folder.phrase(row[side]) for side in "xy")
+            parts.append(f"{sides}: {', '.join(counts)}")
         sentences.append(f"In {unit}, {'; '.join(parts)}.")
-    until = f"until exact success stays at or above {level} for as long again"
-    return f"What runs take {until}, over the points of the grid `{grid}`. {' '.join(sentences)}"
+    until = f"until exact success stays at or above {level} for as long again, in the grid `{grid}`"
+    return " ".join([f"What runs take {until}.", *sentences])
 
 
 REPORT: Final = Report(

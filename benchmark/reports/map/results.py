@@ -19,8 +19,7 @@ from envs.people import NoisyFeedback
 
 Row = Mapping[str, object]
 
-_COUNTS: Final = dict.fromkeys(VERDICTS, "contrasts with this verdict")
-_item: Final = partial(item, meanings={**COLUMNS["map"], **_COUNTS})
+_item: Final = partial(item, meanings={**COLUMNS["map"], **dict.fromkeys(VERDICTS, "contrasts so ended")})
 _KEPT: Final = ("at_all_levels", "at_some_levels", "at_no_other_level", "reversed")
 _SPREAD: Final = 18  # evaluations of `success.csv`
 _COUNTED: Final = dict.fromkeys(VERDICTS, "")
