@@ -148,7 +148,7 @@ def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
 
 
 def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
-    """Lists all contrasts, also those of several grids, with enough runs for a look, each until it is decided."""
+    """Lists the contrasts that have enough runs for a look; one of two grids is decided once."""
     report, solved, looked = experiment.report, experiment.declared.solved, list[Contrast]()
     assert report is not None
     assert solved is not None
