@@ -35,14 +35,14 @@ ALGORITHMS: Final = {
     "compiled_dqn": "agents.nets.dqn:DQN",
     "compiled_ppo": "agents.nets.ppo:PPO",
     "double_q_learning": "agents.tabular.learner:DOUBLE_Q_LEARNING",
-    "dqn": "agents.sb3.algorithms:DQN",
     "expected_sarsa": "agents.tabular.learner:EXPECTED_SARSA",
     "linear_q_lambda": "agents.linear.learner:Q_LAMBDA",
     "linear_sarsa_lambda": "agents.linear.learner:SARSA_LAMBDA",
     "memoryless": "agents.memoryless:SEARCH",
-    "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
     "sarsa": "agents.tabular.learner:SARSA",
+    "sb3_dqn": "agents.sb3.algorithms:DQN",
+    "sb3_ppo": "agents.sb3.algorithms:PPO",
     "watkins_q_lambda": "agents.tabular.learner:WATKINS_Q_LAMBDA",
 }
 

@@ -69,7 +69,7 @@ observations = ["one_hot", "coordinates"]
 seeds = 10
 settings = { gamma = 0.9 }
 [algorithms.dqn_check]
-algorithm = "dqn"
+algorithm = "sb3_dqn"
 reference_for = "dqn"
 seeds = 10
 [report]

@@ -44,10 +44,13 @@ class Sb3Settings(LearnerSettings):
         return self.gamma
 
     @property
+    def _rollout_key(self) -> str:
+        return "train_freq" if "train_freq" in vars(self) else "n_steps"
+
+    @property
     def rollout(self) -> int:
         """Environment steps from one round of gradient updates to the next."""
-        values = vars(self)
-        return int(values["train_freq" if "train_freq" in values else "n_steps"]) * self.n_envs
+        return int(vars(self)[self._rollout_key]) * self.n_envs
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -61,15 +64,21 @@ class Sb3Settings(LearnerSettings):
 
     @model_validator(mode="after")
     def _rollouts_fill_the_budget(self) -> Self:
-        rollout = self.rollout
-        if self.budget % rollout:
-            below = self.budget // rollout * rollout
-            accepted = [n for n in (below, below + rollout) if n]
-            raise ValueError(
-                f"budget = {self.budget} is not a whole number of rollouts of {rollout} steps; "
-                f"accepted with this rollout: {' or '.join(map(str, accepted))}"
-            )
-        return self
+        """Shortens a rollout whose length is not set, by less than half, so that it divides the budget."""
+        key, default = self._rollout_key, self.rollout // self.n_envs
+        most = min(default, self.budget // self.n_envs)
+        for steps in (default,) if key in self.model_fields_set else range(most, most // 2, -1):
+            if self.budget % (steps * self.n_envs) == 0:
+                if steps < default:
+                    self.__dict__[key] = steps
+                    self.model_fields_set.add(key)
+                return self
+        below = self.budget // self.rollout * self.rollout
+        accepted = [n for n in (below, below + self.rollout) if n]
+        raise ValueError(
+            f"budget = {self.budget} is not a whole number of rollouts of {self.rollout} steps "
+            f"({key} = {default}); accepted with this rollout: {' or '.join(map(str, accepted))}"
+        )
 
 
 class DqnSettings(Sb3Settings):
@@ -86,7 +95,8 @@ class DqnSettings(Sb3Settings):
     tau: Share = 1.0
     """How far the target network moves towards the other one whenever it is updated; 1: it is a copy."""
     train_freq: Count = 4
-    """Steps of each environment from one round of updates to the next."""
+    """Steps of each environment from one round of updates to the next; by default fewer if 4 do not divide the
+    budget."""
     gradient_steps: Annotated[int, Field(ge=-1, le=10**6)] = 1
     """Gradient steps of a round; -1: as many as steps were made since the last one."""
     n_steps: StepCount = 1
@@ -107,7 +117,8 @@ class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
 
     n_steps: Annotated[int, Field(ge=2, le=1_000_000)] = 2048
-    """Steps of each environment from one round of updates to the next."""
+    """Steps of each environment from one round of updates to the next. By default fewer, but more than half as
+    many, if that makes rollouts divide the budget."""
     gae_lambda: Share = 0.95
     """Lambda of generalized advantage estimation."""
     ent_coef: Annotated[float, Field(ge=0)] = 0.0

@@ -18,7 +18,7 @@ horizon = 50
 evaluation_every = 200
 map_every = 200
 settings = { budget = 200 }
-algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 1 }
+algorithms.dqn = { algorithm = "sb3_dqn", observations = ["one_hot"], seeds = 1 }
 """
 
 

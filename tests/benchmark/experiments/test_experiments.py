@@ -238,7 +238,7 @@ OF_A_COMPARISON = [
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
     (
         f"""{LINEAR}\ntitle = "SB3's linear DQN on one-hot cells"\nalgorithm = "dqn\"""",
-        f'{LINEAR}\nalgorithm = "ppo"',
+        f'{LINEAR}\nalgorithm = "sb3_ppo"',
         "algorithms.dqn_linear_sb3.settings",
     ),
     ('title = "PPO"', 'family = "tabular"', "[algorithms.ppo]: unknown key family"),

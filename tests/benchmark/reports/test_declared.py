@@ -27,7 +27,7 @@ settings = { budget = 200 }
 algorithms.other = { algorithm = "q_learning", observations = ["index"], seeds = 20 }
 algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 20 }
 algorithms.net = { algorithm = "compiled_dqn", observations = ["one_hot", "coordinates"], seeds = 20 }
-algorithms.net_sb3 = { reference_for = "net", algorithm = "dqn", seeds = 20 }
+algorithms.net_sb3 = { reference_for = "net", algorithm = "sb3_dqn", seeds = 20 }
 grids.all.axes.noise = { high = {}, low = { settings = { time_limit = 40 } } }
 """
 CONTRAST = '["net, one_hot", "table, index"]'
