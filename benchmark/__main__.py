@@ -44,7 +44,7 @@ examples:
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
-  python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
+  python -m benchmark watch --scenario S2 --learner dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
   python -m benchmark doctor compare_deep          examine this machine; estimate time and disk
 
@@ -181,7 +181,7 @@ def _parser() -> argparse.ArgumentParser:
     watch = command("watch", "show an agent learn, in a window or as a file")
     _add(watch, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
     about = "a variant of the experiment (default: q_learning)"
-    _add(watch, "--algorithm", "NAME", about, default="q_learning")
+    _add(watch, "--learner", "NAME", about, default="q_learning")
     _add(watch, "--observation", "FORM", "a form of observation of that variant (default: its first)")
     _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
     about = "whose settings are used; a missing run is trained and stored (default: compare_deep)"

@@ -294,7 +294,7 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
             if is_comparable and {*_RANKED} <= {*runs}:
                 declared = manifest["algorithms"].items()
                 variants = [variant for variant, about in declared if not about["reference_for"]]
-                is_ranked = (runs["scenario"] == scenario.name) & runs["algorithm"].isin(variants)
+                is_ranked = (runs["scenario"] == scenario.name) & runs["variant"].isin(variants)
                 runs = with_titles(runs[is_ranked], folder.titles)
                 frames.append(runs[[*_RANKED, "learner"]].assign(experiment=name))
     return pd.concat(frames, ignore_index=True) if frames else None

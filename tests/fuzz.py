@@ -114,7 +114,7 @@ COMMANDS: Final[dict[str, list[str]]] = {
     "run": ["--seeds", "--jobs", "--report", "--results"],
     "report": ["--seeds", "--partial", "--results"],
     "verify": ["--runs", "--seed", "--jobs", "--results"],
-    "watch": ["--scenario", "--algorithm", "--observation", "--seed", "--experiment", "--save"],
+    "watch": ["--scenario", "--learner", "--observation", "--seed", "--experiment", "--save"],
     "assess": ["--agent", "--model", "--algorithm", "--stochastic", "--scenario", "--observation", "--save"],
     "growl": ["--loud"],
 }

@@ -25,7 +25,7 @@ from envs.model import kept_with_model
 RecordsOf = Callable[[Population], Records]  # of all its runs
 Floats = NDArray[np.float64]
 
-KEYS: Final = ("scenario", "condition", "algorithm", "observation", "learner")  # of a population
+KEYS: Final = ("scenario", "condition", "variant", "observation", "learner")  # of a population
 ENDPOINTS: Final = ("success", "score", "unbounded_score", "steps", "wrong_pings", "uncomfortable_steps")
 _DIGITS: Final = 9  # of scores, so that the last digit of two optima does not decide which of them is better
 

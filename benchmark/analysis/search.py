@@ -200,10 +200,10 @@ def references(trials: pd.DataFrame, families: Mapping[str, str]) -> dict[str, s
       families: Of variants, by name.
     """
     fresh = trials.filter(regex="^fresh_(area|earliness)$").max(axis=1)
-    groups = trials.assign(best=fresh).groupby(["algorithm", "observation"], sort=False)
+    groups = trials.assign(best=fresh).groupby(["variant", "observation"], sort=False)
     best = groups["best"].max().reset_index()
-    names = best["algorithm"] + ", " + best["observation"]
-    best["is_other"] = ~best["algorithm"].map(families).isin(["deep", "planner"])
+    names = best["variant"] + ", " + best["observation"]
+    best["is_other"] = ~best["variant"].map(families).isin(["deep", "planner"])
     best["observes"] = best["observation"].str.startswith(RELATIVE)
     ranked = best.sort_values(["is_other", "best"], ascending=False, kind="stable")
     first = ranked.drop_duplicates("observes").index
@@ -223,10 +223,10 @@ def picked(trials: pd.DataFrame, references: Mapping[str, str]) -> Iterator[dict
     """
     measure = "area" if "fresh_area" in trials else "earliness"
     scenarios = [*trials][[*trials].index(f"fresh_{measure}") + 1 :]
-    parts = trials[trials["trial"] > 0].groupby(["algorithm", "observation"], sort=False)
+    parts = trials[trials["trial"] > 0].groupby(["variant", "observation"], sort=False)
     means = {", ".join(map(str, key)): rows[[measure, *scenarios]].to_numpy().T for key, rows in parts}
     for name, own in means.items():
-        keys = dict(zip(("algorithm", "observation"), name.split(", "), strict=True))
+        keys = dict(zip(("variant", "observation"), name.split(", "), strict=True))
         reference = references[name] if references[name] != name else ""
         n, other = own.shape[1], means[references[name]]
         for scenario, x, y in zip((ALL, *scenarios), own, other, strict=True):

@@ -78,7 +78,7 @@ def main(options: argparse.Namespace) -> int:
     seed = whole_number(options.seed, "--seed", 0, MOST_SEEDS - 1)
     if options.save is not None:
         check_file(options.save, *ANIMATIONS)
-    watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
+    watched = specification(experiment, options.scenario, options.learner, options.observation, seed)
     if options.save is None and not has_window():
         raise InputError("watch: no window can be opened here; accepted: --save FILE.")
     title = experiment.learners[f"{watched.variant}, {watched.observation}"].title

@@ -46,7 +46,7 @@ def _published(folder: Path) -> dict[tuple[str, str], float]:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
         for variant, its in manifest["algorithms"].items():
             costs |= {(variant, form): manifest["busy_time_s"] / manifest["runs"] for form in its["settings"]}
-        cost = pd.read_csv(folder / "cost.csv", index_col=["algorithm", "observation"])
+        cost = pd.read_csv(folder / "cost.csv", index_col=["variant", "observation"])
         cpu = cost["cpu_ms" if "cpu_ms" in cost else "cpu_time_s"]  # of a run
         share = cost["runs"].sum() / manifest["runs"]  # of all runs, that the table is about
         costs |= (cpu * (share * manifest["busy_time_s"] / (cpu @ cost["runs"]))).to_dict()

@@ -318,7 +318,7 @@ def _base64(content: bytes) -> str:
 def _agents(folder: Folder) -> bytes:
     shown = json.loads(gzip.decompress((folder.path / explorer.FILE).read_bytes()))
     for agent in shown["agents"]:
-        variant = agent["algorithm"]
+        variant = agent["variant"]
         agent["label"] = folder.title(f"{variant}, {agent['observation']}")
         agent["family"] = folder.manifest["algorithms"][variant]["family"]
     return explorer.compressed(shown)

@@ -101,7 +101,7 @@ def _learner(records: Records) -> dict[str, object]:
     others = [agent["greedy"][-1, seen] for agent in records.agents[1:n_shown]]
     return {
         "scenario": records.scenario,
-        "algorithm": records.run.variant,
+        "variant": records.run.variant,
         "observation": records.run.observation,
         "horizon": records.run.horizon,
         "unit": getattr(records.run.settings, "budget_unit", "steps"),

@@ -100,9 +100,9 @@ def titled(side: str, titles: Mapping[str, str]) -> str:
 def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     """Returns a table with a column of learners, if it can have one, and with their titles."""
     frame = frame.copy()
-    if {"algorithm", "observation"} <= {*frame} and "learner" not in frame:
-        learners = frame["algorithm"] + ", " + frame["observation"]
-        frame.insert([*frame].index("algorithm"), "learner", learners)
+    if {"variant", "observation"} <= {*frame} and "learner" not in frame:
+        learners = frame["variant"] + ", " + frame["observation"]
+        frame.insert([*frame].index("variant"), "learner", learners)
     for column in {"learner", "reference", "x", "y"} & {*frame}:
         frame[column] = frame[column].map(lambda side: titled(side, titles), na_action="ignore")
     return frame

@@ -115,7 +115,7 @@ class Item:
             return self.show(frame)
         if self.where is not None:
             frame = self.where(frame)
-        hidden = {"algorithm", "observation"} if "learner" in frame else set[str]()
+        hidden = {"variant", "observation"} if "learner" in frame else set[str]()
         columns = self.columns or {str(name): "" for name in frame if name not in hidden}
         decimals = {key: decimals_of(frame, key) for key in columns if key in frame}
         rows = [row for _, row in self._sorted(frame).iterrows()]

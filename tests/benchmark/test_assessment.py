@@ -267,7 +267,7 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
     (folder / "scores.csv.gz").write_bytes(gzip.compress(scores.encode()))
 
 
-SCORES = """scenario,algorithm,observation,success,score
+SCORES = """scenario,variant,observation,success,score
 S1,table,index,1.0,1.0
 S1,table,index,0.0,0.0
 S1,net,one_hot,0.0,0.25
@@ -302,7 +302,7 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
     assert standing("S2") is None
     whole = (tmp_path / "beyond" / "scores.csv.gz").read_bytes()
-    for content in (gzip.compress(b"algorithm,success,score\ntable,1.0,1.0\n"), whole[:-12]):
+    for content in (gzip.compress(b"variant,success,score\ntable,1.0,1.0\n"), whole[:-12]):
         (tmp_path / "beyond" / "scores.csv.gz").write_bytes(content)
         with pytest.raises(InputError, match="beyond: damaged"):
             standing()

@@ -34,7 +34,7 @@ def test_a_learner_and_an_axis_join_the_map(tmp_path: Path) -> None:
     path.write_text(MINE.replace("BASE", str(tmp_path / "base.toml")), encoding="utf-8")
     assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     cells = pd.read_csv(tmp_path / "mine" / "cells.csv")
-    mine = cells[cells["algorithm"] == "sarsa"]
+    mine = cells[cells["variant"] == "sarsa"]
     assert {*mine["grid"]} == {"places", "rooms", "code", "unseen", "pings"}
     assert {*mine["n"]} == {3}
     assert mine["solved"].mean() > 0.5

@@ -76,7 +76,7 @@ def test_it_is_compared_like_any_other(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(EXPERIMENT.format(planner=f"{__name__}:DEEP", seeds=10), encoding="utf-8")
     assert main(["run", str(file), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
-    scores = pd.read_csv(tmp_path / "mine" / "scores.csv.gz").query("algorithm == 'planner'")
+    scores = pd.read_csv(tmp_path / "mine" / "scores.csv.gz").query("variant == 'planner'")
     assert scores["score"].to_numpy() == pytest.approx(1)
     readme = (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
     assert "Whether deep RL earns its keep: only nets are shown to beat the random policy (1 of 1)." in readme

@@ -49,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Path) -> None:
     contrasts = pd.read_csv(folder / "contrasts.csv")
     scores = pd.read_csv(folder / "scores.csv.gz")
-    mean = scores.groupby(["algorithm", "condition", "scenario"])["success"].mean()
+    mean = scores.groupby(["variant", "condition", "scenario"])["success"].mean()
     low, high = "default/all/noise=low", "default/all/noise=high"
     expected = [
         *(mean["curious", condition].mean() - mean["calm", condition].mean() for condition in (low, high)),

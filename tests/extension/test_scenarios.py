@@ -109,7 +109,7 @@ def test_a_scenario_beside_the_experiment_is_compared_like_any_other(
     assert scenarios.index.tolist() == ["corridor", "S1", "Walls", "Moody", "Anywhere"]
     assert scenarios["optimal_return"]["corridor"] == pytest.approx(OPTIMUM)
     assert scenarios["observations"]["corridor"] == 18
-    keys = ["scenario", "algorithm", "observation"]
+    keys = ["scenario", "variant", "observation"]
     summary = pd.read_csv(folder / "summary.csv").set_index(keys)
     assert 0.9 < summary["unbounded_score"]["corridor", "one", "index"] <= 1  # it has nearly the optimum
     assert (folder / "scenarios.svg").exists()

@@ -29,7 +29,7 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "the chosen settings are in" in capsys.readouterr().out
     chosen = pd.read_csv(tmp_path / "results" / "mine" / "chosen.csv")
     learners = ["q_learning, index", "q_learning, offset", "dqn, coordinates", "mine, index"]
-    assert [*(chosen["algorithm"] + ", " + chosen["observation"])] == learners
+    assert [*(chosen["variant"] + ", " + chosen["observation"])] == learners
     # Another experiment takes what was chosen for it, here the second best.
     tuned = tmp_path / "tuned.toml"
     tuned.write_text(

@@ -39,8 +39,8 @@ def labelled(table: pd.DataFrame) -> pd.DataFrame:
     table = table.copy()
     names = [table[key].fillna("") for key in ("scenario", "condition") if key in table]
     table["scenario"] = [" under ".join(filter(None, parts)) for parts in zip(*names, strict=True)] or ""
-    if "algorithm" in table:
-        table["learner"] = table["algorithm"] + ", " + table["observation"]
+    if "variant" in table:
+        table["learner"] = table["variant"] + ", " + table["observation"]
     return table
 
 

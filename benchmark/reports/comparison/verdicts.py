@@ -202,7 +202,7 @@ def _cases(cells: pd.DataFrame, pair: Pair, experiment: Experiment, *, is_pooled
     pairs = x.merge(y, how, open_axes or None, suffixes=("", "_y"))
     keys = ["scenario"] if "scenario" in open_axes and not is_pooled else []
     keys += ["condition"] if "condition" in open_axes and len(experiment.conditions) > 1 else []
-    keys += ["algorithm", "observation"] if "learner" in open_axes else []
+    keys += ["variant", "observation"] if "learner" in open_axes else []
     sides = {"x": side_name(pair.x), "y": side_name(pair.y)}
     for _, rows in pairs.groupby(keys or np.zeros(len(pairs)), sort=False):
         yield Case({key: rows[key].iloc[0] for key in keys} | sides, rows)

@@ -75,7 +75,7 @@ def answer(tables: Frames, experiment: Experiment) -> Figure | None:
     if declared is None:
         return None
     cells = cells[(cells["grid"] == declared.grid) & (cells["point"] == declared.point)]
-    cells = cells.set_index(cells["algorithm"] + ", " + cells["observation"])
+    cells = cells.set_index(cells["variant"] + ", " + cells["observation"])
     rows = cells.loc[[name for name in declared.learners if name in cells.index]]
     if rows.empty:
         return None
@@ -225,7 +225,7 @@ def _rows(tables: Frames, experiment: Experiment, grid: str, learners: Sequence[
     cells, (axis, values, _) = tables["cells"], axis_of(experiment, grid)
     at = {f"{axis} {name}": value for name, value in values.items()}
     rows = cells[cells["grid"] == grid]
-    rows = rows.assign(learner=rows["algorithm"] + ", " + rows["observation"], at=rows["point"].map(at))
+    rows = rows.assign(learner=rows["variant"] + ", " + rows["observation"], at=rows["point"].map(at))
     own = dict([*rows.sort_values("at").groupby("learner")])
     return [own[name] for name in learners or ranked(experiment) if name in own]
 

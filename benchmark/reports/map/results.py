@@ -178,7 +178,7 @@ def success(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None
         steps, values = by_step(rows, "step")[0], by_step(rows, "success")
         wanted = np.geomspace(steps[1], steps[-1], _SPREAD)
         at = np.unique(abs(np.log(steps[1:, None] / wanted)).argmin(axis=0)) + 1
-        names = {key: _cell(population)[key] for key in ("grid", "point", "algorithm", "observation")}
+        names = {key: _cell(population)[key] for key in ("grid", "point", "variant", "observation")}
         success = expanded({"success": proportion(values[:, at])})
         table = pd.DataFrame({**names, "step": steps[at].astype(int), **success}).round(2)
         numbers = table[[*success]]
@@ -294,7 +294,7 @@ def _point(population: Population) -> dict[str, object]:
 def _cell(population: Population) -> dict[str, object]:
     """Returns the same, and what names the learner."""
     learner = population.learner
-    return _point(population) | {"algorithm": learner.variant, "observation": learner.observation}
+    return _point(population) | {"variant": learner.variant, "observation": learner.observation}
 
 
 def _sides(contrast: Contrast) -> dict[str, str]:

@@ -35,7 +35,7 @@ def headline(folder: Folder) -> str:
     searched = f"the best of the declared settings and {n_trials}"
     if best["chosen"] == 0:
         return f"No learner has learned in the search: with {searched}, {measure} is {chosen} for all."
-    learner = folder.phrase(f"{best['algorithm']}, {best['observation']}")
+    learner = folder.phrase(f"{best['variant']}, {best['observation']}")
     is_alone = (table["chosen"] == best["chosen"]).sum() == 1 < len(table)
     who = f"the best learner, {learner}" if is_alone else learner
     if best["gain_low"] > 0:

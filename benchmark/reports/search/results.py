@@ -196,7 +196,7 @@ def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @item(
     "spaces",
     "the declared range of every setting, and why",
-    _columns("algorithm setting default range why") | {"default": "trial 0"},
+    _columns("variant setting default range why") | {"default": "trial 0"},
     meanings={**COLUMNS["search"], "default": "value in trial 0, as declared"},
 )
 def spaces(experiment: Experiment) -> Iterator[Row]:
@@ -211,7 +211,7 @@ def spaces(experiment: Experiment) -> Iterator[Row]:
                 texts = f"{axis.low:g} to {axis.high:g}"
                 texts += ", logarithmic" * (axis.scale == "log") + ", whole" * axis.whole
             default = json.dumps(_at(defaults[name], key))
-            yield {"algorithm": name, "setting": key, "default": default, "range": texts, "why": axis.why}
+            yield {"variant": name, "setting": key, "default": default, "range": texts, "why": axis.why}
 
 
 @drawing("scenes", "the scenarios of the search", "The scenarios of the search.")
@@ -221,11 +221,11 @@ def scenes(experiment: Experiment) -> Figure:
 
 
 def _names(learner: Learner) -> Row:
-    return {"algorithm": learner.variant, "observation": learner.observation}
+    return {"variant": learner.variant, "observation": learner.observation}
 
 
 def _of(frame: pd.DataFrame, learner: Learner) -> pd.DataFrame:
-    is_own = frame["algorithm"] == learner.variant
+    is_own = frame["variant"] == learner.variant
     return frame[is_own & (frame["observation"] == learner.observation)]
 
 

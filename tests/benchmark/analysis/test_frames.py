@@ -49,7 +49,7 @@ def test_tables_have_what_records_hold(tmp_path: Path) -> None:
         for group, (keys, rows) in zip(groups, by_population(runs), strict=True):
             assert keys["learner"] == group.population.learner.name
             assert rows["seed"].tolist() == [run.seed for run in group.runs]
-            prefix = "stochastic_" if keys["algorithm"] == "ppo" else ""
+            prefix = "stochastic_" if keys["variant"] == "ppo" else ""
             records = [record.arrays for record in store.get([run.digest for run in group.runs])]
             for name in ("success", "every_cell_success"):
                 assert rows[name].tolist() == [arrays[prefix + name][-1] for arrays in records]

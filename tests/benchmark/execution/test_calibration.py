@@ -21,7 +21,7 @@ COMPARED = load_experiment("compare_deep")
 # A hundred runs, a job each
 NETS = specifications(COMPARED, "default", "S1", "dqn_sb3", "one_hot", range(100))
 TABLES = specifications(COMPARED, "default", "S1", "q_learning", "index")
-MADE = """algorithm,observation,runs,cpu_time_s
+MADE = """variant,observation,runs,cpu_time_s
 q_learning,index,100,1.0
 dqn_sb3,one_hot,10,90.0
 """

@@ -17,7 +17,7 @@ from benchmark.reports.item import Estimate, Frames, Report, drawing, item
 # HTML, an entity, a script's link, a picture of somebody else's, and blocks of Markdown.
 TEXT = r"""<script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1)) <img src=x onerror=alert(1)>
 ![y](https://example.com/y.png) # heading"""
-NAMES = ["scenario", "algorithm", "observation"]
+NAMES = ["scenario", "variant", "observation"]
 SHOWN = {**dict.fromkeys(NAMES, ""), "score": "", "reached": "steps to 0.5", "remark": "", "verdict": ""}
 
 

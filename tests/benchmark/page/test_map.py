@@ -47,9 +47,9 @@ def test_sliders_end_in_verdicts_and_a_table_whose_numbers_are_in_the_files(
         assert move(opened, "places", i) == str(n)
         assert f"With {n} place" in verdicts.inner_text()
         expected = set()
-        own = (cells["grid"] == "places") & (cells["places"] == n) & (cells["algorithm"] != "check")
+        own = (cells["grid"] == "places") & (cells["places"] == n) & (cells["variant"] != "check")
         for _, row in cells[own].iterrows():
-            learner = f"{row['algorithm']}, {row['observation']}"
+            learner = f"{row['variant']}, {row['observation']}"
             title = Folder(folder).title(learner)
             expected.add((title, f"{row['n_solved']} of {row['n']}", f"{row['steps']:,.0f}"))
         assert table_of(opened) == expected

@@ -76,7 +76,7 @@ def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(dr
     scores = pd.read_csv(drawn.folder / SCORES)
     assert len(scores) == len(all_specifications(drawn.experiment))
     assert scores["score"].between(0, 1).all()
-    assert (scores["policy"] == "stochastic").equals(scores["algorithm"] == "ppo")
+    assert (scores["policy"] == "stochastic").equals(scores["variant"] == "ppo")
     readme = (drawn.folder / "README.md").read_text(encoding="utf-8")
     for name in expected | {SCORES}:
         assert f"| {name.removesuffix('.svg').removesuffix('.csv')}" in readme, name
@@ -98,9 +98,9 @@ def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
     for name, has_checks in (("summary", True), ("aggregate", True), ("curves", True), ("cost", True),
                              ("effects", False)):  # fmt: skip
         frame = pd.read_csv(drawn.folder / f"{name}.csv")
-        assert ("check" in set(frame["algorithm"])) == has_checks, name
+        assert ("check" in set(frame["variant"])) == has_checks, name
     summary = pd.read_csv(drawn.folder / "summary.csv")
-    assert [*summary["algorithm"].unique()] == ["table", "check", "sarsa", "ppo", "net"]
+    assert [*summary["variant"].unique()] == ["table", "check", "sarsa", "ppo", "net"]
     assert drawn_learners(drawn.experiment) == ["table, index", "net, one_hot"]
 
 
@@ -111,10 +111,10 @@ def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -
     if "aggregate.csv" not in found.folder:  # nothing is pooled
         return
     aggregate, scores = (pd.read_csv(found.folder.path / name) for name in ("aggregate.csv", SCORES))
-    keys = ["algorithm", "observation"]
+    keys = ["variant", "observation"]
     means: Any = scores.groupby([*keys, "scenario"])[["success", "score"]].mean().groupby(keys).mean()
     for row in aggregate.to_dict("records"):
-        expected = means.loc[(row["algorithm"], row["observation"])]
+        expected = means.loc[(row["variant"], row["observation"])]
         assert [row["success"], row["score"]] == pytest.approx(expected.tolist(), abs=1e-5)
     if "scenario" not in (contrasts := found.folder.frame("contrasts")):
         for row in contrasts.to_dict("records"):
@@ -155,8 +155,8 @@ def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
     with Store(drawn.results / "runs.db", read_only=True) as store:
         data = load(replace(drawn.experiment, learners=learners), store)
         rows = draw.tables_of(draw.report_of(drawn.experiment).items, data)["aggregate"]
-    assert dict(zip(rows["algorithm"], rows["search_steps"], strict=True)) == {
-        name: 32_000 if name == "sarsa" else 0 for name in rows["algorithm"]
+    assert dict(zip(rows["variant"], rows["search_steps"], strict=True)) == {
+        name: 32_000 if name == "sarsa" else 0 for name in rows["variant"]
     }
 
 
@@ -182,7 +182,7 @@ def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> Non
         draw.draw(small, report, other, tmp_path / "partial", partial=True)
     assert "**Partial: 3 of " in (tmp_path / "partial" / "README.md").read_text()
     shown = pd.read_csv(tmp_path / "partial" / "summary.csv")
-    assert set(shown["algorithm"]) == {"table", "check", "net"}  # ppo has no run in S3
+    assert set(shown["variant"]) == {"table", "check", "net"}  # ppo has no run in S3
 
 
 def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_pat
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs]))
         found = load(drawn.experiment, other, partial=True)
-        assert {*found.runs["algorithm"]} == {"sarsa", "ppo", "net"}
+        assert {*found.runs["variant"]} == {"sarsa", "ppo", "net"}
         assert "check, index, table, index" in found.note
         frames = draw.tables_of(draw.report_of(drawn.experiment).items, found)
         assert frames["outcomes"]["outcome"].tolist() == ["no verdict"]
@@ -208,7 +208,7 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
         trained(experiment, store)
         data = load(experiment, store)
         summary = draw.tables_of(draw.report_of(experiment).items, data)["summary"]
-    nets = summary[summary["algorithm"] == "net"]
+    nets = summary[summary["variant"] == "net"]
     assert nets["diverged"].tolist() == [12, 12]
     assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
-    assert np.isfinite(data.runs["diverged_at"]).equals(data.runs["algorithm"] == "net")
+    assert np.isfinite(data.runs["diverged_at"]).equals(data.runs["variant"] == "net")

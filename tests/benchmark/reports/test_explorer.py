@@ -51,7 +51,7 @@ def test_first_agent_over_training_and_the_final_policies_of_others(tmp_path: Pa
     assert (tmp_path / FILE).read_bytes() == content
     assert (len(data["scenes"]), len(data["sights"])) == (1, 1)  # which both share
     agent = data["agents"][1]
-    assert [agent[key] for key in ("algorithm", "kind", "scene", "sight")] == ["q_learning", "q", 0, 0]
+    assert [agent[key] for key in ("variant", "kind", "scene", "sight")] == ["q_learning", "q", 0, 0]
     assert agent["steps"] == [0, 200, 300]  # every second map, and the last
     values = np.array(agent["values"]).reshape(3, 120, 5).cumsum(axis=0)
     assert values[1, 13].tolist() == [123, -500, 250, data["no_number"], 2000]

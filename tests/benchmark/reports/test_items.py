@@ -60,7 +60,7 @@ def test_aggregates_by_a_second_method() -> None:
         for name, size in sizes.items()
     ]  # fmt: skip
     data = data_of(cells)
-    frame = table("aggregate", data).set_index("algorithm").to_dict("index")
+    frame = table("aggregate", data).set_index("variant").to_dict("index")
     assert list(frame) == ["a", "a_sb3", "b"]  # a reference follows its learner
     for name, row in frame.items():
         unbounded = [np.asarray(cell.score) for cell in cells if cell.name == name]
@@ -84,7 +84,7 @@ def test_effects_are_differences_of_scenarios_by_hand() -> None:
         cells.append(Cell(name, np.arange(20) < 20 * share, scenario, wrong_pings=wrong))
     data = data_of(cells, effects=[("S2", "S1", "noise"), ("x @ S2", "y @ S2", "nets in S2")])
     x, y, both = table("effects", data).to_dict("records")
-    assert (x["effect"], x["algorithm"]) == ("noise", "x")
+    assert (x["effect"], x["variant"]) == ("noise", "x")
     assert (both["effect"], both["x"]) == ("nets in S2", "x, index @ S2")
     assert [row["success_difference"] for row in (x, y, both)] == [-0.75, 0, -0.75]
     low, high = (stats.binomtest(k, 20).proportion_ci() for k in (5, 20))
@@ -106,7 +106,7 @@ def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> N
     variant = document.folder.manifest["algorithms"]["q"]
     variant |= {"title": "Q-learning table", "tuned_by": "tuning:q", "settings": {"index": {}, "offset": {}}}
     shown = document.shown(item("summary")).map(plain)
-    assert {"algorithm", "observation"} & {*shown} == set()
+    assert {"variant", "observation"} & {*shown} == set()
     assert shown[["scenario", "learner"]].to_numpy().tolist() == [
         [scenario, {"q": "Q-learning table", "dqn": "dqn on the cells' index"}.get(name, name)]
         for scenario in ("S2", "S1")
@@ -118,7 +118,7 @@ def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> N
     contrasts = document.shown(item("contrasts"))
     assert [*contrasts["x"], *contrasts["y"]] == ["dqn on the cells' index", "Q-learning table"]
     # CSV files keep the order, and short names.
-    assert document.folder.frame("summary")["algorithm"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
+    assert document.folder.frame("summary")["variant"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
 
 
 def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:

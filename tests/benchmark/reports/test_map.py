@@ -112,13 +112,13 @@ def test_tables_have_what_the_runs_took(made: Path) -> None:
     assert [name for name in frames if mistyped_columns(made / f"{name}.csv")] == []
     runs, found = frames["runs"].groupby(["grid", "point", "learner"]), frames["cells"]
     for _, row in found.iterrows():
-        own = runs.get_group((row["grid"], row["point"], f"{row['algorithm']}, {row['observation']}"))
+        own = runs.get_group((row["grid"], row["point"], f"{row['variant']}, {row['observation']}"))
         steps = np.sort(own["steps"].fillna(np.inf))
         assert (len(steps), np.isfinite(steps).sum()) == (row["n"], row["n_solved"])
         assert row["steps"] == np.median(steps)
         assert row["steps_low"] <= row["steps"] <= row["steps_high"]
     assert (found["unseen_success"].notna() == (found["grid"] == "unseen")).all()
-    last = found[found["grid"] == "unseen"].set_index("algorithm")["unseen_success"]
+    last = found[found["grid"] == "unseen"].set_index("variant")["unseen_success"]
     assert last["shared"] > 0.6 > 0.5 > last["table"]  # what is known of an offset holds everywhere
     of_runs = frames["unseen"].groupby("learner")["unseen_success"].mean()
     assert of_runs[OFFSETS] == pytest.approx(last["shared"], abs=1e-5)
@@ -176,10 +176,10 @@ def test_contrasts_follow_from_the_pairs_that_are_published(made: Path) -> None:
 
 
 def test_success_over_training_is_that_of_the_runs(made: Path) -> None:
-    found = pd.read_csv(made / "success.csv").groupby(["grid", "point", "algorithm", "observation"])
+    found = pd.read_csv(made / "success.csv").groupby(["grid", "point", "variant", "observation"])
     cells = pd.read_csv(made / "cells.csv")
     for _, row in cells.iterrows():
-        own = found.get_group((row["grid"], row["point"], row["algorithm"], row["observation"]))
+        own = found.get_group((row["grid"], row["point"], row["variant"], row["observation"]))
         assert len(own) <= 18
         assert own["step"].is_monotonic_increasing
         assert (own["step"].iloc[0], own["step"].iloc[-1]) == (100, row["budget"])

@@ -29,15 +29,15 @@ def test_picks_are_those_of_all_draws() -> None:
     rng = np.random.default_rng(1)
     names = ["ppo, coordinates", "tiles, index", "table, index", "table, offset", "dqn, centre"]
     trials = pd.DataFrame(
-        [name.split(", ") for name in np.repeat(names, 4)], columns=["algorithm", "observation"]
+        [name.split(", ") for name in np.repeat(names, 4)], columns=["variant", "observation"]
     )
     trials["trial"], trials["area"] = np.tile(range(4), 5), rng.integers(6, size=20) / 5  # with ties
     trials["fresh_area"] = np.repeat([0.9, 0.8, 0.7, 0.6, 0.9], 4)
     trials["A"], trials["B"] = rng.random((2, 20))
     against = references(trials, {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"})
     assert [*against.items()] == [*zip(names, [names[1]] * 3 + [names[3]] * 2, strict=True)]
-    rows = pd.DataFrame(picked(trials, against)).set_index(["algorithm", "scenario", "trials"])
-    drawn = [trials[trials["algorithm"].eq(name) & trials["trial"].gt(0)] for name in ("ppo", "tiles")]
+    rows = pd.DataFrame(picked(trials, against)).set_index(["variant", "scenario", "trials"])
+    drawn = [trials[trials["variant"].eq(name) & trials["trial"].gt(0)] for name in ("ppo", "tiles")]
     for b, (scenario, column) in product((1, 2, 3), {"all": "area", "A": "A", "B": "B"}.items()):
         draws = [[side.loc[[*draw]] for draw in combinations(side.index, b)] for side in drawn]
         x, y = ([draw.nlargest(1, "area")[column].item() for draw in side] for side in draws)
@@ -59,7 +59,7 @@ def test_picks_are_those_of_all_draws() -> None:
 )
 def test_headlines_claim_no_gain_that_is_not_shown(rows: Any, expected: str, tmp_path: Path) -> None:
     rows = [(*row, name, "index") for row, name in zip(rows, "ab", strict=False)]
-    columns = ["trial", "default", "chosen", "gain_low", "algorithm", "observation"]
+    columns = ["trial", "default", "chosen", "gain_low", "variant", "observation"]
     write_csv(pd.DataFrame(rows, columns=columns), tmp_path / "chosen.csv")
     manifest = {"report": {"kind": "search"}, "scenarios": {}, "search": {"trials": 2}, "solved": None}
     (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
@@ -170,7 +170,7 @@ def test_keys_of_maps_are_refused_in_a_search(
 def test_published_trials_are_the_declared_ones() -> None:
     published = pd.read_csv(PUBLISHED / "trials.csv")
     for learner in TUNING.learners.values():
-        is_own = published["algorithm"] == learner.variant
+        is_own = published["variant"] == learner.variant
         rows = published[is_own & (published["observation"] == learner.observation)]
         drawn = trials(learner.variant, learner.declared.search, 48)
         assert len(rows) == len(drawn) == 49
@@ -183,7 +183,7 @@ def test_experiments_take_what_is_published() -> None:
     """The file that experiments read says what the published table says."""
     published = pd.read_csv(PUBLISHED / "chosen.csv")
     chosen = read_chosen(ROOT / "benchmark" / "experiments" / "tuning.toml", "here").learners
-    assert [*chosen] == [*(published["algorithm"] + ", " + published["observation"])]
+    assert [*chosen] == [*(published["variant"] + ", " + published["observation"])]
     assert [found.trial for found in chosen.values()] == published["trial"].tolist()
     scores = [found.score for found in chosen.values()]
     assert scores == pytest.approx(published["chosen"], abs=1e-5)

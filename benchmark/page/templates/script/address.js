@@ -1,6 +1,6 @@
 // The address: the page's fragment says what the explorer shows, so that it can be cited and shared.
 const START = "#explorer=";
-const KEYS = ["scenario", "algorithm", "observation", "experiment", "seed", "block"]; // of an agent and its map
+const KEYS = ["scenario", "variant", "observation", "experiment", "seed", "block"]; // of an agent and its map
 const escaped = (text) => encodeURIComponent(text).replaceAll(".", "%2E").replaceAll("~", "%7E");
 
 function unescaped(text) {

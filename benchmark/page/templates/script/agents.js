@@ -4,7 +4,7 @@ import { explorer } from "./data.js";
 
 const CURVES = ["curves.csv", "learning.csv", "summary.csv"]; // files with mean scores, the last after training
 export const PING = explorer?.actions.indexOf("PING");
-const LEARNER = ["algorithm", "observation"];
+const LEARNER = ["variant", "observation"];
 export const learnerOf = (named) => LEARNER.map((key) => named[key]).join(", ");
 
 // The numbers of the actions in a mask.

@@ -19,7 +19,7 @@ if (box) {
     return rows.map((row, i) => ({ ...Object.fromEntries(keys.map((key, k) => [key, row[k]])), file, line: i + 2 }));
   }
 
-  const learner = (row) => `${row.algorithm}, ${row.observation}`;
+  const learner = (row) => `${row.variant}, ${row.observation}`;
   const room = (row) => `${row.rows} × ${row.columns}`;
   const numbers = (texts) => [...new Set(texts)].map(Number).sort((a, b) => a - b);
   // The sliders do not choose the feedback.
