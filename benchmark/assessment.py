@@ -71,13 +71,9 @@ class Assessment:
     results: Path  # the folder that holds the published results
 
     @cached_property
-    def _anchors(self) -> tuple[float, float]:
-        return anchors(self.model, HORIZON, "start")["grid_return"]
-
-    @cached_property
     def unbounded_score(self) -> float:
         """The return as a score: 0 for the random policy, 1 for the optimal one; it can be below 0."""
-        random, optimal = self._anchors
+        random, optimal = anchors(self.model, HORIZON, "start")["grid_return"]
         return round((float(self.evaluation.grid_return) - random) / (optimal - random), 9)
 
     @property
@@ -106,14 +102,16 @@ class Assessment:
     def __str__(self) -> str:
         """All numbers, and the standing, as text."""
         exact, name = self.evaluation, self.model.scenario.name
-        unbounded = f"{self.unbounded_score:g}"
+        unbounded = f"{self.unbounded_score:<10g}"
         if self.unbounded_score < 0:
-            below = f"{float(exact.grid_return):g}, below a random policy's, {self._anchors[0]:g}"
-            unbounded = f"{unbounded:10} (return, the mean sum of all steps' rewards: {below})"
+            random, _ = anchors(self.model, HORIZON, "start")["grid_return"]
+            unbounded += (
+                f" (the return, {float(exact.grid_return):g}, is below a random policy's, {random:g})"
+            )
         numbers = {
             "success": f"{self.success:g}",
             "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
-            "unbounded score": unbounded,
+            "unbounded score": unbounded.strip(),
             "steps": f"{float(exact.steps):g}",
             "wrong PINGs": f"{float(exact.wrong_pings):g}",
             "uncomfortable steps": f"{float(exact.zone_steps[ZONES.index('uncomfortable')]):g}",
@@ -224,8 +222,8 @@ def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
         if row is None:
             raise InputError(
                 f"act: returned {_shown(answer)} for observation {o}; accepted: an action, a whole number "
-                f"from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to one, each also as "
-                "(action, None), as predict of a model without memory returns it."
+                f"from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to one, or either "
+                "with None, as in (action, None), which predict returns for a model without memory."
             )
         return row
 
@@ -262,24 +260,15 @@ def saved_model(path: Path) -> Path:
     return whole if not path.is_file() and whole.is_file() else path
 
 
-def _policy_of_model(
-    agent: Any,
-    algorithm: str | None,
-    model: Model,
-    observation: str,
-    normalization: str | Path | None,
-    *,
-    stochastic: bool,
-) -> Policy:
-    """Reads the policy of a model of SB3, or of a saved one, (O, A)."""
+def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic: bool) -> Policy:
+    """Reads the policy, (O, A), of a model of SB3, or of a saved one, given the rest of `agent_table`'s."""
     where = "agent" if algorithm is None else str(agent)
     with needed_by(f"{where}: a saved model"):
         from agents.sb3.tables import agent_table, saved_table
-    statistics = None if normalization is None else Path(normalization)
     if algorithm is None:
-        table, is_value = agent_table(agent, where, model, observation, statistics)
+        table, is_value = agent_table(agent, where, *given)
     else:
-        table, is_value = saved_table(saved_model(Path(where)), algorithm, model, observation, statistics)
+        table, is_value = saved_table(saved_model(Path(where)), algorithm, *given)
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:

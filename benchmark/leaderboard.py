@@ -75,10 +75,9 @@ class Submission(Table):
 
 
 def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
-    """Writes a file, in a new folder if need be; `declared` has the first keys of `Submission`.
+    """Writes a file, also in a new folder, or raises an InputError.
 
-    Raises:
-      InputError: There is such a file, or it cannot be written, or something else is not accepted.
+    `declared` has the first keys of `Submission`.
     """
     if path.suffix.lower() != ".toml":
         raise InputError(f"{path}: accepted: a name that ends in .toml.")

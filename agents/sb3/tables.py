@@ -80,7 +80,7 @@ AgentTable = tuple[NDArray[np.float64], bool]  # (O, A), and whether it has acti
 
 
 def saved_table(
-    path: Path, algorithm: str, model: Model, observation: str, normalization: Path | None = None
+    path: Path, algorithm: str, model: Model, observation: str, normalization: str | Path | None = None
 ) -> AgentTable:
     """Reads the policy of a model that was saved by `model.save`, as `agent_table` does.
 
@@ -105,13 +105,13 @@ def saved_table(
 
 
 def agent_table(
-    agent: BaseAlgorithm, where: str, model: Model, observation: str, normalization: Path | None = None
+    agent: BaseAlgorithm, where: str, model: Model, observation: str, normalization: str | Path | None = None
 ) -> AgentTable:
     """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit.
 
     `normalization` is a file that VecNormalize has saved.
     """
-    layers = known_layers(agent, where)
+    layers = known_layers(agent.get_env(), where)
     observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
     for kind, space in expected.items():

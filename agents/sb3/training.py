@@ -54,7 +54,8 @@ def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            readable_table(make_agent(cls, settings, env), torch.as_tensor(env.reset()))
+            table = torch.as_tensor(observation_table(env.env.model, "coordinates"))
+            readable_table(make_agent(cls, settings, env), table)
         except Exception as error:  # whatever the class raises
             raise ValueError(f"{path} cannot be trained: {first_line(error)}") from error
 

@@ -2,7 +2,6 @@
 
 import pickle
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,59 +25,43 @@ _FUNCTION: Final = (
 )
 
 
-def known_layers(agent: BaseAlgorithm, where: str) -> list[Any]:
-    """Returns an agent's environment, if any, and all that it wraps; an InputError if one is not known."""
-    layers = [] if agent.get_env() is None else [*_layers(agent.get_env())]
-    for layer in layers:
-        if not _is_unchanging(layer):
-            what = (
-                f"its environment includes {type(layer).__name__}, which may change observations or actions"
-            )
-            raise InputError(f"{where}: {what}; accepted: {_FUNCTION}.")
-    return layers
+def known_layers(env: Any, where: str) -> list[Any]:
+    """Returns an agent's env, if any, and all that it wraps; an InputError if one may change something."""
+    if env is None:
+        return []
+    methods = ("step", "reset", "step_async", "step_wait")
+    sources = [getattr(env, name) for name in methods if hasattr(env, name)]
+    if not isinstance(env, gymnasium.Wrapper | VecEnvWrapper):
+        sources = [type(env)]
+    if not all(_UNCHANGING.match(f"{source.__module__}.{source.__qualname__}") for source in sources):
+        what = f"its environment includes {type(env).__name__}, which may change observations or actions"
+        raise InputError(f"{where}: {what}; accepted: {_FUNCTION}.")
+    inner = (vars(env).get("venv"), vars(env).get("env"), *vars(env).get("envs", ()))
+    return [env, *(layer for each in inner for layer in known_layers(each, where))]
 
 
 def net_inputs(
-    agent: BaseAlgorithm, where: str, layers: list[Any], table: NDArray[Any], statistics: Path | None
+    agent: BaseAlgorithm, where: str, layers: list[Any], table: NDArray[Any], statistics: str | Path | None
 ) -> NDArray[Any]:
     """Returns what an agent's net is given for each row of an observation table, (O, ...).
 
     That is the row itself, unless its layers include a VecNormalize, or `statistics` is a file that one has
     saved. The last observation in training, which the agent keeps, has to agree, else an InputError.
     """
+    if statistics is not None:
+        return _normalized(agent, table, Path(statistics))
     found = [layer for layer in reversed(layers) if isinstance(layer, VecNormalize)]
     last: Any = getattr(found[0], "old_obs", None) if found else agent._last_obs
-    if statistics is not None:
-        return _normalized(table, agent, statistics)
     if not _has_rows(table, last) or (last is None and not layers and agent.num_timesteps > 0):
         what = "its last observation in training is missing, or none of this scenario in this form"
-        given = "the statistics of its VecNormalize as normalization"
-        raise InputError(f"{where}: {what}; accepted: {given}, or {_FUNCTION}.")
+        given = "" if layers else "the statistics of its VecNormalize as normalization, or "
+        raise InputError(f"{where}: {what}; accepted: {given}{_FUNCTION}.")
     for normalizer in found:
         table = np.asarray(normalizer.normalize_obs(table))
     return table
 
 
-def _layers(env: Any) -> Iterator[Any]:
-    """Yields an env and all that it wraps, from the outside."""
-    yield env
-    within = vars(env)
-    for inner in (within.get("venv"), within.get("env"), *within.get("envs", ())):
-        if inner is not None:
-            yield from _layers(inner)
-
-
-def _is_unchanging(layer: Any) -> bool:
-    """Returns whether an env's class, or a wrapper's methods, are known."""
-    names = ("step", "reset", "step_async", "step_wait")
-    sources = [getattr(layer, name) for name in names if hasattr(layer, name)]
-    if not isinstance(layer, gymnasium.Wrapper | VecEnvWrapper):
-        sources = [type(layer)]
-    return all(_UNCHANGING.match(f"{source.__module__}.{source.__qualname__}") for source in sources)
-
-
-def _normalized(table: NDArray[Any], agent: BaseAlgorithm, path: Path) -> NDArray[Any]:
-    """Normalises a table by the statistics in a file, if they give the agent's last observation."""
+def _normalized(agent: BaseAlgorithm, table: NDArray[Any], path: Path) -> NDArray[Any]:
     try:
         with path.open("rb") as file:
             normalizer: VecNormalize = pickle.load(file)
