@@ -75,10 +75,7 @@ class Submission(Table):
 
 
 def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
-    """Writes a file, also in a new folder, or raises an InputError.
-
-    `declared` has the first keys of `Submission`.
-    """
+    """Writes a file; `declared` has the first keys of `Submission`. It may raise an InputError."""
     if path.suffix.lower() != ".toml":
         raise InputError(f"{path}: accepted: a name that ends in .toml.")
     check_file_name(path, "a submission is")

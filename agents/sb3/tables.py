@@ -107,10 +107,7 @@ def saved_table(
 def agent_table(
     agent: BaseAlgorithm, where: str, model: Model, observation: str, normalization: str | Path | None = None
 ) -> AgentTable:
-    """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit.
-
-    `normalization` is a file that VecNormalize has saved.
-    """
+    """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit."""
     layers = known_layers(agent.get_env(), where)
     observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}

@@ -64,7 +64,7 @@ def net_inputs(
 def _normalized(agent: BaseAlgorithm, table: NDArray[Any], path: Path) -> NDArray[Any]:
     try:
         with path.open("rb") as file:
-            normalizer: VecNormalize = pickle.load(file)
+            normalizer: Any = pickle.load(file)
         if normalizer.observation_space != agent.observation_space:
             raise ValueError(f"observation_space = {normalizer.observation_space}")
         inputs = np.asarray(normalizer.normalize_obs(table))

@@ -87,7 +87,7 @@ class Flipped(ProxemicEnv):
     [
         (lambda: make_vec_env(env, 2), ""),
         (lambda: env(wrappers.RecordEpisodeStatistics, wrappers.NormalizeReward, wrappers.Autoreset), ""),
-        (lambda: env(lambda inner: wrappers.TransformReward(inner, abs)), ""),
+        (lambda: env(lambda inner: wrappers.TransformReward(inner, float)), ""),
         (lambda: vec_env.VecMonitor(vec_env.VecCheckNan(vec_env.DummyVecEnv([env]))), ""),
         (lambda: env(Shifted), "Shifted"),
         (lambda: env(lambda inner: wrappers.StickyAction(inner, 0.5)), "StickyAction"),
