@@ -191,11 +191,13 @@ def _parser() -> argparse.ArgumentParser:
     summary = "score an agent exactly, and rank it among the published learners"
     assess = command("assess", summary, results=None)
     agent = assess.add_mutually_exclusive_group(required=True)
-    about = "a function of the observation that returns an action or five probabilities"
+    about = "a function of the observation that returns an action, five probabilities or what predict returns"
     _add(agent, "--agent", "MODULE:FUNCTION", about)
     about = "a model saved by Stable-Baselines3; loading it can run any code: load only what you trust"
     _add(agent, "--model", "FILE", about, Path)
     _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
+    about = "what VecNormalize.save wrote, if the saved model was trained with it; it can run any code, too"
+    _add(assess, "--normalization", "FILE", about, Path)
     _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
     _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
     about = "form of observation that the agent takes: index, one_hot or coordinates, or of people relative "

@@ -102,10 +102,16 @@ class Assessment:
     def __str__(self) -> str:
         """All numbers, and the standing, as text."""
         exact, name = self.evaluation, self.model.scenario.name
+        unbounded = f"{self.unbounded_score:<10g}"
+        if self.unbounded_score < 0:
+            random, _ = anchors(self.model, HORIZON, "start")["grid_return"]
+            unbounded += (
+                f" (the return, {float(exact.grid_return):g}, is below a random policy's, {random:g})"
+            )
         numbers = {
-            "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
-            "unbounded score": f"{self.unbounded_score:g}",
             "success": f"{self.success:g}",
+            "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
+            "unbounded score": unbounded.strip(),
             "steps": f"{float(exact.steps):g}",
             "wrong PINGs": f"{float(exact.wrong_pings):g}",
             "uncomfortable steps": f"{float(exact.zone_steps[ZONES.index('uncomfortable')]):g}",
@@ -150,19 +156,25 @@ def assess(
     scenario: ScenarioLike,
     observation: str,
     algorithm: str | None = None,
+    normalization: str | Path | None = None,
     stochastic: bool = False,
     results: str | Path = RESULTS,
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
-    Loading a saved model can run any code: load only files that you trust.
+    Loading a saved model, or a normalization, can run any code: load only files that you trust. A file does
+    not say behind which wrappers a model was trained. Its last observation shows most that change
+    observations, but not, for example, `1 - o`, or one that changes actions; assess a function then.
 
     Args:
-      agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`) or five
-        probabilities; a model of Stable-Baselines3; or the path of a saved one.
+      agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`), five
+        probabilities, or what `model.predict` returns; a model of Stable-Baselines3, or its `predict`; or the
+        path of a saved one. Of a model's wrappers, only VecNormalize may change observations.
       scenario: A name or a path, see `envs.load_scenario`.
       observation: The form of observation that the agent takes, see `envs.observations`.
       algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
+      normalization: The file that `VecNormalize.save` wrote when the model was saved, if it was trained with
+        one. A model in memory knows its VecNormalize.
       stochastic: Whether a model draws its actions; otherwise it acts greedily.
       results: The folder of published results among which the agent is ranked.
 
@@ -177,13 +189,15 @@ def assess(
     if is_path != (algorithm is not None):
         accepted = "module:class, such as stable_baselines3:PPO, only and always with a saved model's path"
         raise InputError(f"{agent if is_path else 'agent'}: algorithm = {algorithm}: accepted: {accepted}.")
+    if getattr(agent, "__name__", "") == "predict" and is_sb3_class(type(getattr(agent, "__self__", None))):
+        agent = agent.__self__  # type: ignore[attr-defined]
     if is_path or is_sb3_class(type(agent)):
-        policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
+        policy = _policy_of_model(agent, algorithm, model, observation, normalization, stochastic=stochastic)
     elif not callable(agent):
         accepted = "a function, a model of Stable-Baselines3, or the path of a saved one"
         raise InputError(f"agent = {_shown(agent)}: accepted: {accepted}.")
-    elif stochastic:
-        raise InputError("stochastic = True: accepted only with a model of Stable-Baselines3.")
+    elif stochastic or normalization is not None:
+        raise InputError("stochastic, normalization: accepted only with a model of Stable-Baselines3.")
     else:
         policy = _policy_of_function(agent, model, observation)
     return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
@@ -208,7 +222,8 @@ def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
         if row is None:
             raise InputError(
                 f"act: returned {_shown(answer)} for observation {o}; accepted: an action, a whole number "
-                f"from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to one."
+                f"from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to one, or either "
+                "with None, as in (action, None), which predict returns for a model without memory."
             )
         return row
 
@@ -239,17 +254,21 @@ def standing_of(success: float, score: float, published: pd.DataFrame) -> Standi
     return Standing(int((apart > 0).sum()) + 1, int((apart == 0).sum()), learners)
 
 
-def _policy_of_model(
-    agent: Any, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
-) -> Policy:
-    """Reads the policy of a model of SB3, or of a saved one, (O, A)."""
+def saved_model(path: Path) -> Path:
+    """Returns where Stable-Baselines3 finds a saved model: the name's ending, .zip, may be missing."""
+    whole = path.with_name(f"{path.name}.zip")
+    return whole if not path.is_file() and whole.is_file() else path
+
+
+def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic: bool) -> Policy:
+    """Reads the policy, (O, A), of a model of SB3, or of a saved one, given the rest of `agent_table`'s."""
     where = "agent" if algorithm is None else str(agent)
     with needed_by(f"{where}: a saved model"):
         from agents.sb3.tables import agent_table, saved_table
     if algorithm is None:
-        table, is_value = agent_table(agent, where, model, observation)
+        table, is_value = agent_table(agent, where, *given)
     else:
-        table, is_value = saved_table(Path(where), algorithm, model, observation)
+        table, is_value = saved_table(saved_model(Path(where)), algorithm, *given)
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:
@@ -259,6 +278,8 @@ def _policy_of_model(
 
 def _row(answer: object) -> NDArray[np.float64] | None:
     """Returns the probabilities, (A,), that a function's answer stands for; None if it is no answer."""
+    if isinstance(answer, tuple) and len(answer) == 2 and answer[1] is None:
+        answer = answer[0]  # of a model's `predict`, without a memory
     try:
         values = np.asarray(answer)
     except (ValueError, TypeError, RuntimeError):  # nested lists, or tensors that need a gradient

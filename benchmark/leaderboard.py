@@ -15,7 +15,6 @@ from pydantic import AfterValidator, Field
 
 from agents.dynamic_programming import evaluate
 from benchmark.assessment import HORIZON, RESULTS, Assessment
-from benchmark.drawing.style import check_file
 from benchmark.drawing.tables import to_markdown
 from benchmark.reports import files
 from benchmark.reports.templates import templates_in
@@ -77,7 +76,8 @@ class Submission(Table):
 
 def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
     """Writes a file; `declared` has the first keys of `Submission`. It may raise an InputError."""
-    check_file(path, ".toml")
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"{path}: accepted: a name that ends in .toml.")
     check_file_name(path, "a submission is")
     if path.exists():
         raise InputError(f"{path}: exists already; accepted: a new file.")

@@ -1,8 +1,9 @@
 """What the net of an agent, of any class like those of Stable-Baselines3, says about all observations."""
 
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import torch
@@ -10,11 +11,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from agents.sb3.wrappers import first_line, known_layers, net_inputs
 from envs import Model
 from envs.inputs import InputError
 from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
 from envs.packages import imported
+
+# Of the methods that decide. A state is a memory only if a method returns one, too.
+_ARGUMENTS: Final = {"state", "episode_start", "deterministic", "args", "kwargs"}
 
 
 class Output(NamedTuple):
@@ -54,24 +59,29 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns `policy_table` of an agent of any class; raises an exception if there is none."""
+    """Returns `policy_table` of an agent of any class; raises an exception if it does not say all."""
+    name = type(agent).__name__
+    methods = (agent.predict, getattr(agent.policy, "get_distribution", agent.predict))
+    taken = {argument for method in methods for argument in [*signature(method).parameters][1:]} - _ARGUMENTS
+    if taken:
+        kind = "has a memory" if "lstm_states" in taken else "depends on more than the observation"
+        raise ValueError(f"{name} {kind}: it takes {', '.join(sorted(taken))}")
     table = policy_table(agent, observations)
     if table.shape != (len(observations), len(ACTIONS)) or not np.isfinite(table).all():
-        name = type(agent.policy).__name__
-        raise ValueError(f"{name} gives no finite number for each of the {len(ACTIONS)} actions")
+        policy = type(agent.policy).__name__
+        raise ValueError(f"{policy} gives no finite number for each of the {len(ACTIONS)} actions")
+    actions, memory = agent.predict(observations.cpu().numpy(), deterministic=True)
+    if memory is not None or not np.isclose(table[np.arange(len(table)), actions], table.max(axis=1)).all():
+        raise ValueError(f"predict of {name} has a memory, or returns other actions than its net")
     return table
-
-
-def first_line(error: Exception) -> str:
-    """Returns the first line of an error's message, or its type, without a full stop or a colon."""
-    lines = str(error).strip().splitlines()
-    return lines[0].rstrip(".:") if lines else type(error).__name__
 
 
 AgentTable = tuple[NDArray[np.float64], bool]  # (O, A), and whether it has action values
 
 
-def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> AgentTable:
+def saved_table(
+    path: Path, algorithm: str, model: Model, observation: str, normalization: str | Path | None = None
+) -> AgentTable:
     """Reads the policy of a model that was saved by `model.save`, as `agent_table` does.
 
     Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
@@ -91,11 +101,14 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
     except Exception as error:  # whatever the pickled objects raise
         accepted = f"accepted: what model.save of {algorithm} has written"
         raise InputError(f"{path}: cannot be loaded: {first_line(error)}; {accepted}.") from error
-    return agent_table(agent, str(path), model, observation)
+    return agent_table(agent, str(path), model, observation, normalization)
 
 
-def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str) -> AgentTable:
+def agent_table(
+    agent: BaseAlgorithm, where: str, model: Model, observation: str, normalization: str | Path | None = None
+) -> AgentTable:
     """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit."""
+    layers = known_layers(agent.get_env(), where)
     observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
     for kind, space in expected.items():
@@ -105,8 +118,10 @@ def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str
                 f"{where}: {kind}_space = {given}; accepted in {model.scenario.name} with observation = "
                 f'"{observation}": {space}.'
             )
+    inputs = net_inputs(agent, where, layers, observations, normalization)
     try:
-        table = readable_table(agent, torch.as_tensor(observations, device=agent.device))
+        table = readable_table(agent, torch.as_tensor(inputs, device=agent.device))
     except Exception as error:  # whatever the net raises
-        raise InputError(f"{where}: cannot be evaluated: {first_line(error)}.") from error
+        accepted = "accepted: a model whose net decides by the observation alone, or a function of it"
+        raise InputError(f"{where}: cannot be evaluated: {first_line(error)}; {accepted}.") from error
     return table, output_of(agent).is_value

@@ -23,8 +23,9 @@ from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
 from agents.sb3.settings import Sb3Settings
-from agents.sb3.tables import first_line, output_of, policy_table, readable_table
+from agents.sb3.tables import output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
+from agents.sb3.wrappers import first_line
 from envs import InputError, Model, ProxemicVectorEnv
 from envs.model import ACTIONS
 from envs.observations import observation_table
@@ -53,7 +54,8 @@ def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            readable_table(make_agent(cls, settings, env), torch.as_tensor(env.reset()))
+            table = torch.as_tensor(observation_table(env.env.model, "coordinates"))
+            readable_table(make_agent(cls, settings, env), table)
         except Exception as error:  # whatever the class raises
             raise ValueError(f"{path} cannot be trained: {first_line(error)}") from error
 

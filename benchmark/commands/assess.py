@@ -4,7 +4,7 @@ import argparse
 import hashlib
 
 from benchmark import leaderboard
-from benchmark.assessment import PICTURES, RESULTS, assess
+from benchmark.assessment import PICTURES, RESULTS, assess, saved_model
 from benchmark.drawing.style import check_file
 from envs.inputs import InputError
 from envs.packages import imported
@@ -26,13 +26,17 @@ def main(options: argparse.Namespace) -> int:
         scenario=options.scenario,
         observation=options.observation,
         algorithm=options.algorithm,
+        normalization=options.normalization,
         stochastic=options.stochastic,
         results=options.results or RESULTS,
     )
     if options.submit is not None:
         if options.model is not None:
-            digest = hashlib.sha256(options.model.read_bytes()).hexdigest()
-            declared["model"] = f"{options.model.name}, {options.algorithm}, SHA-256 {digest}"
+            files = [saved_model(options.model), *filter(None, [options.normalization])]
+            digests = [
+                f"{file.name}, SHA-256 {hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files
+            ]
+            declared["model"] = f"{options.algorithm}, {'; normalised by '.join(digests)}"
         leaderboard.submit(assessment, options.submit, **declared)
     print(assessment)
     if options.submit is not None:

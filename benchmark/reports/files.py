@@ -85,7 +85,7 @@ def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a file, whole, unless it has this text. The caller must be `alone` in its folder.
+    """Writes a file, whole, unless it has this text. The caller must be `alone` in its folder, or make it.
 
     Raises:
       InputError: It cannot be written.
@@ -95,6 +95,7 @@ def write_text(path: Path, text: str) -> None:
     made = path.with_name(f".{path.name}{_MAKING}")
     try:
         with _input_errors(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
             made.write_text(text, encoding="utf-8")
             made.replace(path)
     finally:

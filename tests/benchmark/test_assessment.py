@@ -80,7 +80,7 @@ def test_episodes_of_the_environment_agree() -> None:
 
 
 @pytest.mark.parametrize(
-    "answer", [4, np.int64(4), np.array(4), (0, 0, 0, 0, 1), np.eye(5, dtype=np.float32)[4]]
+    "answer", [4, np.int64(4), np.array(4), (0, 0, 0, 0, 1), np.eye(5)[4], (np.array(4), None)]
 )
 def test_answers_that_mean_ping(answer: object) -> None:
     policy = assess(lambda _: answer, scenario="S1", observation="index").policy
@@ -91,7 +91,7 @@ def test_answers_that_mean_ping(answer: object) -> None:
     "answer",
     [
         5, -1, 2.0, True, None, "UP", [1], [0.5, 0.5], [0.2, 0.2, 0.2, 0.2, 0.3], [1.1, -0.1, 0, 0, 0],
-        [math.nan] * 5, [math.inf, 0, 0, 0, 0], (3, None), np.array([4]), {}, [[1], [2, 3]],
+        [math.nan] * 5, [math.inf, 0, 0, 0, 0], (3, 1), (None, None), np.array([4]), {}, [[1], [2, 3]],
     ],
 )  # fmt: skip
 def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
