@@ -44,7 +44,7 @@ settings = { budget = 2000, time_limit = 200 }
 q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 150 }
 plain = { algorithm = "tests.agents.plain:Q_LEARNING", observations = ["index"], seeds = 12 }
 dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 3 }
-dqn_sb3 = { algorithm = "sb3_dqn", observations = ["one_hot"], seeds = 2, settings.learning_starts = 1900 }
+sb3_dqn = { algorithm = "sb3_dqn", observations = ["one_hot"], seeds = 2, settings.learning_starts = 1900 }
 """
 TABLES: Final = re.sub(r"dqn.*\n", "", NETS)  # without nets, whose workers take seconds to start
 

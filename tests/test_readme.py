@@ -163,7 +163,7 @@ def test_results_say_how_much_was_tuned() -> None:
     variants = load_experiment("compare_deep").declared.algorithms
     assert {name for name, variant in variants.items() if not variant.tuned_by} == {
         "q_learning",
-        *(f"{name}_default{end}" for name in ("dqn", "ppo") for end in ("", "_sb3")),
+        *(f"{start}{name}_default" for name in ("dqn", "ppo") for start in ("", "sb3_")),
     }
 
 

@@ -29,7 +29,7 @@ TRAINING = Training(
     ("name", "expected"),
     [
         ("q_lerning", r"mine.toml: unknown algorithm q_lerning \(did you mean q_learning\?\)"),
-        ("dnq", r"unknown algorithm dnq \(did you mean dqn\?\); accepted: .*, or module:attribute\.$"),
+        ("dnq", r"unknown algorithm dnq \(did you mean sb3_dqn\?\); accepted: .*, or module:attribute\.$"),
         (
             "stable_baselines:PPO",
             r"'stable_baselines' \(did you mean stable_baselines3\?\); accepted: a module",

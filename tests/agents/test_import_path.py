@@ -101,7 +101,7 @@ class DropoutDqn(DQN):
 def test_path_and_name_of_a_class_train_the_same() -> None:
     model = compile_scenario(load_scenario("S2", CHANGING))
     values: dict[str, Any] = {"train_freq": 2, "learning_rate": 1e-3, "n_envs": 2}
-    by_name, by_path = (trained(path, model, **values) for path in ("dqn", "stable_baselines3:DQN"))
+    by_name, by_path = (trained(path, model, **values) for path in ("sb3_dqn", "stable_baselines3:DQN"))
     for key, array in vars(by_name).items():
         if key != "cpu_time_s":
             assert array.tobytes() == getattr(by_path, key).tobytes(), key

@@ -33,9 +33,9 @@ from tests.agents import MOODS
 S1 = compile_scenario(load_scenario("S1"))
 DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
 PPO = PpoSettings(budget=400, time_limit=50, n_steps=50, n_envs=2, batch_size=32, n_epochs=2)
-METHODS: dict[str, Any] = {"dqn": algorithms.DQN, "ppo": algorithms.PPO}
+METHODS: dict[str, Any] = {"sb3_dqn": algorithms.DQN, "sb3_ppo": algorithms.PPO}
 COMPILED: dict[str, Any] = {name: load_algorithm(name) for name in ("compiled_dqn", "compiled_ppo")}
-SETTINGS: dict[str, Sb3Settings] = {"dqn": DQN, "ppo": PPO, "compiled_dqn": DQN, "compiled_ppo": PPO}
+SETTINGS: dict[str, Sb3Settings] = {"sb3_dqn": DQN, "sb3_ppo": PPO, "compiled_dqn": DQN, "compiled_ppo": PPO}
 
 # Random starts, random changes of an observed phase and, in S2, random feedback.
 CHANGING: dict[str, Any] = {
@@ -127,23 +127,23 @@ def test_default_net_is_sb3s(name: str) -> None:
 def test_replay_buffer_is_as_large_as_the_budget() -> None:
     assert DqnSettings(budget=400, buffer_size=50).arguments["buffer_size"] == 50
     settings = DqnSettings(budget=400, n_envs=4, train_freq=1)
-    agent: Any = make_agent(METHODS["dqn"].load(), settings, vec_env(4))
+    agent: Any = make_agent(METHODS["sb3_dqn"].load(), settings, vec_env(4))
     assert agent.replay_buffer.observations.nbytes == 400 * 2 * 4
 
 
 @pytest.mark.parametrize(
     ("name", "values", "expected"),
     [
-        ("ppo", {}, "budget = 10000 is not a whole .* 2048 steps; accepted .* 8192 or 10240"),
-        ("ppo", {"n_steps": 2000, "n_envs": 8}, "rollouts of 16000 steps; accepted .*: 16000"),
-        ("dqn", {"train_freq": 3}, "rollouts of 3 steps; accepted with this rollout: 9999 or 10002"),
-        ("ppo", {"n_steps": 1}, "n_steps = 1: .*2"),
-        ("ppo", {"policy_kwargs": {"net_arc": [5]}}, r"did you mean net_arch\?"),
-        ("dqn", {"exploration_fraction": 0.0}, "exploration_fraction = 0.0"),
-        ("dqn", {"policy_kwargs": {"net_arch": [0]}}, "net_arch.0 = 0"),
+        ("sb3_ppo", {"n_steps": 2048}, "budget = 10000 is not a whole .* 2048 steps; accepted .* 8192 or 10240"),
+        ("sb3_ppo", {"n_steps": 2000, "n_envs": 8}, "rollouts of 16000 steps; accepted .*: 16000"),
+        ("sb3_dqn", {"train_freq": 3}, "rollouts of 3 steps; accepted with this rollout: 9999 or 10002"),
+        ("sb3_ppo", {"n_steps": 1}, "n_steps = 1: .*2"),
+        ("sb3_ppo", {"policy_kwargs": {"net_arc": [5]}}, r"did you mean net_arch\?"),
+        ("sb3_dqn", {"exploration_fraction": 0.0}, "exploration_fraction = 0.0"),
+        ("sb3_dqn", {"policy_kwargs": {"net_arch": [0]}}, "net_arch.0 = 0"),
         ("compiled_dqn", {"policy_kwargs": {"net_arch": [5000]}}, "net_arch.0 = 5000: .*4096"),
-        ("dqn", {"buffer_size": 10**9}, "buffer_size = 1000000000: .*10000000"),
-        ("ppo", {"n_steps": 10**9}, "n_steps = 1000000000: .*1000000"),
+        ("sb3_dqn", {"buffer_size": 10**9}, "buffer_size = 1000000000: .*10000000"),
+        ("sb3_ppo", {"n_steps": 10**9}, "n_steps = 1000000000: .*1000000"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], expected: str) -> None:
@@ -151,12 +151,34 @@ def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], 
         parse(load_algorithm(name).settings, values, "mine.toml")
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "expected"),
+    [
+        ("sb3_ppo", {}, 2000),  # 5 * 2000 = 10,000; 2048 does not divide it, nor does a number between
+        ("compiled_ppo", {}, 2000),
+        ("sb3_ppo", {"n_envs": 4}, 1250),  # 2 * 4 * 1250
+        ("sb3_ppo", {"budget": 1000}, 1000),  # at most the budget
+        ("sb3_ppo", {"budget": 8192}, 2048),
+        ("sb3_ppo", {"n_steps": 100}, 100),
+        ("sb3_contrib:TRPO", {}, 2000),
+        ("sb3_dqn", {"budget": 9999}, 3),
+    ],
+)
+def test_a_rollout_whose_length_is_not_set_divides_the_budget(
+    name: str, values: dict[str, Any], expected: int
+) -> None:
+    settings: Any = parse(load_algorithm(name).settings, values, "mine.toml")
+    length = settings.train_freq if name == "sb3_dqn" else settings.n_steps
+    assert length == expected
+    assert settings.arguments["train_freq" if name == "sb3_dqn" else "n_steps"] == expected
+
+
 # Training
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_sb3s_own_algorithms_learn_from_where_several_people_are(name: str) -> None:
-    values: dict[str, Any] = {"dqn": {"learning_starts": 50}, "ppo": {"n_steps": 100, "batch_size": 50}}[name]
+    values: dict[str, Any] = {"sb3_dqn": {"learning_starts": 50}, "sb3_ppo": {"n_steps": 100, "batch_size": 50}}[name]
     for observation in ("nearest", "two_nearest_one_hot", "centre_coordinates", "offset_coordinates"):
         arguments: Any = {"observation": observation, "overrides": {"issuer.places": 5}}
         env = gymnasium.make("envs:Proxemic/ThreeTalking-v0", **arguments)
@@ -215,7 +237,7 @@ def test_training_leaves_the_global_generators_and_threads_alone(monkeypatch: py
     monkeypatch.setattr(SB3VecEnv, "step_wait", counted)
     np.random.seed(1)  # noqa: NPY002
     before = torch.get_rng_state(), torch.get_num_threads()
-    trained("dqn", points=[], n_envs=4, train_freq=1)
+    trained("sb3_dqn", points=[], n_envs=4, train_freq=1)
     assert met == [(4, 1)] * 100  # exactly the declared steps, on one thread
     assert torch.equal(torch.get_rng_state(), before[0])
     assert torch.get_num_threads() == before[1]
@@ -246,7 +268,7 @@ def test_linear_layer_over_one_hot_learns_the_optimal_values() -> None:
         target_update_interval=50, exploration_fraction=1.0, exploration_final_eps=1.0,
         policy_kwargs=PolicyArguments(net_arch=()),
     )  # fmt: skip
-    q = METHODS["dqn"].train(SMALL, settings, "one_hot", [SeedSequence(1)], Schedule(6000)).q[0]
+    q = METHODS["sb3_dqn"].train(SMALL, settings, "one_hot", [SeedSequence(1)], Schedule(6000)).q[0]
     expected = solve(SMALL, 0.9).q[SMALL.start]  # with no wrong PING so far, and the moves alone
     assert q[SMALL.start, :PING] == pytest.approx(expected[:PING], abs=0.1)
 
@@ -273,7 +295,7 @@ def test_errors_of_torch_are_no_divergence(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(SB3VecEnv, "step_wait", broken)
     with pytest.raises(ValueError, match="something else"):
-        trained("ppo")
+        trained("sb3_ppo")
 
 
 @pytest.mark.parametrize("name", SETTINGS)

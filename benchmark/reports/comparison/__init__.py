@@ -6,7 +6,7 @@ between two of its cells, or between means of cells over scenarios.
 
 from pathlib import Path
 
-from benchmark.reports.comparison import results, scenarios, training
+from benchmark.reports.comparison import results, rliable, scenarios, training
 from benchmark.reports.comparison.declared import check
 from benchmark.reports.item import Report
 
@@ -19,6 +19,8 @@ REPORT = Report(
         results.outcomes,
         results.summary,
         results.aggregate,
+        rliable.rliable,
+        rliable.profiles,
         training.curves,
         training.steps,
         results.verdicts,

@@ -45,11 +45,16 @@ def labelled(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def style_of(learner: str, experiment: Experiment, observation: str | None = None) -> Style:
-    """Returns a learner's colour, marker and dash, perhaps as if it had another observation."""
+    """Returns a learner's colour, marker and dash, perhaps as if it had another observation.
+
+    A reference implementation has the colour and marker of its learner, hollow and on a dotted line.
+    """
     variants = [other.variant for other in experiment.learners.values() if not other.reference_for]
     drawn = experiment.learners[learner]
     seen = drawn.observation if observation is None else observation
-    return learner_style(drawn.variant, seen, list(dict.fromkeys(variants)), drawn.family)
+    of = drawn.declared.reference_for
+    style = learner_style(of or drawn.variant, seen, list(dict.fromkeys(variants)), drawn.family)
+    return style | {"mfc": "white", "ls": (0, (1, 1))} if of else style
 
 
 def differences(frame: pd.DataFrame, names: Sequence[str]) -> Figure:

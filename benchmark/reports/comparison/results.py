@@ -197,8 +197,6 @@ def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
 )
 def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Computes means over scenarios, if these are pooled."""
-    from rliable import metrics
-
     if reporting_of(experiment).pool != "scenarios":
         return
     for names, learner, rows in populations(runs, experiment, "scenario"):
@@ -209,7 +207,6 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
                 row[name] = mean_over_scenarios([here[name].to_numpy() for here in scenarios])
         final = [here["unbounded_score"].to_numpy() for here in scenarios]
         row["unbounded_score"] = np.mean([values.mean() for values in final])
-        row["iqm"] = metrics.aggregate_iqm(np.concatenate(final)[:, None])
         yield row
 
 

@@ -34,10 +34,9 @@ def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
 
 @curves.figure("How often each learner succeeds while it learns; shade: 95 % interval.")
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
-    """Draws the curves of few scenarios, unless learners are compared with reference implementations."""
+    """Draws the curves of few scenarios."""
     frame, names = figures.labelled(table), drawn_learners(experiment)
-    is_of_references = any(experiment.learners[name].reference_for for name in names)
-    if frame["scenario"].nunique() > figures.FEW or is_of_references:
+    if frame["scenario"].nunique() > figures.FEW:
         return None
     return figures.curve_panels(frame, names, experiment)
 

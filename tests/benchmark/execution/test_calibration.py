@@ -19,17 +19,17 @@ def record(run: RunSpecification, seconds: float, peak_mb: float) -> Record:
 
 COMPARED = load_experiment("compare_deep")
 # A hundred runs, a job each
-NETS = specifications(COMPARED, "default", "S1", "dqn_sb3", "one_hot", range(100))
+NETS = specifications(COMPARED, "default", "S1", "sb3_dqn", "one_hot", range(100))
 TABLES = specifications(COMPARED, "default", "S1", "q_learning", "index")
 MADE = """variant,observation,runs,cpu_time_s
 q_learning,index,100,1.0
-dqn_sb3,one_hot,10,90.0
+sb3_dqn,one_hot,10,90.0
 """
 
 
 def publish(folder: Path, costs: str = MADE, **more: object) -> Path:
     """Publishes that 100 tables took a second of CPU time each, 10 nets 90, and all of them 2,000 s."""
-    algorithms = {"q_learning": {"settings": {"index": 0}}, "dqn_sb3": {"settings": {"one_hot": 0}}}
+    algorithms = {"q_learning": {"settings": {"index": 0}}, "sb3_dqn": {"settings": {"one_hot": 0}}}
     manifest = {"busy_time_s": 2000.0, "runs": 110, "algorithms": algorithms} | more
     folder.mkdir(exist_ok=True)
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
@@ -50,7 +50,7 @@ def test_runs_share_the_time_of_published_ones_by_cpu_time(tmp_path: Path) -> No
 def test_without_a_table_of_costs_runs_are_alike_and_unknown_learners_are_named(tmp_path: Path) -> None:
     assert estimate(NETS[:1], publish(tmp_path, ""), 2).time_s == pytest.approx(2000 / 110)
     publish(tmp_path, "", algorithms={"q_learning": {"settings": {"index": {}}}})
-    for folder, what in ((tmp_path, "dqn_sb3"), (tmp_path / "none", "this experiment")):
+    for folder, what in ((tmp_path, "sb3_dqn"), (tmp_path / "none", "this experiment")):
         text, time_s, costs = estimate(NETS[:2], folder, 2)
         assert text == f"for an unknown time: there are no results of {what} yet"
         assert (time_s, [*costs.values()]) == (0, [1, 1])

@@ -14,7 +14,7 @@ def test_runs_of_a_population_are_one_job_and_all_populations_come_first() -> No
         populations = {run.population for run in runs}
         assert {job[0].population for job in jobs[: len(populations)]} == populations
         assert n_populations in (None, len(jobs))
-        assert all(len(job) == 1 for job in jobs if job[0].algorithm in ("dqn", "ppo"))
+        assert all(len(job) == 1 for job in jobs if job[0].algorithm in ("sb3_dqn", "sb3_ppo"))
 
 
 def test_long_runs_are_split_over_jobs() -> None:

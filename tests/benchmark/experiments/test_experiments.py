@@ -39,12 +39,12 @@ def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
 
 
 def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path) -> None:
-    path, change = tmp_path / "mine.toml", '"algorithms.dqn.algorithm" = "dqn"'
+    path, change = tmp_path / "mine.toml", '"algorithms.dqn.algorithm" = "sb3_dqn"'
     path.write_text(f'extends = "compare_deep"\ndescription = "-"\nchanges = {{ {change} }}\n', "utf-8")
     mine = read_experiment(path)[0]
     assert mine.report is not None
     assert (mine.note, mine.report.question, mine.algorithms["dqn"].title) == ("", "", "")
-    assert mine.algorithms["ppo"].title == "PPO"
+    assert mine.algorithms["ppo"].title == "compiled PPO"
     assert extended(tmp_path, "noted", note="mine").declared.note == "mine"
 
 
@@ -111,9 +111,11 @@ def test_comparison_declares_what_it_should() -> None:
     # Contrasts are decided on seeds that no tuning had seen.
     learners = {name for name, variant in variants.items() if not variant.reference_for}
     assert {seeds[name] for name in learners} == {range(400, 500)}
-    assert {seeds[name] for name in variants if name.endswith("_sb3")} == {range(400, 410)}
+    compared = {seeds[name] for name in ("sb3_dqn", "sb3_ppo")}
+    assert (compared, {seeds[name].start for name in variants}) == ({range(400, 430)}, {400})
     stochastic = {name for name, variant in variants.items() if variant.policy == "stochastic"}
-    assert stochastic == {"softmax_table", "ppo", "ppo_default", "ppo_sb3", "ppo_default_sb3"}
+    sb3 = {"sb3_ppo", "sb3_ppo_coordinates", "sb3_ppo_default"}
+    assert stochastic == {"softmax_table", "ppo", "ppo_default", *sb3}
     settings = [run.settings.model_dump() for run in all_specifications(full)]
     assert {(values["budget"], values["time_limit"]) for values in settings} == {(10_000, 200)}
     paper, table = load_experiment("reproduce").declared.algorithms["q_learning"], variants["q_learning"]
@@ -229,19 +231,19 @@ OF_A_REPLICATION = [
 ]
 LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
-    ('title = "PPO"', 'title = "P\\nPO"', 'algorithms.ppo.title = "P\\nPO": accepted: text in one line'),
-    ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
-    ('reference_for = "ppo"', 'reference_for = "ppo"\nrank = 2', "algorithms.ppo_sb3.rank: "),
+    ('title = "compiled PPO"', 'title = "P\\nPO"', 'algorithms.ppo.title = "P\\nPO": accepted: text in one line'),
+    ('reference_for = "ppo"', 'reference_for = "sb3_dqn"', "sb3_ppo: reference_for: unknown variant sb3_dqn"),
+    ('reference_for = "ppo"', 'reference_for = "ppo"\nrank = 2', "algorithms.sb3_ppo.rank: "),
     (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: input should be less than"),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: centre, index"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
     (
-        f"""{LINEAR}\ntitle = "SB3's linear DQN on one-hot cells"\nalgorithm = "dqn\"""",
+        f"""{LINEAR}\ntitle = "SB3's linear DQN on one-hot cells"\nalgorithm = "sb3_dqn\"""",
         f'{LINEAR}\nalgorithm = "sb3_ppo"',
-        "algorithms.dqn_linear_sb3.settings",
+        "algorithms.sb3_dqn_linear.settings",
     ),
-    ('title = "PPO"', 'family = "tabular"', "[algorithms.ppo]: unknown key family"),
+    ('title = "compiled PPO"', 'family = "tabular"', "[algorithms.ppo]: unknown key family"),
     ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
     ('"every_cell"]', '"anywhere"]', "evaluated_from"),
     ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limits"),
