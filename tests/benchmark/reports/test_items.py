@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
@@ -67,12 +68,35 @@ def test_aggregates_by_a_second_method() -> None:
         clipped = [np.clip(values, 0, 1) for values in unbounded]
         assert row["score"] == pytest.approx(np.mean([values.mean() for values in clipped]))
         assert row["unbounded_score"] == pytest.approx(np.concatenate(unbounded).mean())
-        assert row["iqm"] == pytest.approx(stats.trim_mean(np.concatenate(unbounded), 0.25))
-        assert row["iqm"] == pytest.approx(metrics.aggregate_iqm(np.column_stack(unbounded)))
         # Of numbers in [0, 1] the exact binomial interval is wider than the normal one.
         error = np.sqrt(np.mean([values.var() / len(values) for values in clipped]) / 3)
         low, high = row["score_low"], row["score_high"]
         assert low < row["score"] - 1.96 * error < row["score"] + 1.96 * error < high
+
+
+def test_usual_measures_by_a_second_method() -> None:
+    rng = np.random.default_rng(0)
+    scores = {name: rng.uniform(0.0, high, (3, 12)) for name, high in (("table", 0.8), ("net", 1.0))}
+    cells = [
+        Cell(name, np.zeros(12), scenario, "deep" if name == "net" else "tabular", score=scores[name][i])
+        for i, scenario in enumerate(("S1", "S2", "S3"))
+        for name in scores
+    ]
+    data = data_of(cells, [("net", "table")], baseline=("table",))
+    state = np.random.get_state()[1].copy()  # noqa: NPY002
+    frame = table("rliable", data).set_index("variant")
+    assert (state == np.random.get_state()[1]).all()  # noqa: NPY002
+    pd.testing.assert_frame_equal(frame, table("rliable", data).set_index("variant"))
+    for name, values in scores.items():
+        row, means = frame.loc[name], values.mean(axis=1)
+        expected = [stats.trim_mean(values.ravel(), 0.25), np.median(means), values.mean(), 1 - values.mean()]
+        assert row[["iqm", "median", "mean", "optimality_gap"]].tolist() == pytest.approx(expected)
+        error = 1.96 * np.sqrt(values.var(axis=1).mean() / 12 / 3)  # of strata with 12 runs each
+        assert [row["mean_low"], row["mean_high"]] == pytest.approx([row["mean"] - error, row["mean"] + error], abs=0.01)
+    x, y = scores["net"].T, scores["table"].T
+    assert frame.loc["net", "p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
+    assert frame.loc["net", "over"] == "table, index"
+    assert np.isnan(frame.loc["table", "p_improvement"])
 
 
 def test_effects_are_differences_of_scenarios_by_hand() -> None:
