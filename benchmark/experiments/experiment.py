@@ -6,7 +6,7 @@ Nothing after `load_experiment` looks up a name again, or asks in which way a co
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Final
@@ -28,6 +28,7 @@ from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
 from envs.inputs import check_all, override, parse, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
+from envs.sources import digest_of_source
 
 MOST_RUNS: Final = 500_000  # of an experiment
 LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
@@ -176,7 +177,10 @@ def load_experiment(experiment: str | Path) -> Experiment:
     It is the name of a shipped experiment, or the path of a TOML file. Mistakes are an InputError with a
     sentence for each. Its report checks what it demands.
     """
-    return _Loading(*read_experiment(experiment)).experiment()
+    loaded = _Loading(*read_experiment(experiment)).experiment()
+    latest = cache(digest_of_source)
+    check_all(*(partial(population.first.check_code, latest) for population in loaded.populations))
+    return loaded
 
 
 class _Loading:

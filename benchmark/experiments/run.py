@@ -3,7 +3,8 @@
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,8 +12,9 @@ import numpy as np
 
 from agents import LearnerSettings, Schedule
 from benchmark.experiments.schema import DEFAULT_CONDITION
-from envs import ACTIONS, Scenario
+from envs import ACTIONS, InputError, Scenario
 from envs.observations import seen_as
+from envs.sources import digest_when_loaded
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class RunSpecification:
     @cached_property
     def population(self) -> str:
         """The specification without its seed, as canonical JSON: runs that share it train together."""
-        content = {
+        content: dict[str, object] = {
             # The keys have the names of earlier versions, since digests depend on them.
             "experiment": self.stream,
             "scenario": self.scenario.model_dump(mode="json"),
@@ -53,7 +55,23 @@ class RunSpecification:
             "evaluated_from": list(self.evaluated_from),
             **({} if self.solved is None else {"solved": dict(self.solved)}),
         }
+        # Users' modules that it names as `module:attribute`.
+        named = {*re.findall(r'"([\w.]+):[\w.]+"', json.dumps(content, ensure_ascii=False))}
+        if code := {name: digest for name in sorted(named) if (digest := digest_when_loaded(name))}:
+            content["code"] = code
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
+
+    @property
+    def code(self) -> dict[str, str]:
+        """The digests of users' modules that it depends on, by name, as they were loaded."""
+        return dict(json.loads(self.population).get("code", {}))
+
+    def check_code(self, digest_of: Callable[[str], str]) -> None:
+        """Raises an InputError if a function gives another digest for a module of its code."""
+        for name, digest in self.code.items():
+            if digest_of(name) != digest:
+                what = f"the module {name}, or one that it imports, has changed since it was loaded"
+                raise InputError(f"{what}; start the command, or the notebook's kernel, again.")
 
     def with_seed(self, seed: int) -> "RunSpecification":
         """Returns another run of the same population."""

@@ -17,7 +17,7 @@ from agents import load_algorithm
 from agents.tabular.kernel import compile_kernel
 from benchmark.execution.driver import run
 from benchmark.execution.job import execute_job
-from benchmark.execution.provenance import digest_of_source
+from envs.sources import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_processes import arrays_of
