@@ -6,7 +6,7 @@ Nothing after `load_experiment` looks up a name again, or asks in which way a co
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Final
@@ -178,8 +178,10 @@ def load_experiment(experiment: str | Path) -> Experiment:
     sentence for each. Its report checks what it demands.
     """
     loaded = _Loading(*read_experiment(experiment)).experiment()
-    latest = cache(digest_of_source)
-    check_all(*(partial(population.first.check_code, latest) for population in loaded.populations))
+    code = {each for population in loaded.populations for each in population.first.code.items()}
+    for name in sorted(name for name, digest in code if digest_of_source(name) != digest):
+        what = f"the module {name}, or one that it imports, has changed since it was loaded"
+        raise InputError(f"{loaded.path}: {what}; start this program, or the notebook's kernel, anew.")
     return loaded
 
 

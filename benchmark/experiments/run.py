@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from agents import LearnerSettings, Schedule
 from benchmark.experiments.schema import DEFAULT_CONDITION
-from envs import ACTIONS, InputError, Scenario
+from envs import ACTIONS, Scenario
 from envs.observations import seen_as
 from envs.sources import digest_when_loaded
 
@@ -65,13 +65,6 @@ class RunSpecification:
     def code(self) -> dict[str, str]:
         """The digests of users' modules that it depends on, by name, as they were loaded."""
         return dict(json.loads(self.population).get("code", {}))
-
-    def check_code(self, digest_of: Callable[[str], str]) -> None:
-        """Raises an InputError if a function gives another digest for a module of its code."""
-        for name, digest in self.code.items():
-            if digest_of(name) != digest:
-                what = f"the module {name}, or one that it imports, has changed since it was loaded"
-                raise InputError(f"{what}; start the command, or the notebook's kernel, again.")
 
     def with_seed(self, seed: int) -> "RunSpecification":
         """Returns another run of the same population."""

@@ -17,9 +17,9 @@ from agents import load_algorithm
 from agents.tabular.kernel import compile_kernel
 from benchmark.execution.driver import run
 from benchmark.execution.job import execute_job
-from envs.sources import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
+from envs.sources import digest_of_source
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.support import ROOT
 
