@@ -115,7 +115,7 @@ class OwnFeedback(Table):
                 reason = "another answer when asked again"
             else:
                 return rewards
-        accepted = f"a number up to {_MOST:,}, or a pair of them, the lowest and the highest"
+        accepted = f"a number from {-_MOST:,} to {_MOST:,}, or a pair of them, the lowest and the highest"
         where = f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
         raise InputError(f"{where}: {reason}; accepted: {accepted}.")
 
