@@ -14,7 +14,7 @@ bootstrap through it.
 import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, wraps
+from functools import cached_property, lru_cache, partial, wraps
 from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 import numpy as np
@@ -455,17 +455,16 @@ def _feedback(scenario: Scenario) -> Feedback:
                 case NoisyFeedback():
                     width = its.noise
                 case OwnFeedback():
-                    low, high = np.zeros((2, n_places, n_pings, len(position)))
+                    rewards = np.zeros((2, n_places, n_pings, len(position)))  # lowest and highest
                     for j, _, c in np.argwhere(nearest == k).tolist():
                         person = [it for it in scenario.people_in(j, p) if it.feedback][k]
-                        zone = ZONES[scenario.zone[j, p, c]]
+                        zone, agent = ZONES[scenario.zone[j, p, c]], divmod(c, scenario.grid.columns)
                         if zone == "issuer" or scenario.grid.is_wall[c]:
                             continue
-                        told = (*position[c].tolist(),), person.position, person.heading
-                        told += int(far[j, k, c]), int(from_start[j, k]), zone, scenario.stages[p].name
-                        pings = [Ping(*told, n_wrong) for n_wrong in range(n_pings)]
-                        low[j, :, c], high[j, :, c] = its.answers(pings, scenario.name)
-                    value, width = (low + high) / 2, (high - low) / 2
+                        distances, phase = (int(far[j, k, c]), int(from_start[j, k])), scenario.stages[p].name
+                        seen = partial(Ping, agent, person.position, person.heading, *distances, zone, phase)
+                        rewards[:, j, :, c] = its.answers([*map(seen, range(n_pings))], scenario.name)
+                    value, width = rewards.mean(axis=0), (rewards[1] - rewards[0]) / 2
                 case _ if its.kind == "none":
                     value = 0.0
             mean[:, p] = np.where(nearest == k, value, mean[:, p])
