@@ -15,6 +15,8 @@ import llvmlite
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
+from envs.sources import digest_when_loaded
+
 _Function = TypeVar("_Function", bound=Callable[..., object])
 _DIGEST_SIZE = 32
 _ROOT = Path(__file__).parents[1]
@@ -24,8 +26,8 @@ def compiled(function: _Function) -> _Function:
     """Makes a function that is compiled when it is first called, and that releases Python's global lock."""
     dispatcher: Any = numba.njit(nogil=True)(function)
     dispatcher._cache = cached = FunctionCache(function)
-    base, stamp = cached._impl.filename_base, cached._impl.locator.get_source_stamp()
-    cached._cache_file = _Files(cached._cache_path, base, stamp)
+    stamp = cached._impl.locator.get_source_stamp(), digest_when_loaded(function.__module__)
+    cached._cache_file = _Files(cached._cache_path, cached._impl.filename_base, stamp)
     return dispatcher  # type: ignore[no-any-return]
 
 

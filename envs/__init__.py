@@ -17,6 +17,7 @@ import gymnasium
 from envs.inputs import InputError, is_name
 from envs.model import ACTIONS, EVENTS, Model, compile_scenario
 from envs.observations import OBSERVATIONS
+from envs.people import Ping
 from envs.proxemic_env import ProxemicEnv
 from envs.regions import ZONES
 from envs.scenario import Scenario, load_scenario, scenario_names
@@ -29,6 +30,7 @@ __all__ = [
     "ZONES",
     "InputError",
     "Model",
+    "Ping",
     "ProxemicEnv",
     "ProxemicVectorEnv",
     "Scenario",

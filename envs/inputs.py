@@ -267,6 +267,8 @@ def _reasons(error: ErrorDetails) -> list[str]:
             return ["accepted: a table"]
         case "value_error":
             messages = _lines_of(error["ctx"]["error"])
+        case "union_tag_invalid":
+            messages = [f"unknown kind; accepted: {error['ctx']['expected_tags']}"]
         case _:
             messages = [error["msg"]]
     return [f"{message[:1].lower()}{message[1:]}" for message in messages]

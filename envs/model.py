@@ -14,13 +14,13 @@ bootstrap through it.
 import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, wraps
+from functools import cached_property, lru_cache, partial, wraps
 from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.people import BoundedFeedback, NoisyFeedback
+from envs.people import BoundedFeedback, NoisyFeedback, OwnFeedback, Ping
 from envs.regions import ZONES
 from envs.scenario import Scenario
 
@@ -189,7 +189,8 @@ def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbe
 def compile_scenario(scenario: Scenario) -> Model:
     """Compiles a scenario; equal scenarios share one `Model` while it is among the latest."""
     compiled = _compile if math.prod(_shape(scenario)) <= _STATES_AT_ONCE else _compile_large
-    return compiled(scenario)
+    # A notebook may have changed its functions.
+    return compiled(scenario, *(its.function(scenario.name) for its in scenario.own_feedback))
 
 
 def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
@@ -199,7 +200,7 @@ def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
 
 
 @lru_cache(maxsize=64)
-def _compile(scenario: Scenario) -> Model:
+def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
     shape = _shape(scenario)
     n_places = shape[0]
     n_block = math.prod(shape[1:])  # states of a place
@@ -281,7 +282,7 @@ def _compile_places(
     )
 
     # The issuer's part: feedback, and the next tick
-    mean, noise, comes_late = (values[context, cell] for values in feedback)  # (S,) each
+    mean, noise, comes_late = (values[context, pings % values.shape[1], cell] for values in feedback)  # (S,)
     issuer_reward = np.zeros(event.shape)
     issuer_noise = np.zeros(event.shape)
     issuer_reward[:, PING] = np.where(comes_late, 0.0, mean)
@@ -418,19 +419,21 @@ def numbered(columns: Sequence[NDArray[np.int_]]) -> tuple[NDArray[np.int_], NDA
 
 
 def _feedback(scenario: Scenario) -> Feedback:
-    """Returns mean, half-width and lateness of the reward for a PING, (J * P, C) each, by the nearest person.
+    """Returns mean, half-width and lateness of the reward for a PING, (J * P, W, C), by the nearest person.
 
-    Feedback by distance is relative to the largest distance from a start in the same place.
+    W is `ping_limit` if users' functions are given the wrong PINGs so far, else 1. Feedback by distance is
+    relative to the largest distance from a start in the same place.
     """
     position = scenario.grid.position
     place, tick, cell = scenario.every_start.T
     n_places, n_phases, n = scenario.standing.shape
-    shape = n_places, n_phases, len(position)
+    n_pings = scenario.ping_limit if scenario.own_feedback else 1
+    shape, flat = (n_places, n_phases, n_pings, len(position)), (n_places * n_phases, n_pings, len(position))
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
     answering = [[it for it in others if it.feedback] for others in scenario.others_at]
     feedback = [scenario.issuer.feedback] * n + [it.feedback for it in answering[0] if it.feedback]
     if all(it.kind == "none" for it in feedback):
-        return mean.reshape(-1, shape[2]), noise.reshape(-1, shape[2]), is_late.reshape(-1, shape[2])
+        return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)
     stands = np.empty((n_places, n_phases, len(feedback), 2), dtype=np.int_)
     stands[:, :, :n] = position[scenario.standing]
     for p, others in enumerate(answering):
@@ -440,21 +443,31 @@ def _feedback(scenario: Scenario) -> Feedback:
     np.maximum.at(from_start, place, far)
     for p in range(n_phases):
         far = abs(position - stands[:, p, :, None]).sum(axis=3)  # (J, people, C), L1 distances
-        nearest = far.argmin(axis=1)
+        nearest = far.argmin(axis=1)[:, None]  # (J, 1, C)
         for k, its in enumerate(feedback):
-            value: NDArray[np.float64] | float = -far[:, k] / from_start[:, k, None]
-            width = 0.0
+            value: NDArray[np.float64] | float = -far[:, k, None] / from_start[:, k, None, None]
+            width: NDArray[np.float64] | float = 0.0
             match its:
                 case BoundedFeedback(kind="uniform", low=low, high=high):
                     value, width = (low + high) / 2, (high - low) / 2
                 case BoundedFeedback(low=low, high=high):
-                    value = np.where(scenario.zone[:, p] == ZONES.index("target"), high, low)
+                    value = np.where(scenario.zone[:, p, None] == ZONES.index("target"), high, low)
                 case NoisyFeedback():
                     width = its.noise
+                case OwnFeedback():
+                    rewards = np.zeros((2, n_places, n_pings, len(position)))  # lowest and highest
+                    for j, _, c in np.argwhere(nearest == k).tolist():
+                        person = [it for it in scenario.people_in(j, p) if it.feedback][k]
+                        zone, agent = ZONES[scenario.zone[j, p, c]], divmod(c, scenario.grid.columns)
+                        if zone == "issuer" or scenario.grid.is_wall[c]:
+                            continue
+                        distances, phase = (int(far[j, k, c]), int(from_start[j, k])), scenario.stages[p].name
+                        seen = partial(Ping, agent, person.position, person.heading, *distances, zone, phase)
+                        rewards[:, j, :, c] = its.answers([*map(seen, range(n_pings))], scenario.name)
+                    value, width = rewards.mean(axis=0), (rewards[1] - rewards[0]) / 2
                 case _ if its.kind == "none":
                     value = 0.0
             mean[:, p] = np.where(nearest == k, value, mean[:, p])
-            noise[:, p][nearest == k] = width
-            is_late[:, p][nearest == k] = its.kind == "delayed"
-    flat = n_places * n_phases, shape[2]
+            noise[:, p] = np.where(nearest == k, width, noise[:, p])
+            is_late[:, p] = np.where(nearest == k, its.kind == "delayed", is_late[:, p])
     return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)

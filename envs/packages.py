@@ -50,7 +50,7 @@ def imported(name: str, source: str, kind: str) -> object:
         elif missing is not None and _installer(missing):
             hint = _installer(missing)
         elif missing == module.partition(".")[0]:
-            accepted = "a module of the current folder, of the experiment's folder or of an installed package"
+            accepted = "a module of the current folder, of that of the file, or of an installed package"
             hint = f"{guess(missing, chain(*EXTRAS.values()))}; accepted: {accepted}"
         raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}.") from error
 

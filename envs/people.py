@@ -1,18 +1,21 @@
 """People in a scenario: where they stand and walk, and the reward that they add to a PING."""
 
-from collections.abc import Set
+from collections.abc import Callable, Hashable, Sequence, Set
 from itertools import pairwise
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, WrapValidator, model_validator
+from numpy.typing import NDArray
+from pydantic import Discriminator, Field, Tag, ValidationError, WrapValidator, model_validator
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
-from envs.inputs import Table, require
+from envs.inputs import InputError, Line, Table, require, shortened
+from envs.packages import imported
 from envs.regions import HEADINGS, Cell, Heading, Length, Regions, Ring
 
 MAX_STATES: Final = 4_000_000  # of a scenario
-Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
+_MOST: Final = 1_000_000  # of a reward
+Reward = Annotated[float, Field(ge=-_MOST, le=_MOST)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
 
 
@@ -69,8 +72,71 @@ class BoundedFeedback(Table):
         return self
 
 
-AnyFeedback = PlainFeedback | NoisyFeedback | BoundedFeedback
-Feedback = Annotated[AnyFeedback, Field(discriminator="kind")]
+class Ping(NamedTuple):
+    """A PING, as the person who answers it sees it."""
+
+    agent: Cell
+    person: Cell
+    heading: Heading  # where the person looks
+    distance: int  # between them, rows plus columns
+    farthest: int  # the largest such distance at the start of an episode in this place
+    zone: str  # where the agent is, one of `envs.ZONES`
+    phase: str  # its name; "always" if there are none
+    wrong_pings: int  # so far in the episode, without this one
+
+
+class OwnFeedback(Table):
+    """What a function of yours returns for a `Ping`: a reward, or the bounds of one drawn uniformly."""
+
+    kind: Line
+    """The function, as `module:attribute`."""
+
+    def function(self, source: str) -> Callable[[Ping], Any]:
+        """Imports the function; raises an InputError, which names the source, if that fails."""
+        function = imported(self.kind, source, "feedback.kind")
+        if callable(function) and isinstance(function, Hashable):
+            return function
+        raise InputError(f"{source}: feedback.kind {shortened(self.kind)}: accepted: a function.")
+
+    def answers(self, pings: Sequence[Ping], source: str) -> NDArray[np.float64]:
+        """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
+        function = self.function(source)
+        try:
+            said = np.array([np.broadcast_to(function(ping), 2) for ping in pings])
+            again = np.array([np.broadcast_to(function(ping), 2) for ping in reversed(pings)])[::-1]
+        except (Exception, SystemExit) as error:  # whatever the function raises
+            reason = f"{type(error).__name__}: {error}"
+        else:
+            is_number = said.dtype.kind in "iuf"
+            rewards = said.T.astype(np.float64) if is_number else np.full((2, len(pings)), np.nan)
+            if not ((abs(rewards) <= _MOST).all() and (rewards[0] <= rewards[1]).all()):
+                reason = shortened(str(rewards.T.tolist())) if is_number else "no number"
+            elif not np.array_equal(said, again):
+                reason = "another answer when asked again"
+            else:
+                return rewards
+        accepted = f"a number from {-_MOST:,} to {_MOST:,}, or a pair of them, the lowest and the highest"
+        where = f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
+        raise InputError(f"{where}: {reason}; accepted: {accepted}.")
+
+
+def _kind(value: Any) -> Any:
+    """Returns which kind of feedback a table is; any function counts as "module:attribute"."""
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    return "module:attribute" if isinstance(kind, str) and ":" in kind else kind
+
+
+AnyFeedback = PlainFeedback | NoisyFeedback | BoundedFeedback | OwnFeedback
+Feedback = Annotated[
+    Annotated[PlainFeedback, Tag("none")]
+    | Annotated[BoundedFeedback, Tag("uniform")]
+    | Annotated[PlainFeedback, Tag("distance")]
+    | Annotated[NoisyFeedback, Tag("noisy")]
+    | Annotated[PlainFeedback, Tag("delayed")]
+    | Annotated[BoundedFeedback, Tag("binary")]
+    | Annotated[OwnFeedback, Tag("module:attribute")],
+    Discriminator(_kind),
+]
 FEEDBACK: Final = {  # in words, by kind
     "none": "no feedback",
     "uniform": "random feedback",

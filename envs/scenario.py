@@ -19,8 +19,9 @@ from pydantic import AfterValidator, Field, model_validator
 
 from envs import inputs
 from envs.inputs import InputError, Line, Name, Table, require
-from envs.people import MAX_STATES, Group, Issuer, Person, Place, Reward, Steps, Walk
+from envs.people import MAX_STATES, Group, Issuer, OwnFeedback, Person, Place, Reward, Steps, Walk
 from envs.regions import TOLERANCE, ZONES, AnyShape, Cell, Egg, Heading, Regions, Ring, ring_zones, zones
+from envs.sources import find_modules_in
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_CELLS: Final = 100_000
@@ -409,6 +410,12 @@ class Scenario(Table):
         feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
         return any(one is not None and one.kind == "delayed" for one in feedback)
 
+    @property
+    def own_feedback(self) -> list[OwnFeedback]:
+        """The feedback by functions of users."""
+        feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
+        return [one for one in feedback if isinstance(one, OwnFeedback)]
+
     @cached_property
     def _ways(self) -> NDArray[np.int_]:
         """(G, people) all ways in which the issuer and its group may stand, as cells; rising in a group."""
@@ -699,7 +706,10 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
             )
     inputs.check_file_name(path, "the scenario is")
     changed = inputs.override(inputs.read_toml(path), overrides or {}, str(path))
-    return _checked(json.dumps(changed, default=str), path)
+    checked = _checked(json.dumps(changed, default=str), path)
+    if checked.own_feedback:
+        find_modules_in(str(path.parent.resolve()))
+    return checked
 
 
 @lru_cache(maxsize=256)  # experiments load the same scenarios again and again

@@ -28,6 +28,7 @@ from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
 from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
 from agents.tabular.updates import Q_LEARNING, Successor, UpdateRule
+from envs.sources import digest_when_loaded
 
 N_CHOICES: Final = 60
 LEAST_TRACE: Final = 1e-3  # below this weight a trace is dropped
@@ -283,7 +284,7 @@ def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
 
     The kernel is a copy of `_train` whose globals hold the rule. Since compiled code is kept on disk by the
-    function's name, that contains a digest of the rule and of the text of the rule's file.
+    function's name, that contains a digest of the rule and of the text of its file and of what that imports.
     """
     flags = {
         "_IS_ON_POLICY": update.is_on_policy,
@@ -295,7 +296,8 @@ def compile_kernel(update: UpdateRule) -> Kernel:
     code = update.bootstrap.__code__
     cells = [cell.cell_contents for cell in update.bootstrap.__closure__ or ()]
     text = linecache.getlines(inspect.getfile(update.bootstrap))
-    parts = flags, update.bootstrap.__module__, code.co_code, code.co_consts, code.co_names, cells, text
+    imported = digest_when_loaded(update.bootstrap.__module__)
+    parts = flags, code.co_code, code.co_consts, code.co_names, cells, text, imported
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
     return compiled(kernel)

@@ -7,7 +7,6 @@ import subprocess
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 from subprocess import DEVNULL
 from typing import Any, Final
@@ -17,6 +16,7 @@ import numpy as np
 
 from agents import load_algorithm
 from envs.packages import missing_package
+from envs.sources import digest_when_loaded
 
 _PACKAGES: Final = ("gymnasium", "llvmlite", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
 _FEATURES: Final = ("avx", "avx2", "fma", "avx512f")
@@ -71,25 +71,15 @@ def environment(algorithm: str) -> dict[str, str]:
     """Returns what must be the same on every machine that runs an algorithm: versions and code."""
     same = versions(algorithm) | {"project code": digest_of_code()[:_SHOWN]}
     if ":" in algorithm:
-        same[f"code of {algorithm}"] = digest_of_source(algorithm.partition(":")[0])[:_SHOWN]
+        same[f"code of {algorithm}"] = digest_when_loaded(algorithm.partition(":")[0])[:_SHOWN]
     return same
 
 
 @cache
 def digest_of_code() -> str:
     """Returns the digest of this project's sources."""
-    digests = map(digest_of_source, ("agents", "benchmark", "envs"))
-    return hashlib.sha256("".join(digests).encode()).hexdigest()
-
-
-def digest_of_source(module: str) -> str:
-    """Returns the digest of a module, and of the package that it belongs to."""
-    spec = find_spec(module.partition(".")[0])
-    if spec is None:
-        return ""
-    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
+    folders = [Path(__file__).parents[2] / name for name in ("agents", "benchmark", "envs")]
     paths = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix in _SOURCES]
-    paths += [Path(spec.origin)] if spec.origin and not folders else []
     named = (f"{path.name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths)
     return hashlib.sha256("".join(named).encode()).hexdigest()
 

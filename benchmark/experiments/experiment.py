@@ -28,6 +28,7 @@ from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
 from envs.inputs import check_all, override, parse, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
+from envs.sources import digest_of_source
 
 MOST_RUNS: Final = 500_000  # of an experiment
 LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
@@ -176,7 +177,12 @@ def load_experiment(experiment: str | Path) -> Experiment:
     It is the name of a shipped experiment, or the path of a TOML file. Mistakes are an InputError with a
     sentence for each. Its report checks what it demands.
     """
-    return _Loading(*read_experiment(experiment)).experiment()
+    loaded = _Loading(*read_experiment(experiment)).experiment()
+    code = {each for population in loaded.populations for each in population.first.code.items()}
+    for name in sorted(name for name, digest in code if digest_of_source(name) != digest):
+        what = f"the module {name}, or one that it imports, has changed since it was loaded"
+        raise InputError(f"{loaded.path}: {what}; start this program, or the notebook's kernel, anew.")
+    return loaded
 
 
 class _Loading:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +14,7 @@ from agents import LearnerSettings, Schedule
 from benchmark.experiments.schema import DEFAULT_CONDITION
 from envs import ACTIONS, Scenario
 from envs.observations import seen_as
+from envs.sources import digest_when_loaded
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class RunSpecification:
     @cached_property
     def population(self) -> str:
         """The specification without its seed, as canonical JSON: runs that share it train together."""
-        content = {
+        content: dict[str, object] = {
             # The keys have the names of earlier versions, since digests depend on them.
             "experiment": self.stream,
             "scenario": self.scenario.model_dump(mode="json"),
@@ -53,7 +55,16 @@ class RunSpecification:
             "evaluated_from": list(self.evaluated_from),
             **({} if self.solved is None else {"solved": dict(self.solved)}),
         }
+        # Users' modules that it names as `module:attribute`.
+        named = {*re.findall(r'"([\w.]+):[\w.]+"', json.dumps(content, ensure_ascii=False))}
+        if code := {name: digest for name in sorted(named) if (digest := digest_when_loaded(name))}:
+            content["code"] = code
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
+
+    @property
+    def code(self) -> dict[str, str]:
+        """The digests of users' modules that it depends on, by name, as they were loaded."""
+        return dict(json.loads(self.population).get("code", {}))
 
     def with_seed(self, seed: int) -> "RunSpecification":
         """Returns another run of the same population."""

@@ -8,7 +8,6 @@ The readings of the paper are conditions. Grids add axes, and each point of thei
 import json
 import math
 import re
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -35,10 +34,9 @@ from envs.inputs import (
     require,
     unknown_name,
 )
+from envs.sources import find_modules_in
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
-# Folders of experiments that were read, where Python also looks for modules.
-SEARCHED: Final[list[str]] = []
 DEFAULT_CONDITION: Final = "default"
 MOST_POINTS: Final = 10_000  # of a grid
 ERROR: Final = 0.05  # of the probability of any wrong verdict of a map
@@ -566,14 +564,6 @@ def _path(experiment: str | Path) -> Path:
             raise InputError(f"experiments: unknown experiment {experiment}; accepted: the file {file}.")
         unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
     return shipped
-
-
-def find_modules_in(folder: str) -> None:
-    """Has modules found in a folder, after all others, here and in worker processes that start later."""
-    if folder not in SEARCHED:
-        SEARCHED.append(folder)
-    if folder not in sys.path:
-        sys.path.append(folder)
 
 
 def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import pandas as pd
 
 from benchmark.drawing import tables
-from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment
 from benchmark.reports import document, files, load_items, load_report, sameness
@@ -23,6 +22,7 @@ from benchmark.reports.item import Item, Report
 from benchmark.reports.manifest import manifest_of
 from envs import InputError
 from envs.packages import missing_package
+from envs.sources import digest_of_source
 
 
 class Made(NamedTuple):

@@ -16,8 +16,8 @@ from benchmark.execution.job import execute_job
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import environment
 from benchmark.execution.store import Record
-from benchmark.experiments.schema import SEARCHED, find_modules_in
 from envs import InputError
+from envs.sources import SEARCHED, find_modules_in
 
 _ANSWER_S: Final = 10  # how long to wait for the scheduler: at the start, and when the connection is lost
 _WORKER_S: Final = 60  # how long to wait for the first worker

@@ -57,7 +57,7 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
             axis.fill_between(curve["step"], curve["min"], curve["max"], color="0.8", lw=0)
             axis.plot(curve["step"], curve["mean"], color="black", lw=0.9)
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
-            title = f"{name}: {FEEDBACK[kind]}\n({letters[0]}) max Q over training"
+            title = f"{name}: {FEEDBACK.get(kind, kind)}\n({letters[0]}) max Q over training"
             axis.set(title=title, xlabel="environment step")
             axis.set(xlim=(0, max(curve["step"].max(), 1)), ylim=(bottom - room, top + room))
             axis.xaxis.set_major_locator(MaxNLocator(3))

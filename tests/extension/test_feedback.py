@@ -1,0 +1,145 @@
+"""Feedback from outside: functions in a module beside a scenario's file, and the digest of code like that."""
+
+import re
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+from benchmark.experiments import load_experiment
+from envs import Ping, compile_scenario, load_scenario
+from envs.inputs import InputError
+from envs.model import PING
+from envs.sources import digest_of_source
+from tests.support import ROOT
+
+S1 = ROOT / "envs" / "scenarios" / "S1.toml"
+(POLITE,) = re.findall(r"```python\n(# polite.*?)```", (S1.parent / "README.md").read_text(), flags=re.DOTALL)
+EXPERIMENT = """
+description = "A table with feedback from outside."
+scenarios = ["scenes/Polite.toml"]
+horizon = 50
+evaluation_every = 200
+map_every = 200
+settings = { budget = 400 }
+algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
+"""
+
+
+def distance(ping: Ping) -> float:
+    return -ping.distance / ping.farthest
+
+
+def uniform(_: Ping) -> tuple[int, float]:
+    return -1, 1.0
+
+
+def binary(ping: Ping) -> float:
+    return 1.0 if ping.zone == "target" else -1.0
+
+
+asked: list[Ping] = []
+
+
+def remembers(ping: Ping) -> int:
+    asked.append(ping)
+    return len(asked)
+
+
+def odd(ping: Ping) -> object:
+    return {0: 0.0, 1: float("nan")}.get(ping.wrong_pings, "much")
+
+
+def fails(ping: Ping) -> object:
+    return ping.mood  # type: ignore[attr-defined]
+
+
+CASES = [("S3", distance), ("S2", uniform), ("YesNo", binary), ("TwoPeople", distance), ("Turning", distance)]
+
+
+@pytest.mark.parametrize(("name", "function"), CASES)
+def test_functions_can_be_what_shipped_kinds_are(name: str, function: object) -> None:
+    kind = getattr(function, "__name__", "")
+    shipped = {} if name in ("S2", "YesNo") else {"issuer.feedback": {"kind": "distance"}}
+    own = {"issuer.feedback": {"kind": f"{__name__}:{kind}"}}
+    expected, model = (compile_scenario(load_scenario(name, changes)) for changes in (shipped, own))
+    for key, value in vars(expected).items():
+        if isinstance(value, np.ndarray):
+            np.testing.assert_array_equal(getattr(model, key), value, err_msg=key)
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (f"{__name__}:remembers", "another answer when asked again; accepted: a number"),
+        (f"{__name__}:odd", "no number; accepted: a number from -1,000,000 to 1,000,000, or a pair"),
+        (f"{__name__}:fails", "AttributeError: 'Ping' object has no attribute 'mood'"),
+        (f"{__name__}:CASES", "accepted: a function"),
+        ("no_such_module:f", "cannot be imported: No module named 'no_such_module'"),
+        ("kindness", "unknown kind; accepted: 'none', .*, 'module:attribute'"),
+    ],
+)
+def test_mistakes_are_one_sentence(kind: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as error:
+        gymnasium.make("Proxemic/S1-v0", overrides={"issuer.feedback.kind": kind})
+    assert len(error.value.args) == 1
+
+
+def test_example_of_the_guide_is_found_beside_its_scenario(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    scenes = tmp_path / "scenes"
+    scenes.mkdir()
+    (scenes / "polite.py").write_text(POLITE, encoding="utf-8")
+    text = S1.read_text(encoding="utf-8").replace('kind = "none"', 'kind = "polite:polite"')
+    (scenes / "Polite.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(EXPERIMENT, encoding="utf-8")
+    env = gymnasium.make("Proxemic/S1-v0", scenario=scenes / "Polite.toml")
+    env.reset()
+    # The farthest start is 14 steps away, and so is the agent.
+    rewards = [round(float(env.step(PING)[1]) + 0.4, 9) for _ in range(4)]
+    assert rewards == [-0.5, -0.5, -0.5, -0.6]
+    model = compile_scenario(load_scenario(scenes / "Polite.toml"))
+    beside = 5 * 12 + 8  # the cell above the person, which is uncomfortable
+    assert (model.issuer_reward[beside, PING], model.issuer_noise[beside, PING]) == (-0.75, 0.25)
+    vector = gymnasium.make_vec("Proxemic/S1-v0", num_envs=2, scenario=scenes / "Polite.toml")
+    vector.reset()
+    assert vector.step(np.array([PING, PING]))[1].tolist() == [-0.9, -0.9]
+    # Runs depend on it, and a process that has loaded it refuses another version.
+    (population,) = load_experiment(tmp_path / "mine.toml").populations
+    assert population.first.code == {"polite": digest_of_source("polite")}
+    (scenes / "polite.py").write_text(f"{POLITE}# changed", encoding="utf-8")
+    with pytest.raises(InputError, match="the module polite, or one that it imports, has changed"):
+        load_experiment(tmp_path / "mine.toml")
+
+
+IMPORTS = {
+    "mine.py": "import os, numpy\ndef f():\n    from inner import deep\n    import data.near",
+    "inner/__init__.py": "from .first import *",
+    "inner/first.py": "from ..beyond import all",
+    "inner/deep.py": "from . import second as other",
+    "inner/second.py": "not Python \0",
+    "data/near.py": "import mine",
+}
+
+
+def test_digest_is_of_a_module_and_of_all_that_it_imports(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    for name, text in {**IMPORTS, "other.py": "", "inner/third.py": "", "mine.toml": ""}.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    before = digest_of_source("mine")
+    for path in sorted(tmp_path.rglob("*.*")):
+        text = path.read_text(encoding="utf-8")
+        path.write_text(f"{text}\n# changed", encoding="utf-8")
+        name = path.relative_to(tmp_path).as_posix()
+        assert (digest_of_source("mine") != before) == (name in IMPORTS), name
+        path.write_text(text, encoding="utf-8")
+        assert digest_of_source("mine") == before
+    names = ("numpy", "random", "sys", "agents.tabular.learner", "no_such_module", "a..b", "__main__x", "")
+    assert {digest_of_source(name) for name in names} == {""}
