@@ -23,7 +23,7 @@ from benchmark.reports.comparison.declared import drawn_learners, reporting_of
 from benchmark.reports.item import drawing, item
 
 Scores = NDArray[np.float64]  # (runs, scenarios)
-_DRAWS: Final = 2_000  # of a bootstrap
+_DRAWS: Final = 1_000  # of a bootstrap
 _SEED: Final = 0
 _THRESHOLDS: Final = np.linspace(0.0, 1.0, 51)
 _AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")
