@@ -26,17 +26,16 @@ Where = str | Path
 def runs(experiment: Where, results: Where | None = None, source: str | None = None) -> pd.DataFrame:
     """Returns what each run of an experiment reached: a row per run, and condition if several share it.
 
-    `scenario`, `condition` and its axes, `learner` (`variant` and `observation`) and `seed` say which run it
-    is. After `budget` steps, its `policy` has, exactly, `success` (a probability), `score` (0: random, 1:
-    optimal), and per episode `steps`, `wrong_pings` and `uncomfortable_steps`; with `every_cell_`, if the
-    agent starts in any cell. `training_wrong_pings` is their number in training, `cpu_time_s` its seconds.
+    Columns are `scenario`, `condition` and its axes, `learner` (`variant` and `observation`), `seed`, and
+    exact results of the `policy` that counts after `budget` steps: `success` (a probability), `score` (0:
+    random, 1: optimal), and per episode `steps` and `wrong_pings`; `every_cell_`: if it starts in any cell.
+    `training_wrong_pings` are those of all training, `cpu_time_s` its seconds.
 
     Args:
       experiment: A name that `python -m benchmark list` shows, or the path of a TOML file.
       results: Folder of results; by default `results` here or, if they are not there, in this project.
-      source: "stored": the runs that are stored so far. "published": the table of runs that a report has
-        written, with fewer columns; a map's has `steps` until learned and `disagreements`, the wrong PINGs.
-        By default all runs, stored or else published. `attrs["source"]` says which.
+      source: "stored" (so far), or "published": fewer columns, and of a map `steps` until learned and
+        `disagreements`, the wrong PINGs. By default all runs, stored or else published: see `attrs`.
 
     Raises:
       InputError: There is no such experiment, its runs are not there, or a file is damaged.
