@@ -164,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
     _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
     about = (
-        "write progress.csv and, if it is installed, TensorBoard's events into DIR, see the guide of commands"
+        "log each run in a folder below DIR: progress.csv, which is overwritten, and events of TensorBoard"
     )
     _add(run, "--log", "DIR", about, Path)
     run.set_defaults(partial=False)

@@ -74,14 +74,12 @@ def test_logs_change_nothing_and_have_every_run(tmp_path: Path, capsys: pytest.C
 
 
 def test_tensorboard_reads_the_same(tmp_path: Path) -> None:
-    pytest.importorskip("tensorboard")
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     file = tmp_path / "mine.toml"
     file.write_text(EXPERIMENT, encoding="utf-8")
     assert main(["run", str(file), "--results", str(tmp_path), "--log", str(tmp_path / "log")]) == 0
     for folder, name in (("", "train/loss"), ("eval", "eval/success")):
-        events = EventAccumulator(
+        events = accumulator.EventAccumulator(
             str(tmp_path / "log" / "mine" / "S1" / "sb3_dqn_one_hot" / "seed_0" / folder)
         )
         events.Reload()
