@@ -111,7 +111,7 @@ horizon = 100
 "readings.default.seeds" = 4
 """
 COMMANDS: Final[dict[str, list[str]]] = {
-    "run": ["--seeds", "--jobs", "--report", "--results", "--log"],
+    "run": ["--seeds", "--jobs", "--report", "--results"],
     "report": ["--seeds", "--partial", "--results"],
     "verify": ["--runs", "--seed", "--jobs", "--results"],
     "watch": ["--scenario", "--learner", "--observation", "--seed", "--experiment", "--save"],
