@@ -20,7 +20,7 @@ DOCS ?= $(VENV)/.docs
 DEV ?= $(VENV)/.dev
 
 # SEEDS=10 runs seeds 0 to 9 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. A reference
-# implementation has its share of them. By default each variant has the seeds that its experiment declares.
+# implementation has its share of them, at least two. By default each variant has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 

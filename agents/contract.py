@@ -47,6 +47,8 @@ class Schedule:
     may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
     """Whether training may end, given the index of an evaluation step and the table (O, A) there. Tabular
     learners do not ask. After an early end, the remaining evaluations repeat the last one."""
+    log: str = ""
+    """Folder for what agents of Stable-Baselines3 log; empty if nothing is logged."""
 
     @property
     def is_mapped(self) -> NDArray[np.bool_]:

@@ -1,8 +1,10 @@
 """Runs experiments, stores their records and publishes reports; see `python -m benchmark --help`."""
 
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 # Others have packages of these names, too. Ours are known by a word in their `__init__.py`.
 for _name, _word in (("agents", b"load_algorithm"), ("envs", b"Proxemic/")):
@@ -16,3 +18,10 @@ for _name, _word in (("agents", b"load_algorithm"), ("envs", b"Proxemic/")):
             print(f"error: {_sentence}", file=sys.stderr)
             sys.exit(2)
         raise ImportError(_sentence)
+
+
+def __getattr__(name: str) -> Any:
+    """Imports `runs` and `curves`, which need pandas, when somebody asks for them."""
+    if name in ("curves", "runs"):
+        return getattr(import_module("benchmark.frames"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -163,6 +163,10 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
     _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
+    about = (
+        "log each run in a folder below DIR: progress.csv, which is overwritten, and events of TensorBoard"
+    )
+    _add(run, "--log", "DIR", about, Path)
     run.set_defaults(partial=False)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")

@@ -58,7 +58,7 @@ def test_guide_can_be_followed(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = small = (ROOT / name).read_text(encoding="utf-8")
-    assert name != SCENE or len(page.splitlines()) <= 120
+    assert name != SCENE or len(page.splitlines()) <= 140
     for text, smaller in MINIATURE[name].items():
         assert text in small
         small = small.replace(text, smaller)
@@ -68,3 +68,7 @@ def test_guide_can_be_followed(
     printed = capsys.readouterr().out
     for success in re.findall(r"Its success is ([\d.]+)", page):
         assert f"success              {success}" in printed
+    for scenario, x, y in re.findall(r"`(\w+)`, with (\d\.\d+) against (\d\.\d+)", page):
+        rows = re.findall(r"^(\w+) +([\d.]+) +160 +([\d.]+) +160$", printed, flags=re.MULTILINE)
+        assert [row for row in rows if float(row[1]) > float(row[2])] == [(scenario, x, y)]
+        assert f"in one of {len(rows)}" in page

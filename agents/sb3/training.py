@@ -8,8 +8,9 @@ import hashlib
 import time
 import warnings
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ import torch
 from numpy.random import SeedSequence
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.logger import Logger, configure
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
@@ -122,6 +123,8 @@ def train_agent(
     schedule: Schedule,
 ) -> Fields:
     """Trains an agent of a class, see `agents.contract.SequentialAlgorithm`."""
+    # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
+    logger = logger_of(schedule.log) if schedule.log else Logger(None, [])
     with _isolated(seed) as (env_seed, action_seed):
         limit = settings.time_limit
         env = SB3VecEnv(
@@ -129,15 +132,15 @@ def train_agent(
         )
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
-        agent = make_agent(cls, settings, env)
-        # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
-        agent.set_logger(Logger(None, []))
+        agent = make_agent(cls, settings, VecMonitor(env) if schedule.log else env)
+        agent.set_logger(logger)
         agent.action_space.seed(action_seed)
         kept = _Snapshots(env, settings.rollout, observations, schedule)
         updates: list[None] = []
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
+        how_often: dict[str, Any] = {} if schedule.log else {"log_interval": None}
         try:
-            agent.learn(settings.budget, callback=kept, log_interval=None)  # type: ignore[arg-type]
+            agent.learn(settings.budget, callback=kept, **how_often)
             if agent.num_timesteps != settings.budget and not kept.has_ended:
                 raise InputError(
                     f"{cls.__name__}: trained for {agent.num_timesteps} steps; accepted: the budget of "
@@ -149,6 +152,9 @@ def train_agent(
                 raise
         finally:
             hook.remove()
+            logger.record("time/total_timesteps", agent.num_timesteps)
+            logger.dump(agent.num_timesteps)  # what has not been written yet
+            logger.close()
         digest = hashlib.sha256()
         for name, weights in sorted(agent.policy.state_dict().items()):
             digest.update(name.encode() + weights.numpy().tobytes())
@@ -162,6 +168,21 @@ def train_agent(
             "parameters": sum(weights.numel() for weights in output.net.parameters()),
             "weights": np.frombuffer(digest.digest(), dtype=np.uint8),
         }
+
+
+def logger_of(folder: str) -> Logger:
+    """Returns SB3's logger of a folder: it writes `progress.csv` and, if there is TensorBoard, its events."""
+    return configure(folder, ["csv", *["tensorboard"] * (find_spec("tensorboard") is not None)])
+
+
+def log_curve(folder: str, curve: Mapping[Any, Mapping[Any, float]]) -> None:
+    """Logs values by step and name, as those of an evaluation."""
+    logger = logger_of(folder)
+    for step, values in curve.items():
+        for name, value in {"time/total_timesteps": step, **values}.items():
+            logger.record(name, value)
+        logger.dump(step)
+    logger.close()
 
 
 @contextmanager

@@ -1,16 +1,20 @@
 """Executes the missing runs of an experiment."""
 
 import argparse
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryFile
 
+from benchmark.analysis.frames import Group, tables
 from benchmark.analysis.records import check_scores
 from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
 from benchmark.execution.calibration import estimate
+from benchmark.execution.job import LOG
 from benchmark.execution.machine import usable_cores
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
@@ -36,12 +40,16 @@ def main(options: argparse.Namespace) -> int:
             f"{name}: --seeds: an experiment with stages uses only its declared seeds; remove --seeds."
         )
     check_scores(all_specifications(experiment, seeds))
+    if options.log is not None:
+        _check_log(options)
     with Store(options.results / "runs.db") as store:
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)
             label = f"{name}, stage {stage}" if experiment.has_stages else name
             if code := _execute(label, runs, store, options):
                 return code
+            if options.log is not None:
+                _log_curves(groups, store, options.log)
     return report.main(options) if options.report else 0
 
 
@@ -69,6 +77,9 @@ def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options:
         how_long, time_s, costs = estimate(todo, folder, workers)
         kept = "Ctrl-C keeps what is finished"
         print(f"{name}: {len(todo):,} runs to train, {how_long} ({kept}).", file=sys.stderr)
+        if options.log is not None:
+            os.environ[LOG] = str(options.log.absolute())
+            stack.callback(os.environ.pop, LOG)
         with Display(name, costs, time_s, n_done) as display:
             errors = driver.run(runs, store, jobs, display.advance, cluster)
     if errors:
@@ -80,3 +91,28 @@ def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options:
     which = f", {n_diverged} of them diverged" if n_diverged else ""
     print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
     return 0
+
+
+def _check_log(options: argparse.Namespace) -> None:
+    """Refuses logs on a cluster, in a folder that cannot be written, and without Stable-Baselines3."""
+    if options.cluster is not None:
+        raise InputError("--log: not accepted with --cluster, whose workers may be on other machines.")
+    with needed_by("--log"):
+        import agents.sb3.training  # noqa: F401
+    try:
+        options.log.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=options.log).close()
+    except OSError as error:
+        reason = f"cannot be written: {error.strerror}; accepted: a folder, which need not exist"
+        raise InputError(f"--log {options.log}: {reason}.") from error
+
+
+def _log_curves(groups: Iterable[Group], store: Store, folder: Path) -> None:
+    """Logs how each run did during training, whenever that was."""
+    from agents.sb3.training import log_curve
+
+    for group in groups:
+        curves = tables([group], store, ["success", "score", "training_wrong_pings"])[1].set_index("step")
+        for run, (_, rows) in zip(group.runs, curves.groupby("seed", sort=False), strict=True):
+            values = rows.loc[:, "seed":].drop(columns="seed").add_prefix("eval/")
+            log_curve(str(folder / run.folder / "eval"), values.to_dict("index"))

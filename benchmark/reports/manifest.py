@@ -46,9 +46,14 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
         "runs": len(runs),
         "seeds": sizes[largest],
         "first_seed": min(run.seed for run in runs if run.population == largest),
-        "digest": hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest(),
+        "digest": digest_of(runs),
         **_made_by(data.provenance),
     }
+
+
+def digest_of(runs: Sequence[RunSpecification]) -> str:
+    """Returns what tells runs from any others."""
+    return hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
 
 
 def _variants(

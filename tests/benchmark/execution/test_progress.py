@@ -53,6 +53,24 @@ def test_without_an_expected_time_that_left_is_judged_by_what_is_done(
     ]
 
 
+def test_the_time_left_falls_while_jobs_run_and_starting_up_does_not_add_to_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
+    display = Display("mine", {"first": 1.0, "second": 499.0, "third": 500.0}, 6000.0)
+    assert display._text() == "0 of 3 done, about 1.7 hours left"
+    now[0] = 1200.0
+    assert display._text() == "0 of 3 done, about 80 minutes left"
+    display.advance(["first"])  # twenty minutes of compiling do not make the rest last 200 times as long
+    assert display._text() == "1 of 3 done, about 100 minutes left"
+    now[0] += 3000.0
+    display.advance(["second"])
+    assert display._text() == "2 of 3 done, about 50 minutes left"
+    now[0] += 9000.0
+    assert display._text() == "2 of 3 done, less than a minute left"
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [
