@@ -7,10 +7,11 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any, Final
 
+import matplotlib as mpl
 import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize, to_hex, to_rgb
+from matplotlib.colors import Colormap, Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.style import context
@@ -69,6 +70,11 @@ _RC: Final = {
 def settings(**more: object) -> AbstractContextManager[None]:
     """Sets all that figures depend on in matplotlib, until the end, whatever users have set there."""
     return context(["default", {**_RC, **more}])
+
+
+def colour_map(name: str) -> Colormap:
+    """Returns one of matplotlib's; how finely it is divided is a setting that matplotlib reads only once."""
+    return mpl.colormaps[name].resampled(256)
 
 
 def check_file(path: Path, *endings: str) -> None:
