@@ -1,11 +1,15 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
+Where nothing can be kept, each process compiles what it calls.
+
 numba trusts its files: with a damaged one it fails, crashes or computes something else. And it looks only at
 the file of a function, not at the files of what the function calls; here all of them count.
 """
 
 import hashlib
+import multiprocessing
 import pickle
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -23,10 +27,37 @@ _ROOT = Path(__file__).parents[1]
 def compiled(function: _Function) -> _Function:
     """Makes a function that is compiled when it is first called, and that releases Python's global lock."""
     dispatcher: Any = numba.njit(nogil=True)(function)
-    dispatcher._cache = cached = FunctionCache(function)
-    base, stamp = cached._impl.filename_base, cached._impl.locator.get_source_stamp()
-    cached._cache_file = _Files(cached._cache_path, base, stamp)
+    try:
+        dispatcher._cache = _Cache(function)
+    except (OSError, RuntimeError):  # numba finds no folder that can be written
+        _say_uncached()
     return dispatcher  # type: ignore[no-any-return]
+
+
+@cache
+def _say_uncached() -> None:
+    if multiprocessing.parent_process() is None:  # once for all workers
+        advice = "NUMBA_CACHE_DIR=FOLDER names another folder"
+        print(
+            f"note: compiled code cannot be saved, so every start compiles it again; {advice}.",
+            file=sys.stderr,
+        )
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """Where numba looks for a compiled function, and saves it."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        base, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
+        self._cache_file = _Files(self._cache_path, base, stamp)
+
+    def save_overload(self, sig: object, data: object) -> None:
+        """Saves a compiled function if it can: the disk may be full, or the folder no longer there."""
+        try:
+            super().save_overload(sig, data)
+        except OSError:
+            _say_uncached()
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]
