@@ -1,7 +1,5 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
-Where nothing can be kept, each process compiles what it calls.
-
 numba trusts its files: with a damaged one it fails, crashes or computes something else. And it looks only at
 the file of a function, not at the files of what the function calls; here all of them count.
 """
@@ -28,36 +26,22 @@ def compiled(function: _Function) -> _Function:
     """Makes a function that is compiled when it is first called, and that releases Python's global lock."""
     dispatcher: Any = numba.njit(nogil=True)(function)
     try:
-        dispatcher._cache = _Cache(function)
+        cached = FunctionCache(function)
+        base, stamp = cached._impl.filename_base, cached._impl.locator.get_source_stamp()
     except (OSError, RuntimeError):  # numba finds no folder that can be written
-        _say_uncached()
+        _say_unsaved()
+        return dispatcher  # type: ignore[no-any-return]
+    cached._cache_file = _Files(cached._cache_path, base, stamp)
+    cached._impl.locator.ensure_cache_path = lambda: None  # `save` finds out
+    dispatcher._cache = cached
     return dispatcher  # type: ignore[no-any-return]
 
 
 @cache
-def _say_uncached() -> None:
-    if multiprocessing.parent_process() is None:  # once for all workers
-        advice = "NUMBA_CACHE_DIR=FOLDER names another folder"
-        print(
-            f"note: compiled code cannot be saved, so every start compiles it again; {advice}.",
-            file=sys.stderr,
-        )
-
-
-class _Cache(FunctionCache):  # type: ignore[misc]
-    """Where numba looks for a compiled function, and saves it."""
-
-    def __init__(self, function: Callable[..., object]) -> None:
-        super().__init__(function)
-        base, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
-        self._cache_file = _Files(self._cache_path, base, stamp)
-
-    def save_overload(self, sig: object, data: object) -> None:
-        """Saves a compiled function if it can: the disk may be full, or the folder no longer there."""
-        try:
-            super().save_overload(sig, data)
-        except OSError:
-            _say_uncached()
+def _say_unsaved() -> None:
+    if multiprocessing.parent_process() is None:  # workers need not repeat it
+        text = "note: compiled code cannot be saved, so each start compiles it; NUMBA_CACHE_DIR names a folder."
+        print(text, file=sys.stderr)
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]
@@ -78,10 +62,13 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         return pickle.loads(content) if stored[:_DIGEST_SIZE] == self._digest(path, content) else None
 
     def save(self, key: object, data: object) -> None:
-        """Saves what was compiled for a signature and a processor."""
+        """Saves what was compiled for a signature and a processor, unless the disk is full, for example."""
         path, content = self._path(key), self._dump(data)
-        with self._open_for_write(str(path)) as file:
-            file.write(self._digest(path, content) + content)
+        try:
+            with self._open_for_write(str(path)) as file:
+                file.write(self._digest(path, content) + content)
+        except OSError:
+            _say_unsaved()
 
     def _path(self, key: object) -> Path:
         digest = hashlib.sha256(repr(key).encode()).hexdigest()

@@ -67,9 +67,9 @@ _RC: Final = {
 }
 
 
-def settings(**more: object) -> AbstractContextManager[None]:
+def settings() -> AbstractContextManager[None]:
     """Sets all that figures depend on in matplotlib, until the end, whatever users have set there."""
-    return context(["default", {**_RC, **more}])
+    return context(["default", _RC])
 
 
 def colour_map(name: str) -> Colormap:
@@ -93,15 +93,15 @@ def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
     if path.suffix.lower() == ".svg":
         path.write_text(svg(figure, is_tight=is_tight), encoding="utf-8")
         return
-    with settings(**{"savefig.dpi": 144}):
-        metadata = dict.fromkeys(["Software"])
-        figure.savefig(path, metadata=metadata, bbox_inches="tight" if is_tight else None)
+    with settings():
+        bounds = "tight" if is_tight else None
+        figure.savefig(path, dpi=144, metadata={"Software": None}, bbox_inches=bounds)
 
 
 def svg(figure: Figure, *, is_tight: bool = False) -> str:
     """Returns the figure as the text of an SVG, see `save_figure`."""
     text = io.StringIO()
-    with settings(**{"savefig.dpi": "figure"}):
+    with settings():
         metadata = dict.fromkeys(["Date", "Creator"])
         figure.savefig(text, format="svg", metadata=metadata, bbox_inches="tight" if is_tight else None)
     return compact(text.getvalue(), _IN_DARK)
