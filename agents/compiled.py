@@ -40,7 +40,7 @@ def compiled(function: _Function) -> _Function:
 @cache
 def _say_unsaved() -> None:
     if multiprocessing.parent_process() is None:  # workers need not repeat it
-        text = "note: compiled code cannot be saved, so each start compiles it; NUMBA_CACHE_DIR names a folder."
+        text = "note: compiled code cannot be saved: each start compiles it; NUMBA_CACHE_DIR names a folder."
         print(text, file=sys.stderr)
 
 
