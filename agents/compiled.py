@@ -28,20 +28,18 @@ def compiled(function: _Function) -> _Function:
     try:
         cached = FunctionCache(function)
         base, stamp = cached._impl.filename_base, cached._impl.locator.get_source_stamp()
+        cached._cache_file = _Files(cached._cache_path, base, stamp)
+        cached._impl.locator.ensure_cache_path = lambda: None  # `save` finds out
+        dispatcher._cache = cached
     except (OSError, RuntimeError):  # numba finds no folder that can be written
         _say_unsaved()
-        return dispatcher  # type: ignore[no-any-return]
-    cached._cache_file = _Files(cached._cache_path, base, stamp)
-    cached._impl.locator.ensure_cache_path = lambda: None  # `save` finds out
-    dispatcher._cache = cached
     return dispatcher  # type: ignore[no-any-return]
 
 
 @cache
 def _say_unsaved() -> None:
     if multiprocessing.parent_process() is None:  # workers need not repeat it
-        text = "note: compiled code cannot be saved: each start compiles it; NUMBA_CACHE_DIR names a folder."
-        print(text, file=sys.stderr)
+        print("note: compiled code cannot be saved; NUMBA_CACHE_DIR may name a folder.", file=sys.stderr)
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]

@@ -4,10 +4,9 @@ import os
 
 
 def use_same_instructions() -> None:
-    """Sets variables of this process with which SB3's agents are alike on processors with AVX2 and AVX-512.
+    """Keeps MKL and torch from AVX-512, in a process that only trains, before it uses them.
 
-    With AVX-512, sums of MKL have another order for another number of rows, and torch takes another code.
-    Both look at these when they are first used: call it before, in a process that only trains.
+    MKL would add in another order for another number of rows, and torch would take another code.
     """
     import llvmlite.binding  # which `import agents` does without
 

@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, PolyCollection
-from matplotlib.colors import Colormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, PathPatch, Polygon
@@ -110,21 +110,17 @@ def dots(axis: Axes, cells: pd.DataFrame) -> None:
     axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
 
 
-def _colours(norm: Normalize) -> Colormap:
-    """Returns the colours of a scale; with zero in its middle, zero is white."""
-    return colour_map(DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP)
-
-
 def _coloured(norm: Normalize) -> Style:
+    colours = DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP  # where zero is white, or not
     # Edges have the same colour, since the background would shine through between cells.
-    return {"cmap": _colours(norm), "norm": norm, "edgecolors": "face"}
+    return {"cmap": colour_map(colours), "norm": norm, "edgecolors": "face"}
 
 
 def colour_bar(
     figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str, extend: str = "neither"
 ) -> None:
     """Draws the colour scale that a row of maps shares, with a line at zero."""
-    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_colours(norm))
+    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_coloured(norm)["cmap"])
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
     if 0 < norm(0.0) < 1:

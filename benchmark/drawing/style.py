@@ -94,8 +94,7 @@ def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
         path.write_text(svg(figure, is_tight=is_tight), encoding="utf-8")
         return
     with settings():
-        bounds = "tight" if is_tight else None
-        figure.savefig(path, dpi=144, metadata={"Software": None}, bbox_inches=bounds)
+        figure.savefig(path, dpi=144, metadata={"Software": None}, bbox_inches="tight" if is_tight else None)
 
 
 def svg(figure: Figure, *, is_tight: bool = False) -> str:

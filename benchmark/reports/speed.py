@@ -26,7 +26,6 @@ from agents.dynamic_programming import evaluate
 from agents.linear.tiles import tiles_of
 from agents.policy import uniform_policy
 from agents.process import N_ACTIONS
-from agents.sb3 import use_same_instructions
 from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
 from benchmark.execution.progress import Display
@@ -64,8 +63,9 @@ def measure(results: Path, *, smoke: bool) -> None:
     Other commands that write there wait meanwhile, as they would disturb the measurement. A folder that
     cannot be written is an InputError before anything is measured.
     """
-    use_same_instructions()
-    import agents.sb3.training  # noqa: F401 - a missing package is refused before anything is measured
+    import agents.sb3.training  # a missing package is refused before anything is measured
+
+    agents.sb3.use_same_instructions()
 
     directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
     with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
