@@ -4,10 +4,7 @@ import os
 
 
 def use_same_instructions() -> None:
-    """Keeps MKL and torch from AVX-512, in a process that only trains, before it uses them.
-
-    MKL would add in another order for another number of rows, and torch would take another code.
-    """
+    """Keeps MKL and torch from AVX-512, whose sums differ, in a process that only trains; call it first."""
     import llvmlite.binding  # which `import agents` does without
 
     if llvmlite.binding.get_host_cpu_features().get("avx2"):

@@ -161,15 +161,15 @@ def test_figures_do_not_depend_on_the_users_settings(tmp_path: Path, watched: Pa
     changed = {key: not old if isinstance(old, bool) else 2 * old + 1 for key, old in numbers.items()}
     lines = [f"{key}: {value}" for key, value in changed.items() if not key.startswith("_")]
     (tmp_path / "matplotlibrc").write_text("\n".join([*lines, PERSONAL]), encoding="utf-8")
-    code = f"import sys, pathlib; from {__name__} import draw_all; draw_all(pathlib.Path(sys.argv[1]))"
+    code = f"import pathlib; from {__name__} import draw_all; draw_all(pathlib.Path())"
     watch = ["-m", "benchmark", "watch", "--results", str(watched), "--save"]
-    drawn = []
+    drawn: list[dict[str, bytes]] = []
     settings = {"MATPLOTLIBRC": str(tmp_path)}
     for given, backend in (({}, "agg"), (settings, "module://nosuch.backend")):
         (folder := tmp_path / f"{len(drawn)}").mkdir()
-        for used, command in (("agg", ["-c", code, folder]), (backend, [*watch, folder / "film.webp"])):
-            environment = os.environ | given | {"MPLBACKEND": used}
-            subprocess.run([sys.executable, *command], cwd=ROOT, env=environment, check=True)
+        for used, command in (("agg", ["-c", code]), (backend, [*watch, "film.webp"])):
+            environment = os.environ | given | {"MPLBACKEND": used, "PYTHONPATH": str(ROOT)}
+            subprocess.run([sys.executable, *command], cwd=folder, env=environment, check=True)
         drawn.append({path.name: path.read_bytes() for path in folder.iterdir()})
     assert len(drawn[0]) == 13
     assert [name for name in drawn[0] if drawn[0][name] != drawn[1][name]] == []
