@@ -5,7 +5,9 @@ the file of a function, not at the files of what the function calls; here all of
 """
 
 import hashlib
+import multiprocessing
 import pickle
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -25,10 +27,21 @@ _ROOT = Path(__file__).parents[1]
 def compiled(function: _Function) -> _Function:
     """Makes a function that is compiled when it is first called, and that releases Python's global lock."""
     dispatcher: Any = numba.njit(nogil=True)(function)
-    dispatcher._cache = cached = FunctionCache(function)
-    stamp = cached._impl.locator.get_source_stamp(), digest_when_loaded(function.__module__)
-    cached._cache_file = _Files(cached._cache_path, cached._impl.filename_base, stamp)
+    try:
+        cached = FunctionCache(function)
+        stamp = cached._impl.locator.get_source_stamp(), digest_when_loaded(function.__module__)
+        cached._cache_file = _Files(cached._cache_path, cached._impl.filename_base, stamp)
+        cached._impl.locator.ensure_cache_path = lambda: None  # `save` finds out
+        dispatcher._cache = cached
+    except (OSError, RuntimeError):  # numba finds no folder that can be written
+        _say_unsaved()
     return dispatcher  # type: ignore[no-any-return]
+
+
+@cache
+def _say_unsaved() -> None:
+    if multiprocessing.parent_process() is None:  # workers need not repeat it
+        print("note: compiled code cannot be saved; NUMBA_CACHE_DIR may name a folder.", file=sys.stderr)
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]
@@ -49,10 +62,13 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         return pickle.loads(content) if stored[:_DIGEST_SIZE] == self._digest(path, content) else None
 
     def save(self, key: object, data: object) -> None:
-        """Saves what was compiled for a signature and a processor."""
+        """Saves what was compiled for a signature and a processor, unless the disk is full, for example."""
         path, content = self._path(key), self._dump(data)
-        with self._open_for_write(str(path)) as file:
-            file.write(self._digest(path, content) + content)
+        try:
+            with self._open_for_write(str(path)) as file:
+                file.write(self._digest(path, content) + content)
+        except OSError:
+            _say_unsaved()
 
     def _path(self, key: object) -> Path:
         digest = hashlib.sha256(repr(key).encode()).hexdigest()

@@ -57,6 +57,8 @@ interrupted.
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
     _open_streams()
+    if arguments is None:  # this process, and those that it starts, are the command's alone
+        os.environ["MPLBACKEND"] = "agg"  # one of a notebook might not be there; `watch` finds its own
     command = ""
     try:
         options = _parser().parse_args(arguments)

@@ -5,8 +5,12 @@ import signal
 
 from hypothesis import settings
 
+from agents.sb3 import use_same_instructions
+
 # A test trains nets in as many processes as it needs; threads of torch would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Tests train agents of Stable-Baselines3 in their own process, which the project does in workers alone.
+use_same_instructions()
 # Commands that tests start need not compile the project's modules each time.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Started in the background by a shell, tests would ignore interrupts, and so would the commands they start.

@@ -11,7 +11,7 @@ from matplotlib.animation import FuncAnimation
 from benchmark.analysis.records import load_records
 from benchmark.commands import MOST_SEEDS
 from benchmark.drawing.film import ANIMATIONS, FRAME_MS, Film, Screen, film_of, learning, write
-from benchmark.drawing.style import check_file
+from benchmark.drawing.style import check_file, settings
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, load_experiment
@@ -68,7 +68,8 @@ def in_window(film: Film) -> None:
     screen = Screen(film, plt.figure)
     # The animation is kept, or it would not be played.
     kept = FuncAnimation(screen.figure, screen.show, film.steps, interval=FRAME_MS, repeat=False)
-    plt.show()
+    with settings():  # a window draws its figure again when it changes
+        plt.show()
     del kept
 
 

@@ -25,7 +25,7 @@ from agents.policy import contains
 from benchmark.analysis.records import Records
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from benchmark.drawing.maps import RGB, Style, add_area, arrowheads, colour_bar, discs, dots, triangles
-from benchmark.drawing.style import figure_of
+from benchmark.drawing.style import figure_of, settings
 from envs import ACTIONS, Model
 from envs.regions import outlines
 from envs.scene import colour_limits, scene_of
@@ -99,12 +99,14 @@ class Screen:
     def show(self, step: int) -> None:
         """Shows the last map that is not later than a step."""
         index = int(np.searchsorted(self.film.steps, step, side="right")) - 1
-        _draw(self._axis, self.film, index, self._norm, self._title)
+        with settings():
+            _draw(self._axis, self.film, index, self._norm, self._title)
 
     def image(self) -> Image.Image:
         """Returns the figure as an image."""
         buffer = io.BytesIO()
-        self.figure.savefig(buffer, format="rgba", dpi="figure")
+        with settings():
+            self.figure.savefig(buffer, format="rgba", dpi="figure")
         size = self.figure.canvas.get_width_height()
         return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
 

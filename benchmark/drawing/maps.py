@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, Patch, PathPatch, Polygon
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from benchmark.drawing.style import figure_of
+from benchmark.drawing.style import colour_map, figure_of
 from envs import ACTIONS, Model, compile_scenario, load_scenario, scenario_names
 from envs.model import MOVES, PING
 from envs.regions import Loop, outlines
@@ -110,21 +110,17 @@ def dots(axis: Axes, cells: pd.DataFrame) -> None:
     axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
 
 
-def colour_map(norm: Normalize) -> str:
-    """Returns matplotlib's name of the colours of a scale; with zero in its middle, zero is white."""
-    return DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP
-
-
 def _coloured(norm: Normalize) -> Style:
+    colours = DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP  # where zero is white, or not
     # Edges have the same colour, since the background would shine through between cells.
-    return {"cmap": colour_map(norm), "norm": norm, "edgecolors": "face"}
+    return {"cmap": colour_map(colours), "norm": norm, "edgecolors": "face"}
 
 
 def colour_bar(
     figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str, extend: str = "neither"
 ) -> None:
     """Draws the colour scale that a row of maps shares, with a line at zero."""
-    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=colour_map(norm))
+    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_coloured(norm)["cmap"])
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
     if 0 < norm(0.0) < 1:

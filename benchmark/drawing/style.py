@@ -2,21 +2,19 @@
 
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from textwrap import fill
 from typing import Any, Final
 
 import matplotlib as mpl
-
-mpl.use("Agg")
-
 import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize, to_hex, to_rgb
+from matplotlib.colors import Colormap, Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.style import context
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
@@ -69,6 +67,16 @@ _RC: Final = {
 }
 
 
+def settings() -> AbstractContextManager[None]:
+    """Sets all that figures depend on in matplotlib, until the end, whatever users have set there."""
+    return context(["default", _RC])
+
+
+def colour_map(name: str) -> Colormap:
+    """Returns one of matplotlib's; how finely it is divided is a setting that matplotlib reads only once."""
+    return mpl.colormaps[name].resampled(256)
+
+
 def check_file(path: Path, *endings: str) -> None:
     """Raises an InputError if a file's name has none of these endings, or its folder does not exist."""
     if path.suffix.lower() not in endings:
@@ -85,15 +93,14 @@ def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
     if path.suffix.lower() == ".svg":
         path.write_text(svg(figure, is_tight=is_tight), encoding="utf-8")
         return
-    with mpl.rc_context({**_RC, "savefig.dpi": 144}):
-        metadata = dict.fromkeys(["Software"])
-        figure.savefig(path, metadata=metadata, bbox_inches="tight" if is_tight else None)
+    with settings():
+        figure.savefig(path, dpi=144, metadata={"Software": None}, bbox_inches="tight" if is_tight else None)
 
 
 def svg(figure: Figure, *, is_tight: bool = False) -> str:
     """Returns the figure as the text of an SVG, see `save_figure`."""
     text = io.StringIO()
-    with mpl.rc_context({**_RC, "savefig.dpi": "figure"}):
+    with settings():
         metadata = dict.fromkeys(["Date", "Creator"])
         figure.savefig(text, format="svg", metadata=metadata, bbox_inches="tight" if is_tight else None)
     return compact(text.getvalue(), _IN_DARK)
@@ -107,7 +114,7 @@ def figure_of(
 
     It is closed with its last reference, unless it is new in pyplot, which is needed for a window alone.
     """
-    with mpl.rc_context(_RC):
+    with settings():
         figure = new(figsize=size, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         yield figure, axes

@@ -13,12 +13,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records
+from benchmark.drawing.style import colour_map
 from benchmark.execution.store import VALUE_DECIMALS
 from benchmark.reports.item import writing
 from envs import ACTIONS, EVENTS, ZONES, Model
@@ -82,7 +82,7 @@ def compressed(data: object) -> bytes:
 
 
 def _colours(name: str) -> list[str]:
-    return [to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 33))]
+    return [to_hex(colour) for colour in colour_map(name)(np.linspace(0, 1, 33))]
 
 
 def _learner(records: Records) -> dict[str, object]:

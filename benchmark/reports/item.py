@@ -19,7 +19,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from benchmark.analysis.intervals import Estimate as Estimate
-from benchmark.drawing.style import save_figure
+from benchmark.drawing.style import save_figure, settings
 from benchmark.drawing.tables import decimals_of, inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.data import Data
@@ -93,11 +93,12 @@ class Item:
 
     def save(self, data: Data, tables: Frames, directory: Path) -> None:
         """Writes the figure, marked if runs are missing, or the other file."""
-        if (figure := self.picture(data, tables)) is not None:
-            if data.is_partial:
-                figure.suptitle("PARTIAL: runs are missing", color="firebrick")
-            save_figure(figure, directory / f"{self.name}.svg")
-            plt.close(figure)  # if its author made it in pyplot
+        with settings():
+            if (figure := self.picture(data, tables)) is not None:
+                if data.is_partial:
+                    figure.suptitle("PARTIAL: runs are missing", color="firebrick")
+                save_figure(figure, directory / f"{self.name}.svg")
+                plt.close(figure)  # if its author made it in pyplot
         if self.write is not None:
             called(self.write, data, path=directory / self.file)
 

@@ -63,7 +63,9 @@ def measure(results: Path, *, smoke: bool) -> None:
     Other commands that write there wait meanwhile, as they would disturb the measurement. A folder that
     cannot be written is an InputError before anything is measured.
     """
-    import agents.sb3.training  # noqa: F401 - a missing package is refused before anything is measured
+    import agents.sb3.training  # a missing package is refused before anything is measured
+
+    agents.sb3.use_same_instructions()
 
     directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
     with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:

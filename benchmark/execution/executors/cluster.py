@@ -12,6 +12,7 @@ from typing import Any, Final
 from distributed import Client, Worker, get_worker
 from distributed.client import ClosedClientError, FutureCancelledError
 
+from agents.sb3 import use_same_instructions
 from benchmark.execution.job import execute_job
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import environment
@@ -127,6 +128,7 @@ def refusal(
 
     Modules are also found in the folders of experiments, if the worker has them at the same path.
     """
+    use_same_instructions()  # an algorithm that is imported may use torch
     for folder in folders:
         find_modules_in(folder)
     worker = f"worker {dask_worker.address}"

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Final
 
+from agents.sb3 import use_same_instructions
 from benchmark.execution.job import execute_job
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
@@ -90,6 +91,7 @@ def _serve(connection: Connection) -> None:
     """Executes jobs as they come, until the driver closes its end or ends in whatever way."""
     if sys.platform == "linux":  # elsewhere, a killed driver's workers end after their job
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    use_same_instructions()  # a job that is received may use torch
     with suppress(EOFError, ConnectionError):
         while True:
             connection.send(execute_job(connection.recv()))

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+import seaborn as sns
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
@@ -95,8 +96,9 @@ def curve_panels(curves: pd.DataFrame, learners: Iterable[str], experiment: Expe
             lines = dict[str, tuple[float, Style]]()
             for learner, curve in rows.groupby("learner", sort=False):
                 style, every = style_of(str(learner), experiment), max(len(curve) // _N_MARKERS, 1)
-                axis.plot(curve["step"], curve["success"], lw=1.3, ms=4, markevery=every, **style)
-                ends = curve["success_low"], curve["success_high"]
+                look = style | {"lw": 1.3, "ms": 4, "mec": style["color"], "mew": 1, "markevery": every}
+                sns.lineplot(curve, x="step", y="success", estimator=None, ax=axis, **look)
+                ends = curve["success_low"], curve["success_high"]  # exact, which seaborn's are not
                 axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
                 lines[experiment.learners[str(learner)].title] = curve["success"].iloc[-1], style
             axis.set(title=str(scenario).replace(" under ", "\n").replace("/", "\n"))
@@ -104,7 +106,7 @@ def curve_panels(curves: pd.DataFrame, learners: Iterable[str], experiment: Expe
             axis.xaxis.set_major_locator(MaxNLocator(3))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))
             axis.tick_params(labelleft=i % n_columns == 0, labelbottom=i + n_columns >= len(panels))
-            axis.set(ylabel="" if i % n_columns else "success", ylim=(-0.0309, 1.03))
+            axis.set(xlabel="", ylabel="" if i % n_columns else "success", ylim=(-0.0309, 1.03))
             if (i + 1) % n_columns == 0 or i + 1 == len(panels):
                 name_lines(axis, lines)
         for axis in axes.flat[len(panels) :]:

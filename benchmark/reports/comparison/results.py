@@ -6,7 +6,6 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any, Final
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.colors import to_hex
@@ -15,7 +14,7 @@ from matplotlib.figure import Figure
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, VERDICTS, WORSE
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
 from benchmark.analysis.intervals import mean_over_scenarios, proportion
-from benchmark.drawing.style import WIDTH, draw_cells, figure_of
+from benchmark.drawing.style import WIDTH, colour_map, draw_cells, figure_of
 from benchmark.drawing.tables import inert, link, show, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
@@ -160,7 +159,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
         rows |= {name: values.loc[name] for name in names}
     if "aggregate" in tables and len(rows) > 1 and "condition" not in tables["aggregate"]:
         rows["mean"] = figures.labelled(tables["aggregate"]).set_index("learner")["success"].reindex(learners)
-    colours = mpl.colormaps[COLOUR_MAP].with_extremes(bad="white")  # without runs
+    colours = colour_map(COLOUR_MAP).with_extremes(bad="white")  # without runs
     cells = [[(show(value, 2), to_hex(colours(value))) for value in row] for row in rows.values()]
     is_crowded = len(learners) > _MOST_COLUMNS  # then their names are turned
     characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 12)

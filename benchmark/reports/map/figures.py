@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
 from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, NO_VERDICT, SLOWER
-from benchmark.drawing.style import INK, figure_of
+from benchmark.drawing.style import INK, colour_map, figure_of
 from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison.figures import style_of
@@ -203,8 +203,8 @@ def _draw_cells(
         label = axis.text(index[1], index[0], text, ha="center", va="center", color=ink)
         label.set_fontweight("bold" if colours[index] > 0 else "normal")
     edges = np.arange(len(columns) + 1) - 0.5, np.arange(len(rows) + 1) - 0.5
-    norm = Normalize(-_MOST, _MOST)
-    axis.pcolormesh(*edges, colours, cmap=_COLOUR_MAP, norm=norm, edgecolors="white", linewidth=0.8)
+    scale, norm = colour_map(_COLOUR_MAP), Normalize(-_MOST, _MOST)
+    axis.pcolormesh(*edges, colours, cmap=scale, norm=norm, edgecolors="white", linewidth=0.8)
     for grid in dict.fromkeys(grid for grid, _ in columns if grid):
         points = [point for name, point in columns if name == grid]
         axes = ", ".join(_LABELS.get(part.split()[0], part.split()[0]) for part in points[0].split(", "))

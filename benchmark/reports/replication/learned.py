@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+import seaborn as sns
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -55,10 +56,10 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
             letters = ascii_lowercase[column:9:3]  # as the paper's
             curve = curve.groupby(np.arange(len(curve)) // _BLOCK).agg(_OF_BLOCK)
             axis.fill_between(curve["step"], curve["min"], curve["max"], color="0.8", lw=0)
-            axis.plot(curve["step"], curve["mean"], color="black", lw=0.9)
+            sns.lineplot(curve, x="step", y="mean", estimator=None, ax=axis, color="black", lw=0.9)
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
             title = f"{name}: {FEEDBACK.get(kind, kind)}\n({letters[0]}) max Q over training"
-            axis.set(title=title, xlabel="environment step")
+            axis.set(title=title, xlabel="environment step", ylabel="")
             axis.set(xlim=(0, max(curve["step"].max(), 1)), ylim=(bottom - room, top + room))
             axis.xaxis.set_major_locator(MaxNLocator(3))
             triangles(move_axis, scene, move, move_norm)
@@ -130,12 +131,12 @@ def _(table: pd.DataFrame) -> Figure:
             ends = {}
             for i, (name, rows) in enumerate(table.groupby("scenario", sort=False)):
                 style = {"color": COLOURS[i], "ls": _DASHES[i]}
-                axis.plot(rows["step"], rows[key], **style)
+                sns.lineplot(rows, x="step", y=key, estimator=None, ax=axis, **style)
                 low, high = rows[f"{key}_low"], rows[f"{key}_high"]
                 axis.fill_between(rows["step"], low, high, color=COLOURS[i], alpha=0.25, lw=0)
                 ends[str(name)] = float(rows[key].iloc[-1]), style
-            axis.set(xlabel="environment step", title=label, xlim=(0, max(table["step"].max(), 1)))
-            axis.set(ylim=(-0.03, 1.03))
+            axis.set(xlabel="environment step", ylabel="", title=label)
+            axis.set(xlim=(0, max(table["step"].max(), 1)), ylim=(-0.03, 1.03))
             axis.xaxis.set_major_locator(MaxNLocator(4))
             name_lines(axis, ends)
     return figure

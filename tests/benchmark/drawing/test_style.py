@@ -1,17 +1,50 @@
 """Colours and marks of learners, and figures as SVG."""
 
+import os
 import re
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 from xml.etree import ElementTree
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb, to_rgba
 
+from benchmark.assessment import assess
+from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import _KNOWN, INK, WIDTH, figure_of, learner_style, name_lines, save_figure
+from benchmark.drawing.tables import read_csv
+from benchmark.experiments import load_experiment
+from benchmark.reports import draw
+from benchmark.reports.item import drawing
+from tests.support import ROOT
+
+PUBLISHED = {  # figures of every kind of report that are drawn from tables alone
+    "compare_deep": {"contrasts", "summary", "curves"},
+    "when": {"answer", "map", "verdicts"},
+    "reproduce": {"learning", "sensitivity"},
+}
+# What people set, besides everything that is a number or true or false.
+PERSONAL = """
+axes.prop_cycle: cycler(ls=['-', ':'])
+font.family: fantasy
+hatch.color: red
+image.cmap: jet
+lines.dashed_pattern: 1, 9
+lines.marker: o
+path.sketch: 1, 100, 2
+savefig.bbox: tight
+savefig.facecolor: yellow
+svg.fonttype: path
+svg.hashsalt: mine
+text.color: white
+"""
 
 
 def brightness(colour: Any) -> float:
@@ -105,3 +138,38 @@ def test_svg_is_small_the_same_and_readable_in_the_dark(tmp_path: Path) -> None:
     assert not of(INK[0]) & {*rules[1]}
     (navy,) = re.findall("fill:(#[0-9a-f]{6});stroke", rules[1][max(of("#16206b") & of("fill:#16206b"))])
     assert brightness(navy) > 0.4
+
+
+def draw_all(folder: Path) -> None:
+    """Draws something with every function that makes figures, except films."""
+    save_figure(shipped(), folder / "scenes.svg")
+    for ending in ("png", "svg"):
+        assess(lambda _: 4, scenario="S2", observation="index").draw(folder / f"agent.{ending}")
+    for name, figures in PUBLISHED.items():
+        tables = {path.stem: read_csv(path) for path in (ROOT / "results" / name).glob("*.csv")}
+        data: Any = SimpleNamespace(experiment=load_experiment(name), is_partial=True)
+        report = draw.report_of(data.experiment, is_drawn=False)
+        for item in (item for item in report.items if item.name in figures):
+            item.save(data, tables, folder)
+    of_pyplot = drawing("pyplot", "", "")(lambda: cast(Any, plt.subplots()[0]))
+    of_pyplot.save(cast(Any, SimpleNamespace(is_partial=False)), {}, folder)
+
+
+def test_figures_do_not_depend_on_the_users_settings(tmp_path: Path, watched: Path) -> None:
+    """Neither those of a personal file nor the backend that a notebook sets, which may not be there."""
+    numbers = {key: value for key, value in mpl.rcParamsDefault.items() if isinstance(value, int | float)}
+    changed = {key: not old if isinstance(old, bool) else 2 * old + 1 for key, old in numbers.items()}
+    lines = [f"{key}: {value}" for key, value in changed.items() if not key.startswith("_")]
+    (tmp_path / "matplotlibrc").write_text("\n".join([*lines, PERSONAL]), encoding="utf-8")
+    code = f"import pathlib; from {__name__} import draw_all; draw_all(pathlib.Path())"
+    watch = ["-m", "benchmark", "watch", "--results", str(watched), "--save"]
+    drawn: list[dict[str, bytes]] = []
+    settings = {"MATPLOTLIBRC": str(tmp_path)}
+    for given, backend in (({}, "agg"), (settings, "module://nosuch.backend")):
+        (folder := tmp_path / f"{len(drawn)}").mkdir()
+        for used, command in (("agg", ["-c", code]), (backend, [*watch, "film.webp"])):
+            environment = os.environ | given | {"MPLBACKEND": used, "PYTHONPATH": str(ROOT)}
+            subprocess.run([sys.executable, *command], cwd=folder, env=environment, check=True)
+        drawn.append({path.name: path.read_bytes() for path in folder.iterdir()})
+    assert len(drawn[0]) == 13
+    assert [name for name in drawn[0] if drawn[0][name] != drawn[1][name]] == []

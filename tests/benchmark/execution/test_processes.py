@@ -10,12 +10,15 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final, TextIO
+from types import SimpleNamespace
+from typing import Any, Final, TextIO
 
+import llvmlite.binding
 import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution.driver import pending, run
+from benchmark.execution.executors.cluster import refusal
 from benchmark.execution.job import execute_job
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
@@ -78,6 +81,40 @@ def test_killed_worker_costs_its_run_alone_and_is_tried_again(
         assert pending(runs, store) == [failed]
         assert run(runs, store, 2) == []
         assert pending(runs, store) == []
+
+
+ASKING = """
+import os
+from agents import SequentialAlgorithm
+from agents.tabular.learner import Settings
+
+class Asking(SequentialAlgorithm):
+    settings = Settings
+
+    def train_agent(self, *_):
+        raise ValueError([os.environ.get(name) for name in ("MKL_CBWR", "ATEN_CPU_CAPABILITY")])
+
+ASKING = Asking()
+"""
+
+
+def test_workers_alone_set_what_agents_of_sb3_depend_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not llvmlite.binding.get_host_cpu_features().get("avx2"):
+        pytest.skip("a processor without AVX2")
+    for name in ("MKL_CBWR", "ATEN_CPU_CAPABILITY"):
+        monkeypatch.delenv(name, raising=False)
+    (tmp_path / "asking_for_variables.py").write_text(ASKING)
+    text = EXPERIMENT.replace("tests.agents.plain:Q_LEARNING", "asking_for_variables:ASKING")
+    (tmp_path / "asking.toml").write_text(text.replace("seeds = 8", "seeds = 1"))
+    (asked,) = all_specifications(load_experiment(str(tmp_path / "asking.toml")))
+    with Store(tmp_path / "runs.db") as store:
+        assert run([asked], store, 1) == ["ValueError: ['AVX2', 'avx2']"]
+    assert "MKL_CBWR" not in os.environ
+    worker: Any = SimpleNamespace(address="", state=SimpleNamespace(nthreads=1))
+    assert refusal({}, worker, ()) is None
+    assert os.environ["MKL_CBWR"] == "AVX2"
 
 
 # A driver that is killed or interrupted
