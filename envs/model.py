@@ -153,6 +153,11 @@ class Model:
         return np.asarray(is_person | self.scenario.grid.is_wall[self.cell])
 
     @cached_property
+    def is_success(self) -> NDArray[np.bool_]:
+        """(S, A) whether the action is a PING in the target region."""
+        return np.asarray(self.event == EVENTS.index("target_ping"))
+
+    @cached_property
     def is_wrong_ping(self) -> NDArray[np.bool_]:
         """(S, A) whether the action is a disagreement: a PING outside the target region."""
         return np.isin(self.event, _WRONG_PINGS)

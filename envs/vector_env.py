@@ -1,19 +1,24 @@
 """A batch of envs over one `Model`: array look-ups instead of a Python object per env."""
 
-from collections.abc import Callable, Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from envs.inputs import InputError
+from envs import render
+from envs.inputs import InputError, shortened
 from envs.model import ACTIONS, PING, draw_issuer_reward
 from envs.observations import compile_seen, observation_space, observation_table
+from envs.proxemic_env import ProxemicEnv
 from envs.scenario import ScenarioLike, load_scenario
 
 _INFO: Final = {
@@ -22,6 +27,7 @@ _INFO: Final = {
     "wrong_pings": np.int64,
     "grid_reward": np.float64,
     "issuer_reward": np.float64,
+    "is_success": np.bool_,
 }
 
 Info = dict[str, Any]
@@ -35,11 +41,12 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
     `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. It returns what
     `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions: when an episode has ended, the
-    next step resets its env and ignores the action. For images and other modes of autoreset,
+    next step resets its env and ignores the action. For windows and other modes of autoreset,
     `vectorization_mode="sync"` makes that env.
     """
 
-    metadata: dict[str, object] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {**ProxemicEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    autoreset_mode = AutoresetMode.NEXT_STEP
 
     def __init__(
         self,
@@ -48,18 +55,22 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         observation: str = "index",
         overrides: Mapping[str, object] | None = None,
         max_episode_steps: int | None = None,
+        render_mode: str | None = None,
     ) -> None:
         """Compiles the scenario; the arguments are those of `ProxemicEnv`, N and a time limit.
 
         `max_episode_steps` is None or -1 for no limit. What is not accepted is an InputError.
         """
+        render.check_mode(render_mode, 'gymnasium.make_vec(vectorization_mode="sync")')
+        self.render_mode = render_mode
+        self.metadata = dict(self.metadata)  # which wrappers change
         self._limit: int = np.iinfo(np.int64).max
         if max_episode_steps not in (None, -1):
             self._limit = max_episode_steps
         for name, number in (("num_envs", num_envs), ("max_episode_steps", self._limit)):
-            if number < 1:
-                raise InputError(f"{name} = {number}; accepted: a whole number, at least 1.")
-        self.num_envs = n = num_envs
+            if not isinstance(number, int | np.integer) or number < 1:
+                raise InputError(f"{name} = {shortened(repr(number))}; accepted: a whole number, at least 1.")
+        self.num_envs = n = int(num_envs)
         self.model = compile_seen(load_scenario(scenario, overrides), observation)
         self._table = observation_table(self.model, observation)
         self.single_observation_space = observation_space(self._table)
@@ -75,39 +86,73 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._issuer_noise, self._terminated = model.issuer_noise.ravel(), model.terminated.ravel()
         self._event = model.event.astype(np.int64).ravel()
         self._wrong_pings = model.wrong_pings.astype(np.int64).ravel()
+        self._is_success = model.is_success.ravel()
         self._observation = model.observation.astype(np.intp)
         self._zone = model.zone.astype(np.int64)
 
         self._state = np.full(n, model.start, dtype=np.intp)
-        self._steps = np.zeros(n, dtype=np.int64)
+        self._last_event = np.zeros(n, dtype=np.int64)
+        self._steps = np.full(n, -1, dtype=np.int64)  # of the episode; -1 before the first reset
         self._over = np.zeros(n, dtype=np.bool_)  # episodes that the next step resets
 
         self._starts = model.starts.astype(np.intp)
-        self._generators = [seeding.np_random()[0] for _ in range(n)]
+        self._seeded = [seeding.np_random() for _ in range(n)]  # generators and their seeds
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generator of each env."""
+        return tuple(generator for generator, _ in self._seeded)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each env, a random one if none was given."""
+        return tuple(seed for _, seed in self._seeded)
 
     def reset(
         self,
         *,
         seed: int | np.integer | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,  # noqa: ARG002
+        options: dict[str, Any] | None = None,
     ) -> tuple[Observations, Info]:
         """Starts an episode in every env; returns observations, (N, ...), and the info.
 
         A number seeds env i with `seed + i`, a sequence of N with its item i; None leaves it as it is.
-        There are no options.
+        `options["reset_mask"]`, (N,) booleans, says which envs are reset, at least one; the others go on, and
+        the masks in the info are False for them. Other options are ignored.
         """
-        seeds = [None] * self.num_envs if seed is None else seed
-        if isinstance(seeds, int | np.integer):
-            seeds = [int(seeds) + i for i in range(self.num_envs)]
-        if len(seeds) != self.num_envs:
-            raise InputError(f"seed: {len(seeds)} seeds; accepted: {self.num_envs}, one per env.")
-        for i, its_seed in enumerate(seeds):
-            if its_seed is not None:
-                self._generators[i] = seeding.np_random(its_seed)[0]
-        self._over[:] = False
+        seeds, mask = self._seeds(seed), self._reset_mask(options)
+        chosen = np.flatnonzero(mask)
+        for i in chosen.tolist():
+            if seeds[i] is not None:
+                self._seeded[i] = seeding.np_random(seeds[i])
+        self._over[chosen] = False
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
-        self._begin(np.arange(self.num_envs), info)
-        return self.observe(), _with_masks(info)
+        self._begin(chosen, info)
+        return self.observe(), _with_masks(info, mask)
+
+    def _seeds(self, seed: object) -> list[int | None]:
+        """Returns the seed of each env, or None."""
+        n = self.num_envs
+        with suppress(TypeError):
+            seeds = [None] * n if seed is None else seed
+            if not isinstance(seeds, Iterable):
+                seeds = range(operator.index(seeds), operator.index(seeds) + n)  # type: ignore[call-overload]
+            seeds = [None if item is None else operator.index(item) for item in seeds]
+            if len(seeds) == n and all(item is None or item >= 0 for item in seeds):
+                return seeds
+        accepted = f"None, a whole number from 0, or {n} of these, one per env"
+        raise InputError(f"seed = {shortened(repr(seed))}; accepted: {accepted}.")
+
+    def _reset_mask(self, options: object) -> NDArray[np.bool_]:
+        """Returns which envs are to be reset, (N,)."""
+        if options is None or (isinstance(options, Mapping) and "reset_mask" not in options):
+            return np.ones(self.num_envs, dtype=np.bool_)
+        mask = options["reset_mask"] if isinstance(options, Mapping) else None
+        if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,):
+            if mask.any():
+                return mask
+        accepted = f"no reset_mask, or an array of ({self.num_envs},) booleans, not all of them False"
+        raise InputError(f"options = {shortened(repr(options))}; accepted: {accepted}.")
 
     def step(
         self, actions: Actions
@@ -118,8 +163,12 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
           Observations (N, ...), rewards (N,), terminated (N,), truncated (N,), and the info of
           `ProxemicEnv` as arrays (N,), each with a mask `_name` of the envs that it holds for: all.
         """
-        actions = np.asarray(actions)
+        self._check_reset("step")
         n = self.num_envs
+        try:
+            actions = np.asarray(actions)
+        except (TypeError, ValueError, RuntimeError) as error:  # nested lists, or tensors that need a gradient
+            raise InputError(f"actions: {error}; accepted: ({n},) integers.") from error
         if actions.shape != (n,) or actions.dtype.kind not in "iu":
             raise InputError(f"actions: {actions.dtype} {actions.shape}; accepted: ({n},) integers.")
         if actions.min() < 0 or actions.max() >= len(ACTIONS):
@@ -129,19 +178,32 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
             actions.astype(np.intp), partial(self._draw, going)
         )
+        self._last_event = self._event.take(taken)
         info = {
-            "event": self._event.take(taken),
+            "event": self._last_event.copy(),
             "zone": self._zone.take(self._state),
             "wrong_pings": self._wrong_pings.take(taken),
             "grid_reward": grid_reward,
             "issuer_reward": issuer_reward,
+            "is_success": self._is_success.take(taken),
         }
         if len(fresh):  # these envs are reset instead
             terminated[fresh] = truncated[fresh] = False
             self._begin(fresh, info)
         rewards = grid_reward + issuer_reward
         self._over = terminated | truncated
-        return self.observe(), rewards, terminated, truncated, _with_masks(info)
+        every = np.ones(self.num_envs, dtype=np.bool_)
+        return self.observe(), rewards, terminated, truncated, _with_masks(info, every)
+
+    def render(self) -> tuple[Any, ...]:
+        """Returns what `ProxemicEnv.render` returns, of each env."""
+        self._check_reset("render")
+        shown = zip(self._state.tolist(), self._last_event.tolist(), strict=True)
+        return tuple(render.render(self.model, state, event, self.render_mode) for state, event in shown)
+
+    def _check_reset(self, method: str) -> None:
+        if self._steps.min() < 0:
+            raise ResetNeeded(f"Cannot call env.{method}() before calling env.reset()")
 
     def advance(
         self, actions: Actions, draw: Draw
@@ -179,16 +241,17 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     def _draw(self, envs: NDArray[np.intp]) -> NDArray[np.float64]:
         """Returns a draw from the generator of each of these envs, and 0 for the others, (N,)."""
         uniform = np.zeros(self.num_envs)
-        uniform[envs] = [self._generators[i].random() for i in envs.tolist()]
+        uniform[envs] = [self._seeded[i][0].random() for i in envs.tolist()]
         return uniform
 
     def _begin(self, envs: NDArray[np.intp], info: Info) -> None:
         self.restart(envs, lambda: self._draw(envs)[envs])
+        self._last_event[envs] = 0
         for name in _INFO:
             info[name][envs] = 0
         info["zone"][envs] = self._zone[self._state[envs]]
 
 
-def _with_masks(info: Info) -> Info:
+def _with_masks(info: Info, mask: NDArray[np.bool_]) -> Info:
     """Returns an info with a mask of the envs that each entry holds for, as Gymnasium names them."""
-    return info | {f"_{name}": np.ones(len(values), dtype=np.bool_) for name, values in info.items()}
+    return info | {f"_{name}": mask.copy() for name in info}
