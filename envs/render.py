@@ -22,7 +22,7 @@ def check_mode(mode: str | None, maker: str) -> None:
 
 
 def render(model: Model, state: int, event: int, mode: str | None) -> str | NDArray[np.uint8] | None:
-    """Returns a state as text (`ansi`), as an image (`rgb_array`), or, with a warning, None without a mode."""
+    """Returns a state as text (`ansi`) or as an image (`rgb_array`); without a mode, warns and returns None."""
     if mode is None:
         gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make and make_vec take.")
         return None

@@ -45,8 +45,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     `vectorization_mode="sync"` makes that env.
     """
 
-    metadata: dict[str, Any] = {**ProxemicEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
     autoreset_mode = AutoresetMode.NEXT_STEP
+    metadata: dict[str, Any] = {**ProxemicEnv.metadata, "autoreset_mode": autoreset_mode}  # noqa: RUF012
 
     def __init__(
         self,
@@ -130,28 +130,28 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._begin(chosen, info)
         return self.observe(), _with_masks(info, mask)
 
-    def _seeds(self, seed: object) -> list[int | None]:
+    def _seeds(self, seed: Any) -> list[int | None]:
         """Returns the seed of each env, or None."""
         n = self.num_envs
         with suppress(TypeError):
-            seeds = [None] * n if seed is None else seed
-            if not isinstance(seeds, Iterable):
-                seeds = range(operator.index(seeds), operator.index(seeds) + n)  # type: ignore[call-overload]
-            seeds = [None if item is None else operator.index(item) for item in seeds]
+            given = [None] * n if seed is None else seed
+            if not isinstance(given, Iterable):
+                given = [operator.index(seed) + i for i in range(n)]
+            seeds = [None if item is None else operator.index(item) for item in given]
             if len(seeds) == n and all(item is None or item >= 0 for item in seeds):
                 return seeds
         accepted = f"None, a whole number from 0, or {n} of these, one per env"
         raise InputError(f"seed = {shortened(repr(seed))}; accepted: {accepted}.")
 
-    def _reset_mask(self, options: object) -> NDArray[np.bool_]:
+    def _reset_mask(self, options: Any) -> NDArray[np.bool_]:
         """Returns which envs are to be reset, (N,)."""
-        if options is None or (isinstance(options, Mapping) and "reset_mask" not in options):
-            return np.ones(self.num_envs, dtype=np.bool_)
-        mask = options["reset_mask"] if isinstance(options, Mapping) else None
-        if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,):
-            if mask.any():
-                return mask
-        accepted = f"no reset_mask, or an array of ({self.num_envs},) booleans, not all of them False"
+        n = self.num_envs
+        mask = np.ones(n, dtype=np.bool_)
+        if options is not None:
+            mask = options.get("reset_mask", mask) if isinstance(options, Mapping) else None
+        if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (n,) and mask.any():
+            return mask
+        accepted = f"no reset_mask, or an array of ({n},) booleans, not all of them False"
         raise InputError(f"options = {shortened(repr(options))}; accepted: {accepted}.")
 
     def step(
@@ -167,7 +167,11 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         n = self.num_envs
         try:
             actions = np.asarray(actions)
-        except (TypeError, ValueError, RuntimeError) as error:  # nested lists, or tensors that need a gradient
+        except (
+            TypeError,
+            ValueError,
+            RuntimeError,
+        ) as error:  # nested lists, or tensors that need a gradient
             raise InputError(f"actions: {error}; accepted: ({n},) integers.") from error
         if actions.shape != (n,) or actions.dtype.kind not in "iu":
             raise InputError(f"actions: {actions.dtype} {actions.shape}; accepted: ({n},) integers.")

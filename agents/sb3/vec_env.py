@@ -13,9 +13,9 @@ from envs.vector_env import Actions, Observations
 class SB3VecEnv(VecEnv):
     """A `ProxemicVectorEnv` with the interface that Stable-Baselines3 expects.
 
-    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated` and `is_success` where an
-    episode ended. A single generator serves the batch; `seed(s)` seeds it, where SB3's envs would seed env i with
-    `s + i`.
+    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated` and `is_success` where
+    an episode ended. A single generator serves the batch; `seed(s)` seeds it, where SB3's envs would seed
+    env i with `s + i`.
     """
 
     def __init__(self, env: ProxemicVectorEnv) -> None:
