@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import Policy
-from envs.model import ACTIONS, Model
+from envs.model import ACTIONS, EVENTS, Model
 from envs.regions import ZONES
 
 VERSION: Final = 2  # part of every run's identity: raise it when a change alters an evaluation
@@ -102,7 +102,7 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
         dynamics(model),
         model.grid_reward,
         model.issuer_reward,
-        model.is_success,
+        model.event == EVENTS.index("target_ping"),
         model.is_wrong_ping,
         model.zone,
         starts_of(model, from_starts(model, start)),
@@ -233,8 +233,8 @@ def largest_success(model: Model, horizon: int) -> float:
 
     It is the optimal value if a correct PING alone has a reward, of 1.
     """
-    reward = model.is_success.astype(np.float64)
-    return float(from_starts(model) @ _iterate(model, reward, 1.0, horizon).value)
+    is_success = (model.event == EVENTS.index("target_ping")).astype(np.float64)
+    return float(from_starts(model) @ _iterate(model, is_success, 1.0, horizon).value)
 
 
 def _iterate(model: Model, reward: NDArray[np.float64], discount: float, horizon: int | None) -> Solution:

@@ -14,8 +14,8 @@ for _name, _word in (("agents", b"load_algorithm"), ("envs", b"Proxemic/")):
         _found = (_spec.submodule_search_locations or [str(_file)])[0]
         _advice = "rename it, start Python elsewhere, or, if pip installed it, use another environment"
         _sentence = f"{_found} is found in place of this project's package {_name}; {_advice}."
-        # Of `python -m`, Python has set no more until it has found the module of the command.
-        if Path(sys.argv[0] if sys.argv else "").stem in ("-m", "proxemic-benchmark"):
+        # -m is what Python sets until it has found the module of a command.
+        if Path((sys.argv or [""])[0]).stem in ("-m", "proxemic-benchmark"):
             print(f"error: {_sentence}", file=sys.stderr)
             sys.exit(2)
         raise ImportError(_sentence)

@@ -117,14 +117,8 @@ class Assessment:
         lines = [f"{head}of at most {HORIZON} steps"]
         lines += [f"  {label:20} {text}" for label, text in numbers.items()]
         if self.standing is None:
-            is_found = any(self.results.glob(f"*/{SCORES}"))
-            advice = f"{self.results} has no complete published results for this scenario"
-            if not is_found:
-                advice = (
-                    f"no published results in {self.results}; give results=PATH, or --results PATH, with "
-                )
-                advice += "the path of the folder results of a checkout of this project"
-            lines.append(f"no rank: {advice}")
+            lines.append(f"no rank: {self.results} has no complete published results for this scenario")
+            lines.append("(all are in the folder results of a checkout: results=PATH, or --results PATH)")
             return "\n".join(lines)
         rank, tied, learners = self.standing
         n, runs = len(learners), learners["runs"].sum()

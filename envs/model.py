@@ -38,6 +38,7 @@ EVENTS: Final = (
     "wrong_ping",
     "last_wrong_ping",  # condition C2
 )
+TARGET_PING: Final = EVENTS.index("target_ping")
 _WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
@@ -151,11 +152,6 @@ class Model:
         """(S,) whether no action changes anything: the agent has run into someone, or the cell is a wall."""
         is_person = self.zone == ZONES.index("issuer")
         return np.asarray(is_person | self.scenario.grid.is_wall[self.cell])
-
-    @cached_property
-    def is_success(self) -> NDArray[np.bool_]:
-        """(S, A) whether the action is a PING in the target region."""
-        return np.asarray(self.event == EVENTS.index("target_ping"))
 
     @cached_property
     def is_wrong_ping(self) -> NDArray[np.bool_]:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from envs import render
 from envs.inputs import InputError, shortened
-from envs.model import ACTIONS, Model, draw_issuer_reward
+from envs.model import ACTIONS, EVENTS, TARGET_PING, Model, draw_issuer_reward
 from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
+from envs.scene import scene_of
 
 Observation = int | NDArray[np.float32]
 _INFO: Final = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward", "is_success")
@@ -104,7 +105,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         render_mode: str | None = None,
     ) -> None:
         """Compiles the scenario; an InputError says what is wrong with an argument."""
-        render.check_mode(render_mode, "gymnasium.make")
+        if render_mode is not None and render_mode not in render.MODES:
+            accepted = f"{', '.join(render.MODES)}; human with gymnasium.make"
+            raise InputError(f"render_mode = {render_mode!r}; accepted: {accepted}.")
         self.model: Model = compile_seen(load_scenario(scenario, overrides), observation)
         self.render_mode = render_mode
         table = observation_table(self.model, observation)
@@ -144,13 +147,19 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self.s = model.next_state.item(*at, outcome)
         self._event = model.event.item(at)
         zone, wrong_pings = model.zone.item(self.s), model.wrong_pings.item(at)
-        is_success = model.is_success.item(at)
+        is_success = self._event == TARGET_PING
         info = _info(self._event, zone, wrong_pings, grid_reward, issuer_reward, is_success)
         return self._observe(), grid_reward + issuer_reward, model.terminated.item(at), False, info
 
     def render(self) -> Any:
         """Returns the scene as a string (`ansi`) or an (H, W, 3) uint8 image (`rgb_array`)."""
-        return render.render(self.model, self.s, self._event, self.render_mode)
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make takes.")
+            return None
+        scene, agent = scene_of(self.model, int(self.model.context[self.s])), int(self.model.cell[self.s])
+        if self.render_mode == "ansi":
+            return render.to_text(scene, agent, EVENTS[self._event])
+        return render.to_image(scene, agent)
 
     def _observe(self) -> Observation:
         observation = self._observations[self._observed[self.s]]

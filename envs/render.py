@@ -2,32 +2,14 @@
 
 from typing import Final
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.inputs import InputError
-from envs.model import EVENTS, Model
-from envs.scene import COLOURS, NOSE, SYMBOLS, Colour, Scene, scene_of
+from envs.scene import COLOURS, NOSE, SYMBOLS, Colour, Scene
 
 MODES: Final = ("ansi", "rgb_array")
 FRAMES_PER_SECOND: Final = 8
 CELL_PIXELS: Final = 40
-
-
-def check_mode(mode: str | None, maker: str) -> None:
-    """Refuses a `render_mode` that does not exist; `maker` says what else offers a window."""
-    if mode is not None and mode not in MODES:
-        raise InputError(f"render_mode = {mode!r}; accepted: {', '.join(MODES)}; human with {maker}.")
-
-
-def render(model: Model, state: int, event: int, mode: str | None) -> str | NDArray[np.uint8] | None:
-    """Returns a state as text (`ansi`) or as an image (`rgb_array`); without a mode, warns and returns None."""
-    if mode is None:
-        gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make and make_vec take.")
-        return None
-    scene, agent = scene_of(model, int(model.context[state])), int(model.cell[state])
-    return to_text(scene, agent, EVENTS[event]) if mode == "ansi" else to_image(scene, agent)
 
 
 def to_text(scene: Scene, agent: int, event: str) -> str:

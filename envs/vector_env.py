@@ -4,22 +4,20 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from envs import render
 from envs.inputs import InputError, shortened
-from envs.model import ACTIONS, PING, draw_issuer_reward
-from envs.observations import compile_seen, observation_space, observation_table
+from envs.model import ACTIONS, PING, TARGET_PING, draw_issuer_reward
+from envs.observations import observation_table
 from envs.proxemic_env import ProxemicEnv
-from envs.scenario import ScenarioLike, load_scenario
+from envs.scenario import ScenarioLike
 
 _INFO: Final = {
     "event": np.int64,
@@ -61,7 +59,6 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
         `max_episode_steps` is None or -1 for no limit. What is not accepted is an InputError.
         """
-        render.check_mode(render_mode, 'gymnasium.make_vec(vectorization_mode="sync")')
         self.render_mode = render_mode
         self.metadata = dict(self.metadata)  # which wrappers change
         self._limit: int = np.iinfo(np.int64).max
@@ -71,10 +68,11 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             if not isinstance(number, int | np.integer) or number < 1:
                 raise InputError(f"{name} = {shortened(repr(number))}; accepted: a whole number, at least 1.")
         self.num_envs = n = int(num_envs)
-        self.model = compile_seen(load_scenario(scenario, overrides), observation)
+        self._single = ProxemicEnv(scenario, observation, overrides, render_mode)  # draws what is rendered
+        self.model = self._single.model
         self._table = observation_table(self.model, observation)
-        self.single_observation_space = observation_space(self._table)
-        self.single_action_space = spaces.Discrete(len(ACTIONS))
+        self.single_observation_space = self._single.observation_space
+        self.single_action_space = self._single.action_space
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
 
@@ -86,7 +84,6 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._issuer_noise, self._terminated = model.issuer_noise.ravel(), model.terminated.ravel()
         self._event = model.event.astype(np.int64).ravel()
         self._wrong_pings = model.wrong_pings.astype(np.int64).ravel()
-        self._is_success = model.is_success.ravel()
         self._observation = model.observation.astype(np.intp)
         self._zone = model.zone.astype(np.int64)
 
@@ -120,7 +117,20 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         `options["reset_mask"]`, (N,) booleans, says which envs are reset, at least one; the others go on, and
         the masks in the info are False for them. Other options are ignored.
         """
-        seeds, mask = self._seeds(seed), self._reset_mask(options)
+        n, given = self.num_envs, seed
+        seeds: list[int | None] = []  # none if what is given are no seeds
+        with suppress(TypeError):
+            if not isinstance(given, Iterable):
+                given = [None if given is None else operator.index(given) + i for i in range(n)]
+            seeds = [None if its_seed is None else operator.index(its_seed) for its_seed in given]
+        if len(seeds) != n or any(its_seed is not None and its_seed < 0 for its_seed in seeds):
+            accepted = f"None, a whole number from 0, or {n} of these, one per env"
+            raise InputError(f"seed = {shortened(repr(seed))}; accepted: {accepted}.")
+        mask = (options or {}).get("reset_mask", np.ones(n, dtype=np.bool_))
+        is_mask = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (n,)
+        if not (is_mask and mask.any()):
+            accepted = f"an array of ({n},) booleans, not all of them False"
+            raise InputError(f"options: reset_mask = {shortened(repr(mask))}; accepted: {accepted}.")
         chosen = np.flatnonzero(mask)
         for i in chosen.tolist():
             if seeds[i] is not None:
@@ -129,30 +139,6 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
         self._begin(chosen, info)
         return self.observe(), _with_masks(info, mask)
-
-    def _seeds(self, seed: Any) -> list[int | None]:
-        """Returns the seed of each env, or None."""
-        n = self.num_envs
-        with suppress(TypeError):
-            given = [None] * n if seed is None else seed
-            if not isinstance(given, Iterable):
-                given = [operator.index(seed) + i for i in range(n)]
-            seeds = [None if item is None else operator.index(item) for item in given]
-            if len(seeds) == n and all(item is None or item >= 0 for item in seeds):
-                return seeds
-        accepted = f"None, a whole number from 0, or {n} of these, one per env"
-        raise InputError(f"seed = {shortened(repr(seed))}; accepted: {accepted}.")
-
-    def _reset_mask(self, options: Any) -> NDArray[np.bool_]:
-        """Returns which envs are to be reset, (N,)."""
-        n = self.num_envs
-        mask = np.ones(n, dtype=np.bool_)
-        if options is not None:
-            mask = options.get("reset_mask", mask) if isinstance(options, Mapping) else None
-        if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (n,) and mask.any():
-            return mask
-        accepted = f"no reset_mask, or an array of ({n},) booleans, not all of them False"
-        raise InputError(f"options = {shortened(repr(options))}; accepted: {accepted}.")
 
     def step(
         self, actions: Actions
@@ -163,15 +149,12 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
           Observations (N, ...), rewards (N,), terminated (N,), truncated (N,), and the info of
           `ProxemicEnv` as arrays (N,), each with a mask `_name` of the envs that it holds for: all.
         """
-        self._check_reset("step")
         n = self.num_envs
+        if self._steps.min() < 0:
+            raise ResetNeeded("Cannot call env.step() before calling env.reset()")
         try:
             actions = np.asarray(actions)
-        except (
-            TypeError,
-            ValueError,
-            RuntimeError,
-        ) as error:  # nested lists, or tensors that need a gradient
+        except Exception as error:  # nested lists, or tensors that need a gradient
             raise InputError(f"actions: {error}; accepted: ({n},) integers.") from error
         if actions.shape != (n,) or actions.dtype.kind not in "iu":
             raise InputError(f"actions: {actions.dtype} {actions.shape}; accepted: ({n},) integers.")
@@ -189,25 +172,22 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             "wrong_pings": self._wrong_pings.take(taken),
             "grid_reward": grid_reward,
             "issuer_reward": issuer_reward,
-            "is_success": self._is_success.take(taken),
+            "is_success": self._last_event == TARGET_PING,
         }
         if len(fresh):  # these envs are reset instead
             terminated[fresh] = truncated[fresh] = False
             self._begin(fresh, info)
         rewards = grid_reward + issuer_reward
         self._over = terminated | truncated
-        every = np.ones(self.num_envs, dtype=np.bool_)
-        return self.observe(), rewards, terminated, truncated, _with_masks(info, every)
+        return self.observe(), rewards, terminated, truncated, _with_masks(info, True)
 
     def render(self) -> tuple[Any, ...]:
         """Returns what `ProxemicEnv.render` returns, of each env."""
-        self._check_reset("render")
-        shown = zip(self._state.tolist(), self._last_event.tolist(), strict=True)
-        return tuple(render.render(self.model, state, event, self.render_mode) for state, event in shown)
-
-    def _check_reset(self, method: str) -> None:
-        if self._steps.min() < 0:
-            raise ResetNeeded(f"Cannot call env.{method}() before calling env.reset()")
+        frames = []
+        for state, event in zip(self._state.tolist(), self._last_event.tolist(), strict=True):
+            self._single.s, self._single._event = state, event
+            frames.append(self._single.render())
+        return tuple(frames)
 
     def advance(
         self, actions: Actions, draw: Draw
@@ -256,6 +236,6 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         info["zone"][envs] = self._zone[self._state[envs]]
 
 
-def _with_masks(info: Info, mask: NDArray[np.bool_]) -> Info:
+def _with_masks(info: Info, mask: NDArray[np.bool_] | Literal[True]) -> Info:
     """Returns an info with a mask of the envs that each entry holds for, as Gymnasium names them."""
-    return info | {f"_{name}": mask.copy() for name in info}
+    return info | {f"_{name}": np.full(len(values), mask) for name, values in info.items()}

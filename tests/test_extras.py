@@ -127,7 +127,9 @@ def test_an_agent_of_the_current_folder_is_scored_and_told_where_ranks_are(
     code = "import sys; from benchmark.__main__ import script; sys.exit(script())"
     arguments = ["assess", "--agent", "ten:act", "--observation", "index"]
     done = python(installed, "-c", code, *arguments, cwd=tmp_path, extras=True)
-    expected = r"no rank: no published results in .*; give results=PATH, or --results PATH, with the path of"
+    expected = (
+        r"\nno rank: .*\n\(all are in the folder results of a checkout: results=PATH, or --results PATH\)\n$"
+    )
     assert re.search(expected, done.stdout), done.stderr
     done = python(
         installed,

@@ -7,6 +7,7 @@ import numpy as np
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from envs import ProxemicVectorEnv
+from envs.model import TARGET_PING
 from envs.vector_env import Actions, Observations
 
 
@@ -23,7 +24,7 @@ class SB3VecEnv(VecEnv):
         self.env = env
         self.disagreements = 0  # wrong PINGs of all envs since the last reset
         self._is_disagreement = env.model.is_wrong_ping.ravel()
-        self._is_success = env.model.is_success.ravel()
+        self._is_success = env.model.event.ravel() == TARGET_PING
         self._seed: int | None = None
         self._generator = np.random.default_rng()
         self._actions: Actions = np.zeros(env.num_envs, dtype=np.int64)

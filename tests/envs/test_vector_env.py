@@ -137,7 +137,7 @@ def test_registered_time_limit_and_how_to_lift_it(mode: str) -> None:
         ({"num_envs": 2.0}, r"num_envs = 2\.0"),
         ({"max_episode_steps": 0}, "max_episode_steps = 0"),
         ({"max_episode_steps": "9"}, "max_episode_steps = '9'"),
-        ({"render_mode": "human"}, r"'human'; accepted: ansi, rgb_array; human with .*sync"),
+        ({"render_mode": "human"}, "'human'; accepted: ansi, rgb_array"),
     ],
 )
 def test_wrong_batch_arguments_are_refused(arguments: dict[str, Any], expected: str) -> None:
@@ -186,6 +186,5 @@ def test_wrong_masks_are_refused(mask: Any) -> None:
 @pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
 def test_a_first_reset_is_needed(mode: str) -> None:
     env = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=2, vectorization_mode=mode)
-    for call in (lambda: env.step(np.zeros(2, int)), env.render):
-        with pytest.raises(ResetNeeded):
-            call()
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(2, int))
