@@ -17,7 +17,9 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba",
         "pandas", "rich", "scipy", "seaborn", "tabulate",
     ),
-    "deep": ("arch", "moviepy", "rliable", "sb3_contrib", "stable_baselines3", "tensorboard", "torch", "tqdm"),
+    "deep": (
+        "arch", "moviepy", "rliable", "sb3_contrib", "stable_baselines3", "tensorboard", "torch", "tqdm",
+    ),
     "docs": ("pdoc",),
     "cluster": ("distributed",),
     "render": ("pygame",),

@@ -33,7 +33,7 @@ def env() -> Iterator[Any]:
 
 def untrained(env: Any, **more: Any) -> tuple[PPO, float]:
     """Returns an agent of Stable-Baselines3, and how often it succeeds, exactly, if it draws its actions."""
-    agent = PPO("MlpPolicy", env, n_steps=64, seed=2, **more)
+    agent = PPO("MlpPolicy", env, n_steps=64, n_epochs=1, seed=2, **more)
     table, _ = agent_table(agent, "agent", MODEL, "one_hot")
     return agent, float(evaluate(MODEL, table, 200).success)
 
@@ -62,11 +62,12 @@ def test_success_rate_of_eval_callback_is_the_exact_one(env: Any, tmp_path: Path
 def test_success_of_training_episodes_is_the_exact_one(native: bool, env: Any) -> None:
     made = SB3VecEnv(ProxemicVectorEnv(4, "S2", "one_hot", NEAR, max_episode_steps=200)) if native else env
     agent, exact = untrained(VecMonitor(made) if native else made, learning_rate=0.0, stats_window_size=1000)
-    agent.learn(8192)
-    assert len(agent.ep_success_buffer) == len(agent.ep_info_buffer) > N
+    agent.learn(2048)
+    assert len(agent.ep_success_buffer) == len(agent.ep_info_buffer) > 50
     check(agent.ep_success_buffer, exact)
 
 
+@pytest.mark.filterwarnings("ignore:rich is experimental")  # which Stable-Baselines3 ignores, too
 def test_progress_bar_and_tensorboard(env: Any, tmp_path: Path) -> None:
     agent, _ = untrained(env, tensorboard_log=str(tmp_path))
     agent.learn(128, progress_bar=True)
@@ -74,14 +75,16 @@ def test_progress_bar_and_tensorboard(env: Any, tmp_path: Path) -> None:
     assert b"rollout/success_rate" in log.read_bytes()
 
 
-@pytest.mark.filterwarnings("ignore::SyntaxWarning", "ignore::DeprecationWarning")  # of moviepy's sources
+@pytest.mark.filterwarnings("ignore:.*human' rendering", "ignore:invalid escape")  # of moviepy's sources
 def test_videos_and_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     shown = gymnasium.make("envs:Proxemic/S1-v0", render_mode="human")
-    recorded = RecordVideo(gymnasium.make("envs:Proxemic/S1-v0", render_mode="rgb_array"), str(tmp_path))
+    recorded = RecordVideo(
+        gymnasium.make("envs:Proxemic/S1-v0", render_mode="rgb_array"), str(tmp_path / "videos")
+    )
     for each in (shown, recorded):
         each.reset(seed=0)
         for action in (1, 3, 4):
             each.step(action)
         each.close()
-    assert [path.name for path in tmp_path.glob("*.mp4")] == ["rl-video-episode-0.mp4"]
+    assert [path.name for path in tmp_path.glob("videos/*.mp4")] == ["rl-video-episode-0.mp4"]
