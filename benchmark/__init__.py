@@ -6,6 +6,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+__version__ = "0.7.0"
+
 # Others have packages of these names, too. Ours are known by a word in their `__init__.py`.
 for _name, _word in (("agents", b"load_algorithm"), ("envs", b"Proxemic/")):
     _spec = find_spec(_name)
@@ -14,7 +16,8 @@ for _name, _word in (("agents", b"load_algorithm"), ("envs", b"Proxemic/")):
         _found = (_spec.submodule_search_locations or [str(_file)])[0]
         _advice = "rename it, start Python elsewhere, or, if pip installed it, use another environment"
         _sentence = f"{_found} is found in place of this project's package {_name}; {_advice}."
-        if sys.argv[:1] == ["-m"]:  # what Python sets until it has found the module of a command
+        # -m is what Python sets until it has found the module of a command.
+        if Path((sys.argv or [""])[0]).stem in ("-m", "proxemic-benchmark"):
             print(f"error: {_sentence}", file=sys.stderr)
             sys.exit(2)
         raise ImportError(_sentence)

@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from benchmark import packages
+from benchmark import __version__, packages
 
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
 _SPEED_INTERRUPTED: Final = "interrupted: the table is as before; the same command measures all rows again."
@@ -52,6 +52,12 @@ Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt 
 with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
 interrupted.
 """
+
+
+def script() -> int:
+    """Runs one command, as `python -m benchmark` does; returns the exit code."""
+    sys.path.append(str(Path.cwd()))  # for modules of users, which hide none
+    return main()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -143,6 +149,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action="version", version=f"proxemic-benchmark {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     named = "a name shown by 'list', or the path of a TOML file"
     seeds = "seeds, for example 0-29 or 7 (default: as declared; not for searches and maps); "

@@ -124,6 +124,7 @@ class Assessment:
         lines += [f"  {label:20} {text}" for label, text in numbers.items()]
         if self.standing is None:
             lines.append(f"no rank: {self.results} has no complete published results for this scenario")
+            lines.append("(all are in the folder results of a checkout: results=PATH, or --results PATH)")
             return "\n".join(lines)
         rank, tied, learners = self.standing
         n, runs = len(learners), learners["runs"].sum()

@@ -23,7 +23,7 @@ def broken(error: BaseException) -> str:
     modules of users the error itself names the file.
     """
     if isinstance(error, ModuleNotFoundError) and error.name in _CORE:
-        installer = "pip install . installs it (in a checkout: make .venv/.base)"
+        installer = f"pip install {error.name} installs it (in a checkout: make .venv/.base)"
         return f"the package {error.name} is not installed; {installer}."
     modules = [
         str(frame.f_globals.get("__name__")).partition(".")[0]

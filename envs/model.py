@@ -38,6 +38,7 @@ EVENTS: Final = (
     "wrong_ping",
     "last_wrong_ping",  # condition C2
 )
+TARGET_PING: Final = EVENTS.index("target_ping")
 _WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])

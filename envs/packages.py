@@ -17,7 +17,9 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba",
         "pandas", "rich", "scipy", "seaborn", "tabulate",
     ),
-    "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
+    "deep": (
+        "arch", "moviepy", "rliable", "sb3_contrib", "stable_baselines3", "tensorboard", "torch", "tqdm",
+    ),
     "docs": ("pdoc",),
     "cluster": ("distributed",),
     "render": ("pygame",),
@@ -87,5 +89,6 @@ def _installer(module: str) -> str:
     for extra, modules in EXTRAS.items():
         if module in modules:
             mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"
-            return f"; pip install 'proxemic-benchmark[{extra}]' installs it (in a checkout: make {mark})"
+            elsewhere = f"pip install 'CHECKOUT[{extra}]' elsewhere, where CHECKOUT is its path"
+            return f"; in a checkout of this project, make {mark} installs it, and {elsewhere}"
     return ""

@@ -10,14 +10,14 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from envs import render
-from envs.inputs import InputError
-from envs.model import ACTIONS, EVENTS, Model, draw_issuer_reward
+from envs.inputs import InputError, shortened
+from envs.model import ACTIONS, EVENTS, TARGET_PING, Model, draw_issuer_reward
 from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 
 Observation = int | NDArray[np.float32]
-_INFO: Final = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward")
+_INFO: Final = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward", "is_success")
 
 
 class ProxemicEnv(gymnasium.Env[Observation, int]):
@@ -76,7 +76,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Information
     `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an index into
-    `envs.ZONES`; `wrong_pings` so far in the episode; and the components `grid_reward`, `issuer_reward`.
+    `envs.ZONES`; `wrong_pings` so far in the episode; the components `grid_reward`, `issuer_reward`; and
+    `is_success`, whether the action was a PING in the target region, which Stable-Baselines3 reads at the end
+    of an episode.
 
     ## Arguments
     `gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides={"issuer.position": [8, 6]})`.
@@ -124,13 +126,15 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         starts = self.model.starts
         self.s = int(starts[int(self.np_random.random() * len(starts)) if len(starts) > 1 else 0])
         self._event = 0
-        return self._observe(), _info(self._event, self.model.zone.item(self.s), 0, 0.0, 0.0)
+        return self._observe(), _info(self._event, self.model.zone.item(self.s), 0, 0.0, 0.0, False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Takes an action from 0 to 4, else an InputError; the class describes the result."""
-        index = operator.index(action)
-        if not 0 <= index < len(ACTIONS):
-            raise InputError(f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1}.")
+        try:
+            index = range(len(ACTIONS)).index(operator.index(action))
+        except (TypeError, ValueError) as error:
+            accepted = f"0 to {len(ACTIONS) - 1}"
+            raise InputError(f"action = {shortened(repr(action))}; accepted: {accepted}.") from error
         model, at = self.model, (self.s, index)
         grid_reward, issuer_reward = model.grid_reward.item(at), model.issuer_reward.item(at)
         if model.is_noisy:
@@ -143,7 +147,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self.s = model.next_state.item(*at, outcome)
         self._event = model.event.item(at)
         zone, wrong_pings = model.zone.item(self.s), model.wrong_pings.item(at)
-        info = _info(self._event, zone, wrong_pings, grid_reward, issuer_reward)
+        is_success = self._event == TARGET_PING
+        info = _info(self._event, zone, wrong_pings, grid_reward, issuer_reward, is_success)
         return self._observe(), grid_reward + issuer_reward, model.terminated.item(at), False, info
 
     def render(self) -> Any:

@@ -1,4 +1,4 @@
-"""What has to be installed for what, the core or extras, and what a wheel has."""
+"""What has to be installed for what, the core or extras, and what distributions have."""
 
 import ast
 import json
@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,30 +16,41 @@ from typing import Final
 import pytest
 from packaging.utils import canonicalize_name
 
+from benchmark import __version__
 from envs.packages import EXTRAS, PACKAGES, needed_by
-from tests.support import PROJECT, ROOT, install, requirements
+from tests.support import PROJECT, ROOT, git, install, requirements
 
 LAYERS: Final = ("agents", "benchmark", "envs")
 ALIAS: Final = "import gymnasium; print(gymnasium.make('proxemic_benchmark:Proxemic/S1-v0').reset(seed=0)[0])"
-BOUNDED: Final = {"pandas"}  # which reproduce brings, and deep only gives a bound
+BOUNDED: Final = {"imageio-ffmpeg", "pandas"}  # which moviepy and reproduce bring; deep only gives a bound
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what `pip install .` installs, and one beside it with what the extra `reproduce` adds.
 
-    This project is there as a wheel of a copy of the sources, built without a network and unpacked.
+    This project is there as a wheel, built without a network from a source distribution of a copy of the
+    sources, and unpacked.
     """
     directory = tmp_path_factory.mktemp("installed")
     source = directory / "source"
-    for package in LAYERS:
-        shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
+    for name in sources():
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, source / name)
+    for name in (
+        "results/runs.db",
+        "results/index.html",
+        "results/a_smoke/a.csv",
+        "envs/a.pyc",
+    ):  # made later
+        (source / name).parent.mkdir(exist_ok=True)
+        (source / name).touch()
+    build = f"from setuptools import build_meta; build_meta.build_sdist({str(directory)!r})"
     options = ["--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check"]
-    command = [sys.executable, "-m", "pip", "wheel", *options, "--wheel-dir", str(directory), str(source)]
-    done = subprocess.run(command, cwd=directory, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    wheel_of = ["-m", "pip", "wheel", *options, "--wheel-dir", str(directory)]
+    for command in (["-c", build], [*wheel_of, str(directory / f"proxemic_benchmark-{__version__}.tar.gz")]):
+        done = subprocess.run([sys.executable, *command], cwd=source, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
     (wheel,) = directory.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(directory / "core")
@@ -55,6 +67,12 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
+def sources() -> set[str]:
+    """Returns the files of this repository, new ones, too."""
+    listed = ["ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    return {name for name in git(ROOT, *listed).split("\0") if name and (ROOT / name).is_file()}
+
+
 def python(
     installed: Path, *arguments: str, cwd: Path, extras: bool = False
 ) -> subprocess.CompletedProcess[str]:
@@ -68,8 +86,9 @@ def python(
 
 def needs(what: str, package: str, extra: str, mark: str) -> str:
     return (
-        rf"{what} needs the package {package}, which is not installed; "
-        rf"pip install 'proxemic-benchmark\[{extra}\]' installs it \(in a checkout: make \.venv/{mark}\)\.\n"
+        rf"{what} needs the package {package}, which is not installed; in a checkout of this project, "
+        rf"make \.venv/{mark} installs it, and pip install 'CHECKOUT\[{extra}\]' elsewhere, "
+        r"where CHECKOUT is its path\.\n"
     )
 
 
@@ -80,6 +99,49 @@ def test_wheel_has_every_file_of_the_packages(installed: Path) -> None:
         return {name for name in names if "__pycache__" not in name}
 
     assert files(installed / "core") == files(ROOT)
+
+
+def test_source_distribution_has_every_file_of_the_repository(installed: Path) -> None:
+    name = f"proxemic_benchmark-{__version__}"
+    with tarfile.open(installed / f"{name}.tar.gz") as archive:
+        files = {member.name.removeprefix(f"{name}/") for member in archive if member.isfile()}
+    made = {file for file in files if ".egg-info/" in file} | {"PKG-INFO", "setup.cfg"}
+    assert files - made == sources()
+
+
+def test_version_is_the_same_everywhere(installed: Path, tmp_path: Path) -> None:
+    shown = f"proxemic-benchmark {__version__}\n"
+    assert python(installed, "-m", "benchmark", "--version", cwd=tmp_path).stdout == shown
+    (entry,) = (installed / "core").glob("proxemic_benchmark-*.dist-info/entry_points.txt")
+    module, _, name = entry.read_text(encoding="utf-8").split(" = ")[1].strip().partition(":")
+    code = f"import sys; from {module} import {name}; sys.exit({name}())"
+    assert python(installed, "-c", code, "--version", cwd=tmp_path).stdout == shown
+    assert python(installed, "-c", code, "lst", cwd=tmp_path).returncode == 2
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_an_agent_of_the_current_folder_is_scored_and_told_where_ranks_are(
+    installed: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "ten.py").write_text("act = lambda observation: 3\n", encoding="utf-8")
+    code = "import sys; from benchmark.__main__ import script; sys.exit(script())"
+    arguments = ["assess", "--agent", "ten:act", "--observation", "index"]
+    done = python(installed, "-c", code, *arguments, cwd=tmp_path, extras=True)
+    expected = (
+        r"\nno rank: .*\n\(all are in the folder results of a checkout: results=PATH, or --results PATH\)\n$"
+    )
+    assert re.search(expected, done.stdout), done.stderr
+    done = python(
+        installed,
+        "-m",
+        "benchmark",
+        *arguments,
+        "--results",
+        str(ROOT / "results"),
+        cwd=tmp_path,
+        extras=True,
+    )
+    assert "ranks " in done.stdout
 
 
 def test_environments_need_only_the_core(installed: Path, tmp_path: Path) -> None:
@@ -114,7 +176,7 @@ for what in ("agents.load_algorithm('sarsa')", "__import__('benchmark.assessment
     *said, files, algorithm, assessment = done.stdout.splitlines(keepends=True)
     assert [line.rstrip("\n") for line in said] == ["-0.1 True", "[-0.1, -0.1, -0.1]", names, "uint8"]
     assert files.split() == [str(installed / "core" / package / "__init__.py") for package in LAYERS]
-    assert "No module named 'numba'; pip install 'proxemic-benchmark[reproduce]'" in algorithm
+    assert "No module named 'numba'; in a checkout of this project, make .venv/.base installs it" in algorithm
     assert re.fullmatch(needs("benchmark.assessment", r"\w+", "reproduce", r"\.base"), assessment)
     assert python(installed, "-m", "benchmark", "--help", cwd=tmp_path).returncode == 0
 
@@ -194,5 +256,5 @@ def test_what_is_imported_is_declared() -> None:
     core = {*requirements(None), "pydantic_core"}  # pydantic's own, which its documentation says to import
     assert third_party(["envs"]) == core
     used = {module for extra in ("reproduce", "deep", "cluster", "docs") for module in EXTRAS[extra]}
-    used -= {"arch", "sb3_contrib"}  # of rliable, and by name
+    used -= {"arch", "moviepy", "sb3_contrib", "tensorboard", "tqdm"}  # of other packages, and by name
     assert third_party(LAYERS) - {*EXTRAS["render"]} == core | used

@@ -7,15 +7,16 @@ import numpy as np
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from envs import ProxemicVectorEnv
+from envs.model import TARGET_PING
 from envs.vector_env import Actions, Observations
 
 
 class SB3VecEnv(VecEnv):
     """A `ProxemicVectorEnv` with the interface that Stable-Baselines3 expects.
 
-    An `info` has only what SB3 reads: `terminal_observation` and `TimeLimit.truncated` where an episode
-    ended. A single generator serves the batch; `seed(s)` seeds it, where SB3's envs would seed env i with
-    `s + i`.
+    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated` and `is_success` where
+    an episode ended. A single generator serves the batch; `seed(s)` seeds it, where SB3's envs would seed
+    env i with `s + i`.
     """
 
     def __init__(self, env: ProxemicVectorEnv) -> None:
@@ -23,6 +24,7 @@ class SB3VecEnv(VecEnv):
         self.env = env
         self.disagreements = 0  # wrong PINGs of all envs since the last reset
         self._is_disagreement = env.model.is_wrong_ping.ravel()
+        self._is_success = env.model.event.ravel() == TARGET_PING
         self._seed: int | None = None
         self._generator = np.random.default_rng()
         self._actions: Actions = np.zeros(env.num_envs, dtype=np.int64)
@@ -58,6 +60,7 @@ class SB3VecEnv(VecEnv):
             for i in ended:
                 infos[i]["terminal_observation"] = observations[i].copy()
                 infos[i]["TimeLimit.truncated"] = not terminated[i]
+                infos[i]["is_success"] = self._is_success.item(taken[i])
             self.env.restart(ended, lambda: self._generator.random(len(ended)))
             observations = self.env.observe()
         self.disagreements += int(np.count_nonzero(self._is_disagreement.take(taken)))

@@ -84,7 +84,7 @@ def _installation() -> Iterator[Finding]:
         yield Finding("problem", "packages", sentence.removesuffix("."))
     complete = [extra for extra, modules in EXTRAS.items() if all(map(find_spec, modules))]
     others = [extra for extra in EXTRAS if extra not in complete]
-    more = f"; others: {', '.join(others)} (make .venv/.NAME installs one)" if others else ""
+    more = f"; others: {', '.join(others)} (in a checkout, make .venv/.NAME installs one)" if others else ""
     yield _finding("packages", f"installed extras: {', '.join(complete) or 'none'}{more}")
 
 

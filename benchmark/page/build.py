@@ -9,11 +9,9 @@ import base64
 import gzip
 import json
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote
@@ -23,6 +21,7 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
+from benchmark import __version__
 from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import in_dark, learner_style, svg
 from benchmark.drawing.tables import inert, plain
@@ -295,20 +294,12 @@ def _render(parts: Sequence[_Part]) -> str:
             horizon=first.get("horizon"),
             agents=explored,
             command="make report" if len(parts) > 1 else first["command"],
-            version=_version(),
+            version=__version__,
             year=max(str(report["year"]) for report in reports),
             css=Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
             js=Markup("\n".join(_scripts("main.js").values())),
             data=_base64(explorer.compressed(tables)),
         )
-
-
-def _version() -> str:
-    try:
-        declared = tomllib.loads((_TEMPLATES.parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
-    except OSError:
-        return metadata.version("proxemic-benchmark")
-    return str(declared["project"]["version"])
 
 
 def _base64(content: bytes) -> str:

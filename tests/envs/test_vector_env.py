@@ -1,17 +1,30 @@
 """The native vector env against Gymnasium's `SyncVectorEnv`, and what is its business alone."""
 
 import pickle
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Final
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.vector import SyncVectorEnv
-from numpy.typing import NDArray
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
-from envs import OBSERVATIONS, InputError, ProxemicVectorEnv, scenario_names
+from envs import EVENTS, OBSERVATIONS, InputError, ProxemicVectorEnv, scenario_names
 from tests.support import few_places
+
+NAMES: Final = {name for name in {*dir(VectorEnv), *VectorEnv.__annotations__} if not name.startswith("_")}
+
+
+def seen(env: Any) -> dict[str, Any]:
+    """Returns the public attributes that Gymnasium declares for vector envs, as values to compare."""
+    values = {name: getattr(env, name) for name in NAMES} | {"autoreset_mode": env.unwrapped.autoreset_mode}
+    assert values.pop("unwrapped") is env
+    values["spec"] = values["spec"].id
+    values["np_random"] = [generator.bit_generator.state for generator in values["np_random"]]
+    return {name: value for name, value in values.items() if not callable(value)}
 
 
 def assert_same(ours: Any, theirs: Any) -> None:
@@ -24,14 +37,13 @@ def test_batch_equals_gymnasiums(name: str) -> None:
     n = 5
     observation = OBSERVATIONS[scenario_names().index(name) % len(OBSERVATIONS)]
     options: dict[str, Any] = {"num_envs": n, "observation": observation, "max_episode_steps": 12}
+    options["render_mode"] = ["ansi", "rgb_array"][scenario_names().index(name) % 2]
     options["overrides"] = few_places(name)
     ours = gymnasium.make_vec(f"envs:Proxemic/{name}-v0", **options)
     theirs = gymnasium.make_vec(f"envs:Proxemic/{name}-v0", vectorization_mode="sync", **options)
     assert isinstance(ours, ProxemicVectorEnv)
     assert isinstance(theirs, SyncVectorEnv)
-    for space in ("single_observation_space", "observation_space", "single_action_space", "action_space"):
-        assert getattr(ours, space) == getattr(theirs, space)
-    assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
+    assert ours.metadata["autoreset_mode"] is ours.unwrapped.autoreset_mode is AutoresetMode.NEXT_STEP
     assert_same(ours.reset(seed=7), theirs.reset(seed=7))
     rng = np.random.default_rng(1)
     n_ends = n_resets = 0
@@ -40,13 +52,41 @@ def test_batch_equals_gymnasiums(name: str) -> None:
         mine, its = ours.step(actions), theirs.step(actions)
         assert_same(mine, its)
         n_ends += int((its[2] | its[3]).sum())
-        if rng.random() < 0.05:
+        if rng.random() < 0.1:
             seeds = [int(s) if s < 50 else None for s in rng.integers(0, 100, n)]
-            seed = None if rng.random() < 0.5 else seeds
-            assert_same(ours.reset(seed=seed), theirs.reset(seed=seed))
+            seed = [None, int(rng.integers(100)), seeds, tuple(seeds)][rng.integers(4)]
+            mask = rng.random(n) < 0.5
+            mask[rng.integers(n)] = True
+            for given in ({"reset_mask": mask}, [None, {}, {"another": 1}][rng.integers(3)]):
+                # The other env takes the mask out of what it is given.
+                mine, its = (env.reset(seed=seed, options=given and dict(given)) for env in (ours, theirs))
+                assert_same(mine, its)
+                assert_same(ours.render(), theirs.render())
+                assert_same(seen(ours), seen(theirs))
             n_resets += 1
     assert n_ends > 30
     assert n_resets > 5
+    ours.close()
+    theirs.close()
+    assert_same(seen(ours), seen(theirs))
+
+
+def test_gymnasiums_wrappers_see_the_same() -> None:
+    found = []
+    for mode in ("vector_entry_point", "sync"):
+        env = gymnasium.make_vec("envs:Proxemic/S2-v0", num_envs=3, vectorization_mode=mode)
+        wrapped = RecordEpisodeStatistics(env)
+        wrapped.reset(seed=1)
+        rng = np.random.default_rng(2)
+        actions = rng.choice(5, size=(200, 3), p=[0.05, 0.35, 0.05, 0.35, 0.2])
+        infos = [wrapped.step(action)[4] for action in actions]
+        for info in infos:
+            assert ((info["event"] == EVENTS.index("target_ping")) == info["is_success"]).all()
+            info.get("episode", {}).pop("t", None)  # the time that it took
+        assert sum("episode" in info for info in infos) > 10
+        assert sum(info["is_success"].sum() for info in infos) > 5
+        found.append(infos)
+    assert_same(*found)
 
 
 def test_batch_returns_copies() -> None:
@@ -66,8 +106,8 @@ def test_batch_returns_copies() -> None:
 
 @pytest.mark.parametrize("kind", [np.uint64, np.int8])
 def test_batch_takes_any_integers_and_pickles(kind: type) -> None:
-    env = ProxemicVectorEnv(3, "S2", "coordinates")
-    env.reset(seed=4)
+    env = ProxemicVectorEnv(np.int64(3), "S2", "coordinates")  # type: ignore[arg-type]
+    env.reset(seed=np.array([4, 5, 6], dtype=kind))
     env.step(np.array([1, 3, 4], dtype=kind))
     copied = pickle.loads(pickle.dumps(env))
     assert_same(copied.step(np.array([4, 4, 4])), env.step(np.array([4, 4, 4], dtype=kind)))
@@ -92,21 +132,59 @@ def test_registered_time_limit_and_how_to_lift_it(mode: str) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
-    [({"num_envs": 0}, "num_envs = 0"), ({"max_episode_steps": 0}, "max_episode_steps = 0")],
+    [
+        ({"num_envs": 0}, "num_envs = 0"),
+        ({"num_envs": 2.0}, r"num_envs = 2\.0"),
+        ({"max_episode_steps": 0}, "max_episode_steps = 0"),
+        ({"max_episode_steps": "9"}, "max_episode_steps = '9'"),
+        ({"render_mode": "human"}, "'human'; accepted: ansi, rgb_array"),
+    ],
 )
 def test_wrong_batch_arguments_are_refused(arguments: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         ProxemicVectorEnv(**arguments)
 
 
+def both(call: Callable[[Any], object]) -> str:
+    """Calls something of both envs, which neither accepts; returns the message of ours."""
+    for mode in ("sync", "vector_entry_point"):
+        env = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=2, vectorization_mode=mode)
+        env.reset(seed=0)
+        with pytest.raises(InputError if mode != "sync" else Exception) as caught:
+            call(env)
+    assert env.np_random_seed == (0, 1)
+    return str(caught.value)
+
+
 @pytest.mark.parametrize(
-    "actions", [np.zeros(3, int), np.zeros(2), np.zeros((2, 1), int), np.array([0, -1]), np.array([0, 5])]
+    "actions",
+    [
+        np.zeros(3, int), np.zeros(2), np.zeros((2, 1), int), np.array([0, -1]), np.array([0, 5]),
+        0, None, [1], [1, 2, 3], [1.0, 2], ["1", "2"], [[1], [2, 3]], [None, 1], "12",
+    ],
+)  # fmt: skip
+def test_wrong_actions_are_refused(actions: Any) -> None:
+    assert both(lambda env: env.step(actions)).startswith("actions: ")
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [[1, 2, 3], [1], [], -1, [0, -1], 1.5, [1.5, 2], [None, "2"], "12", np.array([1.0, 2.0]), [[1], [2]]],
 )
-def test_wrong_actions_are_refused(actions: NDArray[Any]) -> None:
-    with pytest.raises(InputError, match=r"^actions: "):
-        ProxemicVectorEnv(2).step(actions)
+def test_wrong_seeds_are_refused(seed: Any) -> None:
+    message = both(lambda env: env.reset(seed=seed))
+    assert message.endswith("; accepted: None, a whole number from 0, or 2 of these, one per env.")
 
 
-def test_wrong_number_of_seeds_is_refused() -> None:
-    with pytest.raises(InputError, match="seed: 3 seeds"):
-        ProxemicVectorEnv(2).reset(seed=[1, 2, 3])
+@pytest.mark.parametrize(
+    "mask", [None, [True, False], np.zeros(2, bool), np.ones(3, bool), np.ones((2, 1), bool), np.ones(2, int)]
+)
+def test_wrong_masks_are_refused(mask: Any) -> None:
+    assert "reset_mask" in both(lambda env: env.reset(seed=3, options={"reset_mask": mask}))
+
+
+@pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
+def test_a_first_reset_is_needed(mode: str) -> None:
+    env = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=2, vectorization_mode=mode)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(2, int))
