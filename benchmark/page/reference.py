@@ -99,13 +99,12 @@ def columns(results: Path) -> str:
     tables = dict[tuple[str, str, str], dict[str, str | None]]()
     for folder in published(results):
         document = Document(folder)
-        kind = document.folder.manifest["report"]["kind"]
         for item in document.items:
             file = folder / (item.file or f"{item.name}.csv")
             if ".csv" in file.name and file.exists():
                 meanings = {f"`{name}`": item.meaning(str(name)) for name in pd.read_csv(file, nrows=0)}
-                tables.setdefault((kind, file.name, item.description), {}).update(meanings)
-    for (kind, name, description), meanings in tables.items():
+                tables.setdefault((document.report.name, file.name, item.description), {}).update(meanings)
+    for (report, name, description), meanings in tables.items():
         grid = tabulate(meanings.items(), ["column", "meaning"], "github")
-        parts += [f"## `{name}` of a {kind}", description, grid]
+        parts += [f"## `{name}` ({report})", description, grid]
     return "\n\n".join(parts)

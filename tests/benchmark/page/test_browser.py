@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -485,10 +486,14 @@ def test_published_page_answers_at_once_and_is_short(open_page: Open, published:
     assert all(0 <= box["x"] <= box["x"] + box["width"] <= 1366 for box in boxes)
     assert all(box["y"] + box["height"] <= 768 for box in boxes)
     assert opened.page.evaluate("document.documentElement.scrollHeight") < 15_000
-    # The explorer opens where tile coding and the best net end differently, with all views, on large maps.
-    assert opened.panel("left", ".walked").inner_text().endswith("success.")
-    assert not opened.panel("right", ".walked").inner_text().endswith("success.")
-    assert opened.panel("left", "select[name=scenario]").input_value() == "Anywhere"
+    # No two headings are the same, for who moves from one to the next.
+    headings = opened.page.locator("#finding, #results").locator("h1, h2, h3, h4, h5").all_text_contents()
+    assert [name for name, n in Counter(map(str.strip, headings)).items() if n > 1] == []
+    # The explorer opens with a table and a net that succeed, films of their training, and all views.
+    for side, family in (("left", "table"), ("right", "DQN|PPO")):
+        assert opened.panel(side, ".walked").inner_text().endswith("success.")
+        assert re.search(family, opened.panel(side, "select[name=learner]").input_value())
+    assert opened.page.locator("#learn").is_enabled()
     assert opened.page.locator("#shown option:enabled").count() == 4
     for width, least in ((1366, 560), (1920, 800)):
         opened.page.set_viewport_size({"width": width, "height": 1080})
@@ -506,6 +511,8 @@ def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
     for each in (768, 1920, width):
         opened.page.set_viewport_size({"width": each, "height": 844})
         assert opened.page.evaluate("document.documentElement.scrollWidth") == each  # nothing sticks out
+        cut = "document.querySelector('figure > .cut') !== null"  # the figures are 576 wide
+        opened.page.wait_for_function(f"({cut}) === {str(each < 576).lower()}")
     opened.unfold("#explorer details, #report-compare_deep details")  # the other reports are the same
     assert opened.page.evaluate("document.documentElement.scrollWidth") == width
     opened.walk(1)

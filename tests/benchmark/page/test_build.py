@@ -13,9 +13,9 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.drawing.tables import plain, show
-from benchmark.experiments import PUBLISHED
+from benchmark.experiments import PUBLISHED, load_experiment
 from benchmark.page import build
-from benchmark.reports import prose, sameness
+from benchmark.reports import load_report, prose, sameness
 from benchmark.reports.document import Document
 from benchmark.reports.folder import MANIFEST, Folder
 from envs import InputError
@@ -91,6 +91,15 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
     assert "score: 0 is the random policy, -1 is worse & 2 < 3." in page.words
     for element in ("<em>learner</em>", "<h4>After training</h4>", "<h5>In detail</h5>", "<summary>Terms<"):
         assert page.source.count(element) == 3
+
+
+def test_every_published_experiment_has_its_own_question() -> None:
+    asked = []
+    for name in PUBLISHED:
+        report = load_experiment(name).report
+        assert report is not None
+        asked.append(report.question or load_report(report.kind).question)
+    assert len({*asked}) == len(asked)
 
 
 def test_page_of_another_experiment_tells_of_it_alone(made: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from playwright.sync_api import Browser
 
 from benchmark.page import build, reference, site
 from envs import InputError, scenario_names
@@ -20,9 +21,10 @@ GUIDE = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site of one report, with the API of `envs` alone."""
+    """The site of two reports, with the API of `envs` alone."""
     folder = tmp_path_factory.mktemp("site")
-    shutil.copytree(RESULTS / "reproduce", folder / "results" / "reproduce")
+    for name in ("reproduce", "speed"):
+        shutil.copytree(RESULTS / name, folder / "results" / name)
     (folder / "results" / "mine").mkdir()
     (folder / "results" / "mine" / "manifest.json").write_text("{}", encoding="utf-8")
     (folder / "site").mkdir()
@@ -107,6 +109,16 @@ def test_site_deletes_nothing_else(place: str, tmp_path: Path) -> None:
         site.write(tmp_path / "results", tmp_path / place)
     assert (tmp_path / "results" / "reproduce" / "manifest.json").exists()
     assert (tmp_path / "notes" / "mine.txt").exists()
+
+
+def test_pages_of_the_site_fit_a_phone(built: Path, browser: Browser) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    for name in ("columns", "benchmark/experiments/README"):
+        page.goto((built / f"{name}.html").as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") == 390, name
+        of = "[...document.querySelectorAll('table')].some(table => table.scrollWidth > table.clientWidth)"
+        assert page.evaluate(of), name  # a wide table scrolls in its box
+    page.close()
 
 
 # What readers run

@@ -37,24 +37,16 @@ function refresh() {
   if (hasAddress) addressTimer = setTimeout(() => history.replaceState(null, "", address), 150);
 }
 
-// Tile coding, or else a table, and the best net, in the first scenario of those where the person may be in most
-// places, with the person where their walks end differently, if they do somewhere, and the first is longest. Agents
-// with values come first.
+// The first agent that walks to success and whose training can be played, and beside it the first such net of the same
+// scenario, or what is no net beside a net. Where there is none, success counts more than the training.
 function firstPair() {
-  const most = Math.max(...agents.map((agent) => agent.room.places.length));
-  const { scenario } = agents.find((agent) => agent.room.places.length === most);
-  const there = agents.filter((agent) => agent.scenario === scenario);
-  const rank = (agent) => agent.score.at(-1) + (agent.hasValues ? 100 : 0);
-  const best = (family) => there.filter((agent) => agent.family === family).sort((a, b) => rank(b) - rank(a))[0];
-  const pair = [best("linear") ?? best("tabular") ?? there[0], best("deep") ?? there.at(-1)];
-  const [{ room }] = pair;
-  const interest = (start) => {
-    const walks = pair.map((agent) => new Walk(agent, agent.steps.length - 1, start).finish());
-    return (walks[0].at(-1).event !== walks[1].at(-1).event) * walks[0].length;
-  };
-  const of = room.starts.map(interest);
-  const start = room.starts[of.indexOf(Math.max(...of))];
-  return pair.map((agent) => ({ ...agent, block: room.blockOf(start) }));
+  const isNet = (agent) => agent.family === "deep";
+  const walked = (agent) => new Walk(agent, agent.steps.length - 1, agent.room.starts[0]).finish().at(-1)?.event;
+  const ranks = new Map(agents.map((agent) => [agent, 2 * (walked(agent) === "target_ping") + (agent.timeline.length > 1)]));
+  const best = (among) => among.reduce((found, agent) => (ranks.get(agent) > ranks.get(found) ? agent : found), among[0]);
+  const left = best(agents);
+  const there = agents.filter(({ scenario, experiment }) => scenario === left.scenario && experiment === left.experiment);
+  return [left, best(there.filter((agent) => isNet(agent) !== isNet(left))) ?? there.at(-1)];
 }
 
 // Shows what an address asks for, as far as it exists.
@@ -147,6 +139,6 @@ export function start() {
   follow({ wishes: firstPair() });
   if (asked()) follow(asked());
   refresh();
-  if (!asked()) for (const panel of panels) panel.finishWalk(); // so that the difference can be seen at once
+  if (!asked()) for (const panel of panels) panel.finishWalk(); // so that the outcome can be seen at once
   hasAddress = true;
 }
