@@ -95,8 +95,8 @@ class DqnSettings(Sb3Settings):
     tau: Share = 1.0
     """How far the target network moves towards the other one whenever it is updated; 1: it is a copy."""
     train_freq: Count = 4
-    """Steps of each environment from one round of updates to the next; by default fewer if 4 do not divide the
-    budget."""
+    """Steps of each environment from one round of updates to the next; by default fewer if the budget needs
+    it."""
     gradient_steps: Annotated[int, Field(ge=-1, le=10**6)] = 1
     """Gradient steps of a round; -1: as many as steps were made since the last one."""
     n_steps: StepCount = 1
@@ -117,8 +117,8 @@ class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
 
     n_steps: Annotated[int, Field(ge=2, le=1_000_000)] = 2048
-    """Steps of each environment from one round of updates to the next. By default fewer, but more than half as
-    many, if that makes rollouts divide the budget."""
+    """Steps of each environment from one round of updates to the next; by default fewer, but more than half
+    as many, if rollouts then divide the budget."""
     gae_lambda: Share = 0.95
     """Lambda of generalized advantage estimation."""
     ent_coef: Annotated[float, Field(ge=0)] = 0.0

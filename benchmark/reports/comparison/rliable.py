@@ -112,8 +112,8 @@ def rliable(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     "baseline, with 95 % intervals of a stratified bootstrap."
 )
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
-    drawn = drawn_learners(experiment)
-    rows = figures.labelled(table).query("learner in @drawn").sort_values("iqm", kind="stable")
+    rows = figures.labelled(table).sort_values("iqm", kind="stable")
+    rows = rows[rows["learner"].isin(drawn_learners(experiment))]
     measures = [key for key in _MEASURES if key in rows]
     if "condition" in rows or rows.empty:
         return None

@@ -231,7 +231,11 @@ OF_A_REPLICATION = [
 ]
 LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
-    ('title = "compiled PPO"', 'title = "P\\nPO"', 'algorithms.ppo.title = "P\\nPO": accepted: text in one line'),
+    (
+        'title = "compiled PPO"',
+        'title = "P\\nPO"',
+        'algorithms.ppo.title = "P\\nPO": accepted: text in one line',
+    ),
     ('reference_for = "ppo"', 'reference_for = "sb3_dqn"', "sb3_ppo: reference_for: unknown variant sb3_dqn"),
     ('reference_for = "ppo"', 'reference_for = "ppo"\nrank = 2', "algorithms.sb3_ppo.rank: "),
     (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: input should be less than"),

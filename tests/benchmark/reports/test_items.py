@@ -92,7 +92,9 @@ def test_usual_measures_by_a_second_method() -> None:
         expected = [stats.trim_mean(values.ravel(), 0.25), np.median(means), values.mean(), 1 - values.mean()]
         assert row[["iqm", "median", "mean", "optimality_gap"]].tolist() == pytest.approx(expected)
         error = 1.96 * np.sqrt(values.var(axis=1).mean() / 12 / 3)  # of strata with 12 runs each
-        assert [row["mean_low"], row["mean_high"]] == pytest.approx([row["mean"] - error, row["mean"] + error], abs=0.01)
+        assert [row["mean_low"], row["mean_high"]] == pytest.approx(
+            [row["mean"] - error, row["mean"] + error], abs=0.01
+        )
     x, y = scores["net"].T, scores["table"].T
     assert frame.loc["net", "p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
     assert frame.loc["net", "over"] == "table, index"
