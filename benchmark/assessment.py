@@ -19,19 +19,17 @@ from envs.model import PING
 from envs.observations import compile_seen, observation_table
 from envs.packages import needed_by
 from envs.scenario import ScenarioLike
-from envs.scene import scene_of
 
 with needed_by("benchmark.assessment"):
     import pandas as pd
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
     from agents.sb3.imported import is_sb3_class
     from benchmark.analysis.records import anchors, check_anchors, overlap
-    from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
+    from benchmark.drawing.maps import draw_policy, policy_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.drawing.tables import read_csv
     from benchmark.experiments import experiment_names
@@ -46,7 +44,6 @@ _TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
 _RANKED: Final = ["success", "score"]  # columns, in order of precedence
 _DECIMALS: Final = 5  # of these columns that count, since files have six significant digits
 _LONGEST_ANSWER: Final = 100  # characters that a message repeats
-_TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
 
 
 class Standing(NamedTuple):
@@ -324,24 +321,12 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
 
 def draw_map(assessment: Assessment) -> Figure:
     """Draws the map of an agent, see `Assessment.draw`."""
-    model = assessment.model
-    scene = scene_of(model)
-    policy = assessment.policy[model.observation[model.states_of(0)]]  # (C, A)
-    is_likeliest = policy >= policy.max(axis=1, keepdims=True) - _TIE
-    is_ping = policy.argmax(axis=1) == PING  # no move is as likely
-    cells = pd.DataFrame(model.position, columns=["row", "column"])
-    norm = Normalize(0.0, 1.0)
-    with figure_of(1, 1, (6.0, 2.1 + 4.6 * scene.rows / scene.columns)) as (figure, axes):
+    model, norm = assessment.model, Normalize(0.0, 1.0)
+    rows, columns = model.scenario.grid.rows, model.scenario.grid.columns
+    with figure_of(1, 1, (6.0, 2.1 + 4.6 * rows / columns)) as (figure, axes):
         figure.set_layout_engine("compressed")  # the colour scale gets the height of the map
-        axis = axes[0, 0]
-        heat(axis, scene, np.where(scene.is_over, np.nan, policy[:, PING]), norm)
-        for action, name in enumerate(ACTIONS[:PING]):
-            arrowheads(axis, cells[is_likeliest[:, action] & ~scene.is_over].assign(action=name))
-        dots(axis, cells[is_ping & ~scene.is_over])
+        draw_policy(axes[0, 0], model, assessment.policy, norm)
         numbers = f"score {assessment.score:.3g}, success {assessment.success:.3g}"
-        axis.set_title(f"{model.scenario.name}: {numbers}")
-        colour_bar(figure, [axis], norm, "probability of PING")
-        ping = Line2D([], [], ls="", marker="o", color="black", ms=4, label="PING is the likeliest action")
-        move = Line2D([], [], ls="", marker=">", color="black", ms=4, label="likeliest moves")
-        region_legend(figure, [scene], ping, move, columns=2)
+        axes[0, 0].set_title(f"{model.scenario.name}: {numbers}")
+        policy_legend(figure, [axes[0, 0]], model, norm)
     return figure

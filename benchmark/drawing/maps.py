@@ -52,6 +52,8 @@ _ON_WHITE: Final[Style] = {
 }
 _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
 
+_TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
+
 # Of the gallery
 _COLUMNS, _MOST_MAPS, _CHARACTERS = 5, 4, 17  # in a row, of a scenario, in a line of names
 _WIDTH, _ROW, _LEGEND, _POINTS = 7.9, 1.65, 0.7, 8.5  # three in inches; the size of texts
@@ -69,6 +71,25 @@ def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize)
     axis.set_facecolor(RGB["over"])
     axis.pcolormesh(x, y, values.reshape(scene.rows, scene.columns), **_coloured(norm), linewidth=0.2)
     _dress(axis, scene, _ON_VALUES)
+
+
+def draw_policy(axis: Axes, model: Model, policy: NDArray[np.float64], norm: Normalize) -> None:
+    """Draws action probabilities, (O, A), in the first context: of PING in colours, the likeliest as marks."""
+    scene, here = scene_of(model), policy[model.observation[model.states_of(0)]]  # (C, A)
+    is_likeliest = here >= here.max(axis=1, keepdims=True) - _TIE
+    cells = pd.DataFrame(model.position, columns=["row", "column"])
+    heat(axis, scene, np.where(scene.is_over, np.nan, here[:, PING]), norm)
+    for action, name in enumerate(ACTIONS[:PING]):
+        arrowheads(axis, cells[is_likeliest[:, action] & ~scene.is_over].assign(action=name))
+    dots(axis, cells[(here.argmax(axis=1) == PING) & ~scene.is_over])  # no move is as likely
+
+
+def policy_legend(figure: Figure, axes: Sequence[Axes], model: Model, norm: Normalize) -> None:
+    """Draws the colour scale and the legend of policies."""
+    colour_bar(figure, axes, norm, "probability of PING")
+    ping = Line2D([], [], ls="", marker="o", color="black", ms=4, label="PING is the likeliest action")
+    move = Line2D([], [], ls="", marker=">", color="black", ms=4, label="likeliest moves")
+    region_legend(figure, [scene_of(model)], ping, move, columns=2)
 
 
 def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:

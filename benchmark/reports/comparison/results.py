@@ -8,13 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from matplotlib.colors import to_hex
+import seaborn as sns
 from matplotlib.figure import Figure
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, VERDICTS, WORSE
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
 from benchmark.analysis.intervals import mean_over_scenarios, proportion
-from benchmark.drawing.style import WIDTH, colour_map, draw_cells, figure_of
+from benchmark.drawing.style import INK, WIDTH, colour_map, figure_of
 from benchmark.drawing.tables import inert, link, show, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
@@ -159,18 +159,23 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
         rows |= {name: values.loc[name] for name in names}
     if "aggregate" in tables and len(rows) > 1 and "condition" not in tables["aggregate"]:
         rows["mean"] = figures.labelled(tables["aggregate"]).set_index("learner")["success"].reindex(learners)
-    colours = colour_map(COLOUR_MAP).with_extremes(bad="white")  # without runs
-    cells = [[(show(value, 2), to_hex(colours(value))) for value in row] for row in rows.values()]
+    frame = pd.DataFrame(rows).T
     is_crowded = len(learners) > _MOST_COLUMNS  # then their names are turned
     characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 12)
     titles = [fill(experiment.learners[name].title, characters, break_on_hyphens=False) for name in learners]
+    look = {"vmin": 0.0, "vmax": 1.0, "cmap": colour_map(COLOUR_MAP), "cbar": False, "linewidths": 2}
+    texts = {"annot": frame.map(lambda value: show(value, 2)), "fmt": "", "annot_kws": {"size": "small"}}
     with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3 + is_crowded)) as (figure, axes):
-        draw_cells(axes[0, 0], cells, [*rows], titles)
-        axes[0, 0].tick_params(axis="x", labelrotation=90 * is_crowded)
+        axis = sns.heatmap(frame, ax=axes[0, 0], xticklabels=titles, yticklabels=[*rows], **look, **texts)
+        for text in axis.texts:
+            text.set_color(INK[text.get_color() == "w"])
+        axis.xaxis.tick_top()
+        axis.tick_params(length=0, labelsize="small", labelrotation=0)
+        axis.tick_params(axis="x", labelrotation=90 * is_crowded)
         for at, title in groups.items():
-            style = {"va": "top", "fontsize": "small", "transform": axes[0, 0].get_yaxis_transform()}
-            axes[0, 0].text(1.01, at - 0.4, fill(title, 20), **style)
-            axes[0, 0].axhline(at - 0.5, color="black", lw=1.2 * bool(at))
+            style = {"va": "top", "fontsize": "small", "transform": axis.get_yaxis_transform()}
+            axis.text(1.01, at + 0.1, fill(title, 20), **style)
+            axis.axhline(at, color="black", lw=1.2 * bool(at))
         figure.supxlabel("success after training, mean over runs", fontsize="small")
     return figure
 

@@ -2,14 +2,19 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import fill
 from typing import Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from agents.policy import mask_policy
 from benchmark.analysis.frames import RecordsOf, by_step, learned
 from benchmark.analysis.intervals import proportion
+from benchmark.drawing.maps import draw_policy, policy_legend
+from benchmark.drawing.style import WIDTH, figure_of
 from benchmark.experiments import Experiment
 from benchmark.reports import explorer
 from benchmark.reports.comparison import figures
@@ -17,8 +22,9 @@ from benchmark.reports.comparison.cells import Row, effort, populations
 from benchmark.reports.comparison.columns import CELL, EFFORT, ENDPOINTS, MEANINGS, columns
 from benchmark.reports.comparison.declared import drawn_learners
 from benchmark.reports.explorer import explorer_item
-from benchmark.reports.item import expanded, item, no_rows
+from benchmark.reports.item import drawing, expanded, item, no_rows
 
+_COLUMNS: Final = 3  # of maps
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
 
 
@@ -39,6 +45,34 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     if frame["scenario"].nunique() > figures.FEW:
         return None
     return figures.curve_panels(frame, names, experiment)
+
+
+@drawing(
+    "policies",
+    "what the first run of each learner does after training",
+    "What the first run of each learner does after training in the first scenario, before any PING.",
+)
+def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> Figure | None:
+    """Draws the policies of compared learners that have runs in the first scenario."""
+    scenario, condition = (str(runs[key].iloc[0]) for key in ("scenario", "condition"))
+    here = runs[(runs["scenario"] == scenario) & (runs["condition"] == condition)].groupby("learner")
+    names = [name for name in drawn_learners(experiment) if name in here.groups]
+    n_columns = min(len(names), _COLUMNS)
+    n_rows, norm = -(-len(names) // n_columns), Normalize(0.0, 1.0)
+    with figure_of(n_rows, n_columns, (WIDTH, 2.3 * n_rows + 0.9)) as (figure, axes):
+        for axis, name in zip(axes.flat, names, strict=False):
+            first, learner = here.get_group(name).iloc[0], experiment.learners[name]
+            found = records(experiment.population(condition, scenario, name)).subset(0, 1)
+            is_greedy = learner.declared.policy == "greedy"
+            policy = (
+                mask_policy(found.arrays["greedy"][0, -1]) if is_greedy else found.arrays["stochastic"][0, -1]
+            )
+            draw_policy(axis, found.model, policy, norm)
+            axis.set_title(f"{fill(learner.title, 26)}\nsuccess {first['success']:.2f}", fontsize="small")
+        for axis in axes.flat[len(names) :]:
+            axis.set_axis_off()
+        policy_legend(figure, [*axes.flat], found.model, norm)
+    return figure
 
 
 @item(
