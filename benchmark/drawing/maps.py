@@ -74,7 +74,7 @@ def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize)
 
 
 def draw_policy(axis: Axes, model: Model, policy: NDArray[np.float64], norm: Normalize) -> None:
-    """Draws action probabilities, (O, A), in the first context: of PING in colours, the likeliest as marks."""
+    """Draws action probabilities, (O, A), in the first context: PING as colours, the likeliest as marks."""
     scene, here = scene_of(model), policy[model.observation[model.states_of(0)]]  # (C, A)
     is_likeliest = here >= here.max(axis=1, keepdims=True) - _TIE
     cells = pd.DataFrame(model.position, columns=["row", "column"])

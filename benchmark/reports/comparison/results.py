@@ -28,7 +28,7 @@ from envs.scene import COLOUR_MAP
 
 _MOST_DRAWN: Final = 15  # contrasts
 _MOST_NAMED: Final = 3  # contrasts in a sentence
-_CHARACTERS, _MOST_COLUMNS = 72, 8  # of the names of a figure's columns in a line; columns with level names
+_CHARACTERS, _MOST_COLUMNS = 66, 8  # of the names of a figure's columns in a line; columns with level names
 # What outcomes mean, in the order of scenarios in a figure
 _OUTCOMES: Final = {
     "earns": "a net beats every baseline in success",
@@ -161,7 +161,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
         rows["mean"] = figures.labelled(tables["aggregate"]).set_index("learner")["success"].reindex(learners)
     frame = pd.DataFrame(rows).T
     is_crowded = len(learners) > _MOST_COLUMNS  # then their names are turned
-    characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 12)
+    characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 11)
     titles = [fill(experiment.learners[name].title, characters, break_on_hyphens=False) for name in learners]
     look = {"vmin": 0.0, "vmax": 1.0, "cmap": colour_map(COLOUR_MAP), "cbar": False, "linewidths": 2}
     texts = {"annot": frame.map(lambda value: show(value, 2)), "fmt": "", "annot_kws": {"size": "small"}}
@@ -169,6 +169,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
         axis = sns.heatmap(frame, ax=axes[0, 0], xticklabels=titles, yticklabels=[*rows], **look, **texts)
         for text in axis.texts:
             text.set_color(INK[text.get_color() == "w"])
+        axis.set(xlabel="", ylabel="")
         axis.xaxis.tick_top()
         axis.tick_params(length=0, labelsize="small", labelrotation=0)
         axis.tick_params(axis="x", labelrotation=90 * is_crowded)

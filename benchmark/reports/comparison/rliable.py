@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from benchmark.analysis.intervals import Estimate
@@ -123,9 +124,10 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
                 style = figures.style_of(row["learner"], experiment)
                 axis.plot([row[f"{key}_low"], row[f"{key}_high"]], [y, y], lw=3, color=style["color"])
                 axis.plot(row[key], y, ms=5, **{**style, "ls": ""})
-            axis.set(title=_MEASURES[key], ylim=(-0.6, len(rows) - 0.4), xlim=(-0.03, 1.03))
+            axis.set(title=_MEASURES[key], ylim=(-0.6, len(rows) - 0.4))
             axis.set_yticks(range(len(rows)), [])
-            axis.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
+            axis.xaxis.set_major_locator(MaxNLocator(2))
+            axis.margins(x=0.15)
             axis.grid(lw=0.4, color="0.85")
         axes[0, 0].set_yticklabels([experiment.learners[name].title for name in rows["learner"]])
     return figure
