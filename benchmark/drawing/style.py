@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.style import context
 from matplotlib.text import Text
+from matplotlib.typing import ColorType
 from numpy.typing import NDArray
 
 from benchmark.drawing.svg import compact
@@ -163,14 +164,18 @@ def draw_cells(
     for y, row in enumerate(cells):
         for x, (text, colour) in enumerate(row):
             axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
-            ink = INK[int(_brightness(colour) < 0.45)]
-            axis.text(x, y, text, ha="center", va="center", fontsize="small", color=ink)
+            axis.text(x, y, text, ha="center", va="center", fontsize="small", color=ink_on(colour))
     axis.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
     axis.set_xticks(range(len(columns)), columns, fontsize="small")
     axis.set_yticks(range(len(rows)), rows, fontsize="small")
     axis.xaxis.tick_top()
     axis.tick_params(length=0)
     axis.spines[:].set_visible(False)
+
+
+def ink_on(colour: ColorType) -> str:
+    """Returns the colour of a text on a colour."""
+    return INK[int(_brightness(colour) < 0.45)]
 
 
 def learner_style(
@@ -201,7 +206,7 @@ def in_dark(colour: str) -> str:
     return _lighter(colour, max(0.0, 0.75 - 1.3 * _brightness(colour)))
 
 
-def _brightness(colour: str) -> float:
+def _brightness(colour: ColorType) -> float:
     red, green, blue = to_rgb(colour)
     return 0.3 * red + 0.59 * green + 0.11 * blue
 

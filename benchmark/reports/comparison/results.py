@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, VERDICTS, WORSE
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
 from benchmark.analysis.intervals import mean_over_scenarios, proportion
-from benchmark.drawing.style import INK, WIDTH, colour_map, figure_of
+from benchmark.drawing.style import WIDTH, colour_map, figure_of, ink_on
 from benchmark.drawing.tables import inert, link, show, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
@@ -163,12 +163,19 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
     is_crowded = len(learners) > _MOST_COLUMNS  # then their names are turned
     characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 11)
     titles = [fill(experiment.learners[name].title, characters, break_on_hyphens=False) for name in learners]
-    look = {"vmin": 0.0, "vmax": 1.0, "cmap": colour_map(COLOUR_MAP), "cbar": False, "linewidths": 2}
+    look: dict[str, Any] = {
+        "vmin": 0.0,
+        "vmax": 1.0,
+        "cmap": colour_map(COLOUR_MAP),
+        "cbar": False,
+        "linewidths": 2,
+    }
     texts = {"annot": frame.map(lambda value: show(value, 2)), "fmt": "", "annot_kws": {"size": "small"}}
     with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3 + is_crowded)) as (figure, axes):
         axis = sns.heatmap(frame, ax=axes[0, 0], xticklabels=titles, yticklabels=[*rows], **look, **texts)
-        for text in axis.texts:
-            text.set_color(INK[text.get_color() == "w"])
+        shown = frame.to_numpy().ravel()
+        for text, value in zip(axis.texts, shown[~np.isnan(shown)], strict=True):
+            text.set_color(ink_on(look["cmap"](value)))
         axis.set(xlabel="", ylabel="")
         axis.xaxis.tick_top()
         axis.tick_params(length=0, labelsize="small", labelrotation=0)
