@@ -95,8 +95,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._starts = model.starts.astype(np.intp)
         self._seeded = [seeding.np_random() for _ in range(n)]  # generators and their seeds
 
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override, misc]
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each env."""
         return tuple(generator for generator, _ in self._seeded)
 
