@@ -95,7 +95,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._starts = model.starts.astype(np.intp)
         self._seeded = [seeding.np_random() for _ in range(n)]  # generators and their seeds
 
-    @property
+    @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each env."""
         return tuple(generator for generator, _ in self._seeded)
@@ -108,7 +108,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     def reset(
         self,
         *,
-        seed: int | np.integer | Sequence[int | None] | None = None,
+        seed: int | np.integer | Sequence[int | None] | NDArray[np.integer] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observations, Info]:
         """Starts an episode in every env; returns observations, (N, ...), and the info.

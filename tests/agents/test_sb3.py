@@ -87,6 +87,7 @@ def test_vec_env_steps_as_stable_baselines3s_own_does(
             assert info.get("TimeLimit.truncated", False) is expected["TimeLimit.truncated"]
             assert ("terminal_observation" in info) == ("terminal_observation" in expected)
             if "terminal_observation" in info:
+                assert info["is_success"] is expected["is_success"]
                 assert np.array_equal(info["terminal_observation"], expected["terminal_observation"])
                 truncated += int(expected["TimeLimit.truncated"])
                 terminated += not expected["TimeLimit.truncated"]

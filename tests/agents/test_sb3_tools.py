@@ -63,6 +63,8 @@ def test_success_of_training_episodes_is_the_exact_one(native: bool, env: Any) -
     made = SB3VecEnv(ProxemicVectorEnv(4, "S2", "one_hot", NEAR, max_episode_steps=200)) if native else env
     agent, exact = untrained(VecMonitor(made) if native else made, learning_rate=0.0, stats_window_size=1000)
     agent.learn(2048)
+    assert agent.ep_success_buffer is not None
+    assert agent.ep_info_buffer is not None
     assert len(agent.ep_success_buffer) == len(agent.ep_info_buffer) > 50
     check(agent.ep_success_buffer, exact)
 

@@ -54,13 +54,13 @@ def test_batch_equals_gymnasiums(name: str) -> None:
         n_ends += int((its[2] | its[3]).sum())
         if rng.random() < 0.1:
             seeds = [int(s) if s < 50 else None for s in rng.integers(0, 100, n)]
-            seed = [None, int(rng.integers(100)), seeds, tuple(seeds)][rng.integers(4)]
+            seed: Any = [None, int(rng.integers(100)), seeds, tuple(seeds)][rng.integers(4)]
             mask = rng.random(n) < 0.5
             mask[rng.integers(n)] = True
             for given in ({"reset_mask": mask}, [None, {}, {"another": 1}][rng.integers(3)]):
                 # The other env takes the mask out of what it is given.
-                mine, its = (env.reset(seed=seed, options=given and dict(given)) for env in (ours, theirs))
-                assert_same(mine, its)
+                both_envs: Any = (ours, theirs)
+                assert_same(*(env.reset(seed=seed, options=given and dict(given)) for env in both_envs))
                 assert_same(ours.render(), theirs.render())
                 assert_same(seen(ours), seen(theirs))
             n_resets += 1
@@ -152,7 +152,8 @@ def both(call: Callable[[Any], object]) -> str:
         env.reset(seed=0)
         with pytest.raises(InputError if mode != "sync" else Exception) as caught:
             call(env)
-    assert env.np_random_seed == (0, 1)
+    seeds: Any = env.np_random_seed
+    assert seeds == (0, 1)
     return str(caught.value)
 
 
