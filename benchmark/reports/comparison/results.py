@@ -172,7 +172,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
     }
     texts = {"annot": frame.map(lambda value: show(value, 2)), "fmt": "", "annot_kws": {"size": "small"}}
     with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3 + is_crowded)) as (figure, axes):
-        axis = sns.heatmap(frame, ax=axes[0, 0], xticklabels=titles, yticklabels=[*rows], **look, **texts)
+        axis = sns.heatmap(frame, ax=axes[0, 0], **look)
         shown = frame.to_numpy().ravel()
         for text, value in zip(axis.texts, shown[~np.isnan(shown)], strict=True):
             text.set_color(ink_on(look["cmap"](value)))
