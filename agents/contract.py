@@ -47,6 +47,8 @@ class Schedule:
     may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
     """Whether training may end, given the index of an evaluation step and the table (O, A) there. Tabular
     learners do not ask. After an early end, the remaining evaluations repeat the last one."""
+    keep: Callable[[Any], object] | None = None
+    """Gets each trained net: a model of Stable-Baselines3, or an agent of `agents.nets`."""
 
     @property
     def is_mapped(self) -> NDArray[np.bool_]:

@@ -10,11 +10,13 @@ import warnings
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.random import SeedSequence
+from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
@@ -25,7 +27,7 @@ from agents.contract import Fields, Schedule, snapshots
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
-from envs import InputError, Model, ProxemicVectorEnv
+from envs import InputError, Model, ProxemicVectorEnv, Scenario
 from envs.model import ACTIONS
 from envs.observations import observation_table
 
@@ -147,6 +149,8 @@ def train_agent(
                 raise
         finally:
             hook.remove()
+        if schedule.keep:
+            schedule.keep(agent)
         digest = hashlib.sha256()
         for name, weights in sorted(agent.policy.state_dict().items()):
             digest.update(name.encode() + weights.numpy().tobytes())
@@ -160,6 +164,30 @@ def train_agent(
             "parameters": sum(weights.numel() for weights in output.net.parameters()),
             "weights": np.frombuffer(digest.digest(), dtype=np.uint8),
         }
+
+
+def save(path: Path, scenario: Scenario, settings: Sb3Settings, observation: str, net: Any) -> None:
+    """Saves a model of SB3, or an agent of `agents.nets` as one; a ValueError if that would act otherwise."""
+    if isinstance(net, BaseAlgorithm):
+        net.save(path)
+        return
+    env = ProxemicVectorEnv(settings.n_envs, scenario, observation, max_episode_steps=settings.time_limit)
+    agent = make_agent(DQN if net.is_value else PPO, settings, SB3VecEnv(env))
+    agent.num_timesteps, policy = int(net.envs.taken[0]), agent.policy
+    parts = [policy.q_net]
+    if not net.is_value:
+        hidden = policy.mlp_extractor
+        parts = [hidden.policy_net, policy.action_net, hidden.value_net, policy.value_net]
+    parameters = (parameter for part in parts for parameter in part.parameters())
+    with torch.no_grad():
+        for parameter, weights in zip(parameters, net.weights(), strict=True):
+            parameter.copy_(torch.tensor(weights.T))
+    if net.is_value:
+        policy.q_net_target.load_state_dict(policy.q_net.state_dict())
+    table = policy_table(agent, torch.as_tensor(observation_table(env.model, observation)))
+    if n_other := np.count_nonzero(table.argmax(axis=1) != net.table().argmax(axis=1)):
+        raise ValueError(f"PyTorch rounds otherwise and changes {n_other} actions; accepted: an .npz file")
+    agent.save(path)
 
 
 @contextmanager
