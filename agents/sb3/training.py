@@ -166,27 +166,27 @@ def train_agent(
         }
 
 
-def save(path: Path, scenario: Scenario, settings: Sb3Settings, observation: str, net: Any) -> None:
+def save(
+    path: Path, about: str, scenario: Scenario, settings: Sb3Settings, observation: str, net: Any
+) -> None:
     """Saves a model of SB3, or an agent of `agents.nets` as one; a ValueError if that would act otherwise."""
-    if isinstance(net, BaseAlgorithm):
-        net.save(path)
-        return
-    env = ProxemicVectorEnv(settings.n_envs, scenario, observation, max_episode_steps=settings.time_limit)
-    agent = make_agent(DQN if net.is_value else PPO, settings, SB3VecEnv(env))
-    agent.num_timesteps, policy = int(net.envs.taken[0]), agent.policy
-    parts = [policy.q_net]
-    if not net.is_value:
-        hidden = policy.mlp_extractor
-        parts = [hidden.policy_net, policy.action_net, hidden.value_net, policy.value_net]
-    parameters = (parameter for part in parts for parameter in part.parameters())
-    with torch.no_grad():
-        for parameter, weights in zip(parameters, net.weights(), strict=True):
-            parameter.copy_(torch.tensor(weights.T))
-    if net.is_value:
-        policy.q_net_target.load_state_dict(policy.q_net.state_dict())
-    table = policy_table(agent, torch.as_tensor(observation_table(env.model, observation)))
-    if n_other := np.count_nonzero(table.argmax(axis=1) != net.table().argmax(axis=1)):
-        raise ValueError(f"PyTorch rounds otherwise and changes {n_other} actions; accepted: an .npz file")
+    agent = net
+    if not isinstance(net, BaseAlgorithm):
+        env = ProxemicVectorEnv(settings.n_envs, scenario, observation, max_episode_steps=settings.time_limit)
+        agent = make_agent(DQN if net.is_value else PPO, settings, SB3VecEnv(env))
+        weights = net.weights()
+        n = len(weights) // 2  # of the actor, then of the critic; the hidden layers of both come first in SB3
+        weights = (
+            weights * 2
+            if net.is_value
+            else weights[: n - 2] + weights[n:-2] + weights[n - 2 : n] + weights[-2:]
+        )
+        for parameter, values in zip(agent.policy.parameters(), weights, strict=True):
+            parameter.data = torch.tensor(values.T)
+        table = policy_table(agent, torch.as_tensor(observation_table(env.model, observation)))
+        if n_other := np.count_nonzero(table.argmax(axis=1) != net.table().argmax(axis=1)):
+            raise ValueError(f"in PyTorch, rounding changes {n_other} actions; accepted: an .npz file")
+    agent.about = about
     agent.save(path)
 
 

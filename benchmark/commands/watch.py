@@ -14,15 +14,20 @@ from benchmark.drawing.film import ANIMATIONS, FRAME_MS, Film, Screen, film_of, 
 from benchmark.drawing.style import check_file
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
-from benchmark.experiments import DEFAULT_CONDITION, Experiment, Learner, RunSpecification, load_experiment
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, load_experiment
 from envs import InputError
 from envs.inputs import unknown_name, whole_number
 
 _WINDOWS: Final = ("macosx", "qtagg", "gtk4agg", "gtk3agg", "tkagg", "wxagg")  # backends of matplotlib
 
 
-def learner_of(experiment: Experiment, variant: str, observation: str | None) -> Learner:
-    """Returns a learner of an experiment; the default observation is the variant's first."""
+def specification(
+    experiment: Experiment, scenario: str, variant: str, observation: str | None, seed: int
+) -> RunSpecification:
+    """Returns a run of an experiment, with any seed; the default observation is the variant's first.
+
+    The scenario is one of the experiment, or else a shipped one or the path of a file.
+    """
     learners = {
         learner.observation: learner for learner in experiment.learners.values() if learner.variant == variant
     }
@@ -31,21 +36,11 @@ def learner_of(experiment: Experiment, variant: str, observation: str | None) ->
     observation = observation or next(iter(learners))
     if observation not in learners:
         unknown_name(f"{experiment.name}: {variant}", "observation", observation, learners)
-    return learners[observation]
-
-
-def specification(
-    experiment: Experiment, scenario: str, variant: str, observation: str | None, seed: int
-) -> RunSpecification:
-    """Returns a run of an experiment, with any seed, see `learner_of`.
-
-    The scenario is one of the experiment, or else a shipped one or the path of a file.
-    """
-    learner = learner_of(experiment, variant, observation)
     if DEFAULT_CONDITION not in experiment.conditions or experiment.declared.solved is not None:
         accepted = "an experiment without grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
-    return experiment.population(DEFAULT_CONDITION, scenario, learner.name).first.with_seed(seed)
+    population = experiment.population(DEFAULT_CONDITION, scenario, learners[observation].name)
+    return population.first.with_seed(seed)
 
 
 def load_film(watched: RunSpecification, store: Store, learner: str) -> Film:
