@@ -191,13 +191,13 @@ def _parser() -> argparse.ArgumentParser:
 
     export = command("export", "repeat a run, and write its trained agent to a file")
     _add(export, "experiment", "EXPERIMENT", named)
-    about = "a variant (in its first form of observation), or one with its form, as in 'ppo, one_hot'"
-    _add(export, "--learner", "NAME", about, required=True)
+    _add(export, "--learner", "NAME", "a variant, or one with its form, as in 'ppo, one_hot'", required=True)
     _add(export, "--seed", "N", "the run's seed", required=True)
     _add(export, "--scenario", "NAME", "a name or a path (default: the experiment's first)")
     _add(export, "--condition", "NAME", "a condition of the experiment (default: the learner's first)")
-    about = "a .zip of Stable-Baselines3, for nets, or an .npz of NumPy: the policy in all observations"
-    _add(export, "file", "FILE", about, Path)
+    _add(
+        export, "file", "FILE", "a .zip of Stable-Baselines3 (only nets), or an .npz of NumPy (tables)", Path
+    )
 
     summary = "score an agent exactly, and rank it among the published learners"
     assess = command("assess", summary, results=None)

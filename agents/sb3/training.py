@@ -166,28 +166,22 @@ def train_agent(
         }
 
 
-def save(
-    path: Path, about: str, scenario: Scenario, settings: Sb3Settings, observation: str, net: Any
-) -> None:
+def save(path: Path, about: str, scenario: Scenario, settings: Sb3Settings, form: str, agent: Any) -> None:
     """Saves a model of SB3, or an agent of `agents.nets` as one; a ValueError if that would act otherwise."""
-    agent = net
-    if not isinstance(net, BaseAlgorithm):
-        env = ProxemicVectorEnv(settings.n_envs, scenario, observation, max_episode_steps=settings.time_limit)
-        agent = make_agent(DQN if net.is_value else PPO, settings, SB3VecEnv(env))
-        weights = net.weights()
-        n = len(weights) // 2  # of the actor, then of the critic; the hidden layers of both come first in SB3
-        weights = (
-            weights * 2
-            if net.is_value
-            else weights[: n - 2] + weights[n:-2] + weights[n - 2 : n] + weights[-2:]
-        )
-        for parameter, values in zip(agent.policy.parameters(), weights, strict=True):
+    model = agent
+    if not isinstance(agent, BaseAlgorithm):
+        env = ProxemicVectorEnv(settings.n_envs, scenario, form, max_episode_steps=settings.time_limit)
+        model = make_agent(DQN if agent.is_value else PPO, settings, SB3VecEnv(env))
+        w, n = agent.weights(), len(agent.weights()) // 2
+        # DQN has two equal nets. PPO has all hidden layers of actor and critic before their last ones.
+        w = w * 2 if agent.is_value else [*w[: n - 2], *w[n:-2], *w[n - 2 : n], *w[-2:]]
+        for parameter, values in zip(model.policy.parameters(), w, strict=True):
             parameter.data = torch.tensor(values.T)
-        table = policy_table(agent, torch.as_tensor(observation_table(env.model, observation)))
-        if n_other := np.count_nonzero(table.argmax(axis=1) != net.table().argmax(axis=1)):
+        table = policy_table(model, torch.as_tensor(observation_table(env.model, form)))
+        if n_other := np.count_nonzero(table.argmax(axis=1) != agent.table().argmax(axis=1)):
             raise ValueError(f"in PyTorch, rounding changes {n_other} actions; accepted: an .npz file")
-    agent.about = about
-    agent.save(path)
+    model.about = about
+    model.save(path)
 
 
 @contextmanager

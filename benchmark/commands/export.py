@@ -44,28 +44,26 @@ def main(options: argparse.Namespace) -> int:
     made = path.with_name(f".making_{path.name}")
     try:
         with Store(options.results / "runs.db") as store:
-            about = _export(run, store, made, title)
+            _export(run, title, made, store)
         made.replace(path)
     finally:
         made.unlink(missing_ok=True)
-    print(f"{title}, after training ({about}): {path}")
+    print(f"{title}: {path} has the agent after training; the run is identical to that in {options.results}")
     return 0
 
 
-def _export(run: RunSpecification, store: Store, path: Path, title: str) -> str:
-    """Repeats a run and writes its agent; returns how the run compares with the store."""
+def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None:
+    """Repeats a run and writes its agent; the run is stored, or must be identical to the stored one."""
     scenario, form = run.drawn_scenario if run.solved else run.scenario, run.observation
-    about = json.dumps(
-        {"digest": run.digest, **json.loads(run.content), "scenario": scenario.model_dump(mode="json")}
-    )
-    keep = partial[object](bool)  # keeps nothing
+    content = json.loads(run.content) | {"scenario": scenario.model_dump(mode="json"), "digest": run.digest}
+    about, keep = json.dumps(content), partial[object](bool)  # which keeps nothing
     if path.suffix.lower() == ".zip":
         from agents.sb3.training import save
 
         keep = partial(save, path, about, scenario, run.settings, form)
     executor = Processes(1)
     try:
-        (record,) = executor.submit([run], keep).result()
+        (record,) = executor.submit([replace(run, keep=keep)]).result()
     finally:
         executor.cancel()
     if record.status != "done":
@@ -78,10 +76,7 @@ def _export(run: RunSpecification, store: Store, path: Path, title: str) -> str:
     if run.solved:  # of these, the store has only curves
         curves = {name: array for name, array in record.arrays.items() if name not in POLICY}
         record = replace(record, arrays=curves)
-    store.discard_damaged([run.digest])
     if not store.ended([run.digest]):
         store.add([record])
-        return "now stored"
-    if found := difference_of(*store.get([run.digest]), record):
+    elif found := difference_of(*store.get([run.digest]), record):
         raise InputError(f"{title}: not written, since the repeated run {found}.")
-    return "identical to the stored run"

@@ -1,11 +1,10 @@
 """Executes a job where the work is done: trains its runs, evaluates them, and makes their records."""
 
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,20 +22,18 @@ from envs import InputError, Model
 from envs.observations import compile_seen
 
 EXPLORED: Final = 0.05  # probability of a random action in the stochastic policy of learners that have none
-POLICY: Final = ("greedy", "q", "stochastic")  # fields of `Training` from which its policy can be read
-Keep = Callable[[Any], object]
+POLICY: Final = ("greedy", "q", "stochastic")  # fields of `Training`, also recorded of runs that are exported
 
 
-def execute_job(job: Job, keep: Keep | None = None) -> list[Record]:
+def execute_job(job: Job) -> list[Record]:
     """Trains the runs of a job, evaluates all their policies exactly, and returns their records in order.
 
-    If training raises an exception, all of them have failed. With `keep`, see `agents.Schedule`, the records
-    of runs that are measured until they have solved their scenario have `POLICY`, too.
+    If training raises an exception, all of them have failed.
     """
     started = time.perf_counter()
     reset_peak_memory()
     try:
-        columns = recorded(_train_and_evaluate(job, keep))
+        columns = recorded(_train_and_evaluate(job))
     except Exception as exception:
         return failures(job, exception, started)
     measured = provenance(job[0].algorithm) | _times(job, started) | {"peak_memory_mb": peak_memory_mb()}
@@ -80,21 +77,21 @@ def _times(job: Job, started: float) -> dict[str, object]:
     return {"started_at": started_at, "wall_time_s": seconds / len(job)}
 
 
-def _train(job: Job, model: Model, schedule: Schedule, keep: Keep | None) -> Training:
+def _train(job: Job, model: Model, schedule: Schedule) -> Training:
     first, seeds = job[0], [run.seed_sequence for run in job]
     algorithm = load_algorithm(first.algorithm)
-    training = algorithm.train(model, first.settings, first.observation, seeds, replace(schedule, keep=keep))
+    training = algorithm.train(model, first.settings, first.observation, seeds, schedule)
     check_training(training, model, len(job), schedule)
     return training
 
 
-def _train_and_evaluate(job: Job, keep: Keep | None) -> Arrays:
+def _train_and_evaluate(job: Job) -> Arrays:
     first = job[0]
     if first.solved is not None:
-        curves = [_train_until_solved(run, keep) for run in job]
+        curves = [_train_until_solved(run) for run in job]
         return {name: np.concatenate([columns[name] for columns in curves]) for name in curves[0]}
     model = compile_seen(first.scenario, first.observation)
-    training = _train(job, model, first.schedule, keep)
+    training = _train(job, model, first.schedule)
     columns = {field.name: getattr(training, field.name) for field in fields(training)}
     # Equal policies, as all are before the first step, are evaluated once.
     masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
@@ -109,7 +106,7 @@ def _train_and_evaluate(job: Job, keep: Keep | None) -> Arrays:
     return columns
 
 
-def _train_until_solved(run: RunSpecification, keep: Keep | None) -> Arrays:
+def _train_until_solved(run: RunSpecification) -> Arrays:
     """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
 
     A curve is continued with the point at which that is certain; if the run is trained to its budget, since
@@ -130,8 +127,7 @@ def _train_until_solved(run: RunSpecification, keep: Keep | None) -> Arrays:
     def may_end(_: int, table: NDArray[np.float64]) -> bool:
         return is_over(mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table)
 
-    schedule = replace(schedule, may_end=None if has_unseen else may_end)
-    training = _train([run], model, schedule, keep)
+    training = _train([run], model, replace(schedule, may_end=None if has_unseen else may_end))
     has_stochastic = training.stochastic.shape[1] > 0
     if not is_greedy and not has_stochastic:
         raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
@@ -155,4 +151,4 @@ def _train_until_solved(run: RunSpecification, keep: Keep | None) -> Arrays:
         unseen = evaluate(model, scored, run.horizon, "unseen").success.reshape(1, 2, 2)
     columns = {"success": np.array([success]), "unseen_success": unseen}
     names = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
-    return columns | {name: getattr(training, name) for name in (*names, *(POLICY if keep else ()))}
+    return columns | {name: getattr(training, name) for name in (*names, *(POLICY if run.keep else ()))}

@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Final
 
-from benchmark.execution.job import Keep, execute_job
+from benchmark.execution.job import execute_job
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
 
@@ -45,9 +45,9 @@ class Processes:
         self._lock = threading.Lock()
         self._is_cancelled = False
 
-    def submit(self, job: Job, keep: Keep | None = None) -> Future[list[Record]]:
-        """Executes a job in the worker of the next free thread; see `execute_job`."""
-        return self._pool.submit(self._execute, job, keep)
+    def submit(self, job: Job) -> Future[list[Record]]:
+        """Executes a job in the worker of the next free thread."""
+        return self._pool.submit(self._execute, job)
 
     def cancel(self) -> None:
         """Kills every worker at once; there is nothing in them to be saved."""
@@ -58,11 +58,11 @@ class Processes:
                 process.join()
         self._pool.shutdown(cancel_futures=True)
 
-    def _execute(self, job: Job, keep: Keep | None) -> list[Record]:
+    def _execute(self, job: Job) -> list[Record]:
         if getattr(self._worker, "connection", None) is None:
             self._worker.process, self._worker.connection = self._start()
         try:
-            self._worker.connection.send((job, keep))
+            self._worker.connection.send(job)
             return list(self._worker.connection.recv())
         except (EOFError, OSError):
             if self._is_cancelled:
@@ -92,4 +92,4 @@ def _serve(connection: Connection) -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     with suppress(EOFError, ConnectionError):
         while True:
-            connection.send(execute_job(*connection.recv()))
+            connection.send(execute_job(connection.recv()))
