@@ -72,7 +72,8 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
     if path.suffix.lower() == ".npz":
         tables = {"q": q, "greedy": mask_policy(greedy[-1]), "stochastic": stochastic[-1:].reshape(-1, 5)}
         observations = observation_table(compile_seen(scenario, form), form)
-        np.savez(path, about=about, observations=observations, **tables)
+        with path.open("wb") as file:
+            np.savez(file, about=about, observations=observations, **tables)
     if run.solved:  # of these, the store has only curves
         curves = {name: array for name, array in record.arrays.items() if name not in POLICY}
         record = replace(record, arrays=curves)
