@@ -31,10 +31,12 @@ settings = { budget = 600, time_limit = 50 }
 algorithms.table = { algorithm = "watkins_q_lambda", observations = ["index"], seeds = 2 }
 algorithms.tiles = { algorithm = "linear_q_lambda", observations = ["coordinates"], seeds = 2 }
 algorithms.dqn = { algorithm = "compiled_dqn", observations = ["coordinates", "one_hot"], seeds = 2 }
-algorithms.ppo = { algorithm = "compiled_ppo", observations = ["one_hot"], seeds = 2 }
-algorithms.ppo.settings = { n_steps = 100, policy_kwargs = { net_arch = [16, 8] } }
-algorithms.stock = { algorithm = "stable_baselines3:PPO", observations = ["one_hot"], seeds = 2 }
-algorithms.stock.settings = { n_steps = 100 }
+algorithms.ppo = { algorithm = "compiled_ppo", observations = ["one_hot"], seeds = 2, settings.n_steps = 100 }
+[algorithms.stock]
+algorithm = "stable_baselines3:PPO"
+observations = ["one_hot"]
+seeds = 2
+settings = { n_steps = 100 }
 """
 LEARNERS = {"table": "index", "tiles": "coordinates", "dqn": "one_hot", "ppo": "one_hot", "stock": "one_hot"}
 
@@ -120,7 +122,7 @@ def test_documented_reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     guide = (ROOT / "benchmark" / "commands" / "README.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)
     read: dict[str, Any] = {}
-    exec(code, read)  # noqa: S102
+    exec(code, read)
     assert read["is_over"]
     policy = assess(read["act"], scenario="S1", observation="index").policy
     assert policy == pytest.approx(np.load("table.npz")["greedy"])
