@@ -166,7 +166,7 @@ def train_agent(
         }
 
 
-def save(path: Path, about: str, scenario: Scenario, settings: Sb3Settings, form: str, agent: Any) -> None:
+def save(path: Path, about: str, scenario: Scenario, settings: Any, form: str, agent: Any) -> None:
     """Saves a model of SB3, or an agent of `agents.nets` as one; a ValueError if that would act otherwise."""
     model = agent
     if not isinstance(agent, BaseAlgorithm):

@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +57,7 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
     """Repeats a run and writes its agent; the run is stored, or must be identical to the stored one."""
     scenario, form = run.drawn_scenario if run.solved else run.scenario, run.observation
     content = json.loads(run.content) | {"scenario": scenario.model_dump(mode="json"), "digest": run.digest}
-    about, keep = json.dumps(content), partial[object](bool)  # which keeps nothing
+    about, keep = json.dumps(content), partial[Any](bool)  # which keeps nothing
     if path.suffix.lower() == ".zip":
         from agents.sb3.training import save
 
@@ -70,7 +71,11 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
         raise InputError(f"{title}: there is no agent to write: {record.error or 'it diverged'}.")
     greedy, q, stochastic = (record.arrays[name] for name in POLICY)
     if path.suffix.lower() == ".npz":
-        tables = {"q": q, "greedy": mask_policy(greedy[-1]), "stochastic": stochastic[-1:].reshape(-1, 5)}
+        tables: Any = {
+            "q": q,
+            "greedy": mask_policy(greedy[-1]),
+            "stochastic": stochastic[-1:].reshape(-1, 5),
+        }
         observations = observation_table(compile_seen(scenario, form), form)
         with path.open("wb") as file:
             np.savez(file, about=about, observations=observations, **tables)
@@ -79,5 +84,5 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
         record = replace(record, arrays=curves)
     if not store.ended([run.digest]):
         store.add([record])
-    elif found := difference_of(*store.get([run.digest]), record):
+    elif found := difference_of(store.get([run.digest])[0], record):
         raise InputError(f"{title}: not written, since the repeated run {found}.")

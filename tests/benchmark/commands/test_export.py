@@ -142,8 +142,11 @@ def test_a_different_run_is_not_written(folder: Path, capsys: pytest.CaptureFixt
 
 MISTAKES = {
     ("table", "table.zip"): "table.zip: accepted: a name that ends in .npz.",
-    ("ppo", "ppo"): "ppo: accepted: a name that ends in .npz or .zip.",
-    ("ppo, index", "ppo.zip"): 'unknown learner ppo, index (did you mean "ppo, one_hot"?); accepted: "dqn,',
+    ("ppo", "ppo"): "ppo: accepted: a name that ends in .zip or .npz.",
+    (
+        "ppo, index",
+        "ppo.zip",
+    ): 'unknown learner ppo, index; accepted: "dqn, coordinates", "dqn, one_hot", "ppo',
     ("ppo", "ppo.zip", "--condition", "odd"): "ppo, one_hot: unknown condition odd; accepted: default.",
     ("ppo", "ppo.zip", "--seed", "-1"): "--seed",
 }
