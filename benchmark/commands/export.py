@@ -57,7 +57,8 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
     """Repeats a run and writes its agent; the run is stored, or must be identical to the stored one."""
     scenario, form = run.drawn_scenario if run.solved else run.scenario, run.observation
     content = json.loads(run.content) | {"scenario": scenario.model_dump(mode="json"), "digest": run.digest}
-    about, keep = json.dumps(content), partial[Any](bool)  # which keeps nothing
+    about = json.dumps(content)
+    keep: Any = bool  # keeps nothing
     if path.suffix.lower() == ".zip":
         from agents.sb3.training import save
 
@@ -71,14 +72,10 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
         raise InputError(f"{title}: there is no agent to write: {record.error or 'it diverged'}.")
     greedy, q, stochastic = (record.arrays[name] for name in POLICY)
     if path.suffix.lower() == ".npz":
-        tables: Any = {
-            "q": q,
-            "greedy": mask_policy(greedy[-1]),
-            "stochastic": stochastic[-1:].reshape(-1, 5),
-        }
         observations = observation_table(compile_seen(scenario, form), form)
+        policy, learned = mask_policy(greedy[-1]), stochastic[-1:].reshape(-1, 5)
         with path.open("wb") as file:
-            np.savez(file, about=about, observations=observations, **tables)
+            np.savez(file, about=about, observations=observations, q=q, greedy=policy, stochastic=learned)
     if run.solved:  # of these, the store has only curves
         curves = {name: array for name, array in record.arrays.items() if name not in POLICY}
         record = replace(record, arrays=curves)
