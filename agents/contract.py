@@ -49,6 +49,8 @@ class Schedule:
     learners do not ask. After an early end, the remaining evaluations repeat the last one."""
     log: str = ""
     """Folder for what agents of Stable-Baselines3 log; empty if nothing is logged."""
+    keep: Callable[[Any], object] | None = None
+    """Gets each trained net: a model of Stable-Baselines3, or an agent of `agents.nets`."""
 
     @property
     def is_mapped(self) -> NDArray[np.bool_]:

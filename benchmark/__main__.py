@@ -45,6 +45,7 @@ examples:
   python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --learner dqn  watch an agent learn
+  python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip  a trained agent, for SB3
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
   python -m benchmark doctor compare_deep          examine this machine; estimate time and disk
 
@@ -200,6 +201,16 @@ def _parser() -> argparse.ArgumentParser:
     about = "whose settings are used; a missing run is trained and stored (default: compare_deep)"
     _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")
     _add(watch, "--save", "FILE", "write an animated .webp or .gif instead of showing it", Path)
+
+    export = command("export", "repeat a run, and write its trained agent to a file")
+    _add(export, "experiment", "EXPERIMENT", named)
+    _add(export, "--learner", "NAME", "a variant, or one with its form, as in 'ppo, one_hot'", required=True)
+    _add(export, "--seed", "N", "the run's seed", required=True)
+    _add(export, "--scenario", "NAME", "a name or a path (default: the experiment's first)")
+    _add(export, "--condition", "NAME", "a condition of the experiment (default: the learner's first)")
+    _add(
+        export, "file", "FILE", "a .zip of Stable-Baselines3 (only nets), or an .npz of NumPy (tables)", Path
+    )
 
     summary = "score an agent exactly, and rank it among the published learners"
     assess = command("assess", summary, results=None)

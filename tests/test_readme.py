@@ -78,7 +78,7 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
         "compare_deep": str(comparison),
         "100-199": "100-101",
         "0-29": "0-1",
-        "film.webp": f"{directory}/film.webp",
+        **{name: f"{directory}/{name}" for name in ("film.webp", "dqn.zip", "table.npz")},
     }
     arguments = [small.get(word, word) for word in words[1:]]
     if "watch" in arguments:

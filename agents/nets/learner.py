@@ -116,6 +116,8 @@ class NetAlgorithm(SequentialAlgorithm):
                 break
         else:
             advance(schedule.budget)
+        if schedule.keep:
+            schedule.keep(agent)
         weights = agent.weights()
         digest = hashlib.sha256(b"".join(part.tobytes() for part in weights)).digest()
         return {

@@ -11,11 +11,13 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.random import SeedSequence
+from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, configure
@@ -27,7 +29,7 @@ from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
 from agents.sb3.wrappers import first_line
-from envs import InputError, Model, ProxemicVectorEnv
+from envs import InputError, Model, ProxemicVectorEnv, Scenario
 from envs.model import ACTIONS
 from envs.observations import observation_table
 
@@ -155,6 +157,8 @@ def train_agent(
             logger.record("time/total_timesteps", agent.num_timesteps)
             logger.dump(agent.num_timesteps)  # what has not been written yet
             logger.close()
+        if schedule.keep:
+            schedule.keep(agent)
         digest = hashlib.sha256()
         for name, weights in sorted(agent.policy.state_dict().items()):
             digest.update(name.encode() + weights.numpy().tobytes())
@@ -183,6 +187,25 @@ def log_curve(folder: str, curve: Mapping[Any, Mapping[Any, float]]) -> None:
             logger.record(name, value)
         logger.dump(step)
     logger.close()
+
+
+def save(path: Path, about: str, scenario: Scenario, settings: Any, form: str, agent: Any) -> None:
+    """Saves a model of SB3, or an agent of `agents.nets` as one; a ValueError if that would act otherwise."""
+    model = agent
+    if not isinstance(agent, BaseAlgorithm):
+        env = ProxemicVectorEnv(settings.n_envs, scenario, form, max_episode_steps=settings.time_limit)
+        model = make_agent(DQN if agent.is_value else PPO, settings, SB3VecEnv(env))
+        model.num_timesteps = int(agent.envs.taken[0])
+        w, n = agent.weights(), len(agent.weights()) // 2
+        # DQN has two equal nets. PPO has all hidden layers of actor and critic before their last ones.
+        w = w * 2 if agent.is_value else [*w[: n - 2], *w[n:-2], *w[n - 2 : n], *w[-2:]]
+        for parameter, values in zip(model.policy.parameters(), w, strict=True):
+            parameter.data = torch.tensor(values.T)
+        table = policy_table(model, torch.as_tensor(observation_table(env.model, form)))
+        if n_other := np.count_nonzero(table.argmax(axis=1) != agent.table().argmax(axis=1)):
+            raise ValueError(f"in PyTorch, rounding changes {n_other} actions; accepted: an .npz file")
+    model.about = about
+    model.save(path)
 
 
 @contextmanager

@@ -93,14 +93,14 @@ def _differences(
     with Store(path) as repeated:
         driver.run(sample, repeated, options.jobs)
         for run in sample:
-            if difference := _difference(*store.get([run.digest]), *repeated.get([run.digest])):
-                yield f"{run.folder} ({run.digest[:12]}): {difference}."
+            if found := difference_of(*store.get([run.digest]), *repeated.get([run.digest])):
+                yield f"{run.folder} ({run.digest[:12]}): {found}."
                 n_different += 1
     drawn = f"drawn from {len(stored)} with --seed {seed}"
     print(f"runs: {len(sample) - n_different} of {len(sample)} repeated runs are identical ({drawn}).")
 
 
-def _difference(before: Record, after: Record) -> str:
+def difference_of(before: Record, after: Record) -> str:
     """Returns what differs between two records of a run; empty if nothing but times and machines does."""
     if before.status != after.status:
         return f"it was {before.status}, but is {after.status} now{f': {after.error}' * bool(after.error)}"

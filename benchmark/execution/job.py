@@ -24,6 +24,7 @@ from envs.observations import compile_seen
 
 LOG: Final = "PROXEMIC_LOG"  # the environment variable that tells workers the folder of logs
 EXPLORED: Final = 0.05  # probability of a random action in the stochastic policy of learners that have none
+POLICY: Final = ("greedy", "q", "stochastic")  # fields of `Training`, also recorded of runs that are exported
 
 
 def execute_job(job: Job) -> list[Record]:
@@ -156,4 +157,4 @@ def _train_until_solved(run: RunSpecification) -> Arrays:
         unseen = evaluate(model, scored, run.horizon, "unseen").success.reshape(1, 2, 2)
     columns = {"success": np.array([success]), "unseen_success": unseen}
     names = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
-    return columns | {name: getattr(training, name) for name in names}
+    return columns | {name: getattr(training, name) for name in (*names, *(POLICY if run.keep else ()))}

@@ -4,9 +4,10 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class RunSpecification:
     seed: int
     # Of a run that is measured until it has solved its scenario: `Solved`, and the policy that counts.
     solved: Mapping[str, float | str] | None = None
+    keep: Callable[[Any], object] | None = None  # `Schedule.keep`, if its agent is exported; not its identity
 
     @cached_property
     def population(self) -> str:
@@ -105,9 +107,10 @@ class RunSpecification:
         """When the learner's policy and values are kept."""
         budget, every = self.settings.budget, self.evaluation_every
         if self.solved is not None:
-            return Schedule(budget, tuple(evaluation_steps(budget, every, float(self.solved["growth"]))))
-        map_steps = evaluation_steps(budget, self.map_every)
-        return Schedule(budget, tuple(evaluation_steps(budget, every)), tuple(map_steps))
+            steps = evaluation_steps(budget, every, float(self.solved["growth"]))
+            return Schedule(budget, tuple(steps), keep=self.keep)
+        steps, map_steps = (evaluation_steps(budget, n) for n in (every, self.map_every))
+        return Schedule(budget, tuple(steps), tuple(map_steps), keep=self.keep)
 
     @property
     def drawn_scenario(self) -> Scenario:

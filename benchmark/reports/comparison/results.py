@@ -163,19 +163,14 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
     is_crowded = len(learners) > _MOST_COLUMNS  # then their names are turned
     characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 11)
     titles = [fill(experiment.learners[name].title, characters, break_on_hyphens=False) for name in learners]
-    look: dict[str, Any] = {
-        "vmin": 0.0,
-        "vmax": 1.0,
-        "cmap": colour_map(COLOUR_MAP),
-        "cbar": False,
-        "linewidths": 2,
-    }
+    cells = {"vmin": 0.0, "vmax": 1.0, "cmap": colour_map(COLOUR_MAP), "cbar": False, "linewidths": 2}
     texts = {"annot": frame.map(lambda value: show(value, 2)), "fmt": "", "annot_kws": {"size": "small"}}
+    names = {"xticklabels": titles, "yticklabels": [*rows]}
     with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3 + is_crowded)) as (figure, axes):
-        axis = sns.heatmap(frame, ax=axes[0, 0], **look)
+        axis = sns.heatmap(frame, ax=axes[0, 0], **cells, **texts, **names)
         shown = frame.to_numpy().ravel()
         for text, value in zip(axis.texts, shown[~np.isnan(shown)], strict=True):
-            text.set_color(ink_on(look["cmap"](value)))
+            text.set_color(ink_on(colour_map(COLOUR_MAP)(value)))
         axis.set(xlabel="", ylabel="")
         axis.xaxis.tick_top()
         axis.tick_params(length=0, labelsize="small", labelrotation=0)
