@@ -24,10 +24,10 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce tune compare-deep beyond when groups report docs test check speed chaos fuzz clean
+.PHONY: help reproduce tune compare-deep sb3 beyond when groups report docs test check speed chaos fuzz clean
 
 help: ## list these commands
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
 
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
@@ -37,6 +37,9 @@ tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_ma
 
 compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, of references 2, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
+
+sb3: $(DEEP) ## DQN, PPO and others of Stable-Baselines3 against the paper's table, in results/sb3/ (a quarter of an hour)
+	$(RUN) $(or $(EXPERIMENT),sb3)
 
 beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)

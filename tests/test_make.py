@@ -10,7 +10,7 @@ import pytest
 from benchmark.__main__ import main
 from tests.support import ROOT, make, mistyped_columns
 
-TARGETS = re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+TARGETS = re.findall(r"^([a-z0-9-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
 # Of each target: what makes it a miniature, what it says, and what it makes.
 MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "help": ([], [f"make {name} " for name in TARGETS], set()),
@@ -24,6 +24,7 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"], set()),
     "report": ([], [], {"README.md", "index.html"}),
     "when": (["EXPERIMENT=when_smoke"], ["the page is"], {"runs.db", "when_smoke/map.svg"}),
+    "sb3": (["EXPERIMENT=sb3_smoke"], ["the page is"], {"runs.db", "sb3_smoke/policies.svg"}),
     "groups": (["EXPERIMENT=groups_smoke"], ["the page is"], {"runs.db", "groups_smoke/ceilings.csv"}),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),
 }

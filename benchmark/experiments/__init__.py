@@ -21,6 +21,7 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "when": True,
     "groups": True,
     "compare_deep": True,
+    "sb3": True,
     "beyond": True,
     "reproduce": True,
     "tuning": False,
