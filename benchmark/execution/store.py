@@ -49,8 +49,9 @@ _LAST_ROW: Final = 10_000_000  # no file has more; a damaged one may claim it
 _COLUMNS: Final = "digest, specification, status, error, provenance, checksum, head"
 # No failure replaces a valid record: another driver may have done the run meanwhile.
 _ADD: Final = f"""
-INSERT OR REPLACE INTO runs ({_COLUMNS}, arrays) SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8
-WHERE ?3 != 'failed' OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = ?1 AND status != 'failed')
+INSERT OR REPLACE INTO runs ({_COLUMNS}, arrays)
+WITH new ({_COLUMNS}, arrays) AS (VALUES (?, ?, ?, ?, ?, ?, ?, ?)) SELECT * FROM new
+WHERE status != 'failed' OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = new.digest AND status != 'failed')
 """
 _UNUSABLE: Final = "cannot be used as the store of runs"
 _MOVE: Final = "move it away, or choose another folder with --results"
