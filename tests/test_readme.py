@@ -30,7 +30,9 @@ FILES = (
 )
 PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in FILES}
 README, CONTRIBUTING = PAGES["README.md"], PAGES["CONTRIBUTING.md"]
-TARGETS = re.findall(r"^([a-z0-9-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+TARGETS = re.findall(
+    r"^([a-z0-9-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
+)
 
 
 def blocks(page: str, language: str) -> list[str]:

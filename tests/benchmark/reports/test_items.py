@@ -85,7 +85,8 @@ def test_usual_measures_by_a_second_method() -> None:
     data = data_of(cells, [("net", "table")], baseline=("table",))
     state: Any = np.random.get_state()  # noqa: NPY002
     frame = table("rliable", data).set_index("variant")
-    assert state[2] == np.random.get_state()[2]  # noqa: NPY002  # type: ignore[index]
+    after: Any = np.random.get_state()  # noqa: NPY002
+    assert state[2] == after[2]
     pd.testing.assert_frame_equal(frame, table("rliable", data).set_index("variant"))
     for name, values in scores.items():
         row: Any = frame.loc[name]
