@@ -11,7 +11,7 @@ from benchmark.__main__ import main
 from tests.support import ROOT, make, mistyped_columns
 
 TARGETS = re.findall(
-    r"^([a-z0-9-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
+    r"^([\w-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
 )
 # Of each target: what makes it a miniature, what it says, and what it makes.
 MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {

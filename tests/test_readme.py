@@ -31,7 +31,7 @@ FILES = (
 PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in FILES}
 README, CONTRIBUTING = PAGES["README.md"], PAGES["CONTRIBUTING.md"]
 TARGETS = re.findall(
-    r"^([a-z0-9-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
+    r"^([\w-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
 )
 
 
