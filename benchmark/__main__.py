@@ -194,9 +194,9 @@ def _parser() -> argparse.ArgumentParser:
 
     watch = command("watch", "show an agent learn, in a window or as a file")
     _add(watch, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
-    about = "a variant of the experiment (default: q_learning)"
+    about = "a variant, or one with its form, as in 'ppo, one_hot' (default: q_learning)"
     _add(watch, "--learner", "NAME", about, default="q_learning")
-    _add(watch, "--observation", "FORM", "a form of observation of that variant (default: its first)")
+    _add(watch, "--observation", "FORM", "a form of observation of a variant (default: its first)")
     _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
     about = "whose settings are used; a missing run is trained and stored (default: compare_deep)"
     _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")

@@ -21,7 +21,7 @@ from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, populations
 from benchmark.reports.comparison.columns import CELL, MEANINGS, columns
 from benchmark.reports.comparison.declared import drawn_learners, reporting_of
-from benchmark.reports.item import drawing, item
+from benchmark.reports.item import COLUMNS, drawing, item
 
 Scores = NDArray[np.float64]  # (runs, scenarios)
 _DRAWS: Final = 1_000  # of a bootstrap
@@ -76,16 +76,7 @@ def _scores_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[tuple[Row
     "rliable",
     "the same in the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
     columns(f"{CELL} n {' '.join(_MEASURES)}"),
-    meanings=MEANINGS
-    | {
-        "iqm": "interquartile mean of the clipped score over all runs and scenarios",
-        "median": "median over scenarios of the mean clipped score",
-        "mean": "mean clipped score",
-        "optimality_gap": "by how much the clipped score falls short of 1, on average",
-        "p_improvement": "probability that a run has a higher clipped score than one of the learner `over`, "
-        "mean over scenarios; a tie counts half",
-        "over": "the first baseline",
-    },
+    meanings=MEANINGS | COLUMNS["rliable"],
     best="iqm",
 )
 def rliable(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:

@@ -22,7 +22,7 @@ from benchmark.reports.comparison.cells import Row, effort, populations
 from benchmark.reports.comparison.columns import CELL, EFFORT, ENDPOINTS, MEANINGS, columns
 from benchmark.reports.comparison.declared import drawn_learners
 from benchmark.reports.explorer import explorer_item
-from benchmark.reports.item import drawing, expanded, item, no_rows
+from benchmark.reports.item import COLUMNS, drawing, expanded, item, no_rows
 
 _COLUMNS: Final = 3  # of maps
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
@@ -79,14 +79,7 @@ def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> 
     "steps",
     f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
     columns(f"{CELL} n budget share median_step step final_success"),
-    meanings=MEANINGS
-    | {
-        "share": f"share of runs whose success stays at or above {ENOUGH:g}",
-        "median_step": f"median over runs of the evaluation step from which success stays at or above "
-        f"{ENOUGH:g}; inf if most never reach it",
-        "step": f"evaluation step from which the mean success over runs stays at or above {ENOUGH:g}; inf if "
-        "there is none",
-    },
+    meanings=MEANINGS | COLUMNS["learned"],
     best="-step",
 )
 def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
