@@ -173,9 +173,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
     _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
-    about = (
-        "log each run in a folder below DIR: progress.csv, which is overwritten, and events of TensorBoard"
-    )
+    about = "log runs in folders below DIR: progress.csv, which is overwritten, and events of TensorBoard"
     _add(run, "--log", "DIR", about, Path)
     run.set_defaults(partial=False)
 
@@ -208,9 +206,8 @@ def _parser() -> argparse.ArgumentParser:
     _add(export, "--seed", "N", "the run's seed", required=True)
     _add(export, "--scenario", "NAME", "a name or a path (default: the experiment's first)")
     _add(export, "--condition", "NAME", "a condition of the experiment (default: the learner's first)")
-    _add(
-        export, "file", "FILE", "a .zip of Stable-Baselines3 (only nets), or an .npz of NumPy (tables)", Path
-    )
+    about = "a .zip of Stable-Baselines3 (only nets), or an .npz of NumPy (tables)"
+    _add(export, "file", "FILE", about, Path)
 
     summary = "score an agent exactly, and rank it among the published learners"
     assess = command("assess", summary, results=None)

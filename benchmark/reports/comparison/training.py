@@ -63,10 +63,9 @@ def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> 
         for axis, name in zip(axes.flat, names, strict=False):
             first, learner = here.get_group(name).iloc[0], experiment.learners[name]
             found = records(experiment.population(condition, scenario, name)).subset(0, 1)
-            is_greedy = learner.declared.policy == "greedy"
-            policy = (
-                mask_policy(found.arrays["greedy"][0, -1]) if is_greedy else found.arrays["stochastic"][0, -1]
-            )
+            policy = found.arrays[learner.declared.policy][0, -1]
+            if learner.declared.policy == "greedy":
+                policy = mask_policy(policy)
             draw_policy(axis, found.model, policy, norm)
             axis.set_title(f"{fill(learner.title, 26)}\nsuccess {first['success']:.2f}", fontsize="small")
         for axis in axes.flat[len(names) :]:
