@@ -75,9 +75,8 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
 
     def _digest(self, path: Path, content: bytes) -> bytes:
-        made_for = repr(
-            (self._version, llvmlite.__version__, self._source_stamp, _digest_of_sources(), path.name)
-        )
+        versions = self._version, llvmlite.__version__, self._source_stamp
+        made_for = repr((*versions, _digest_of_sources(), path.name))
         return hashlib.sha256(made_for.encode() + b"\0" + content).digest()
 
 

@@ -25,7 +25,7 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 try:
     from envs.inputs import InputError
-    from envs.packages import EXTRAS, needed_by
+    from envs.packages import needed_by
 except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)
@@ -72,8 +72,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away
             raise InputError("an option has the value --; accepted: another value.")
         command = options.command
-        if command == "doctor":
-            _examine()
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with needed_by(f"benchmark {command}"):
             code = int(import_module(f"benchmark.commands.{command}").main(options))
@@ -100,12 +98,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(*(f"error: {line}" for line in str(message).split("\n")), sep="\n", file=sys.stderr)
         return 2
     return code
-
-
-def _examine() -> None:
-    """Refuses a package whose import fails or hangs and without which `doctor` itself cannot run."""
-    for sentence in packages.unusable(EXTRAS["reproduce"], os.cpu_count() or 1).values():
-        raise InputError(sentence)
 
 
 def _open_streams() -> None:

@@ -137,7 +137,10 @@ def texts(results: Path) -> dict[Path, str]:
         rows, first = [], dict[bytes, str]()
         for (path, each), score, success in zip(here, scores, successes, strict=True):
             name = f"[{path.stem}]({path.name})"
-            other = first.setdefault(_behaviour(each), name)
+            # What a policy does in every state, whatever it observes
+            model = compile_seen(load_scenario(scenario), each.observation)
+            table = np.array(each.rows)[list(each.policy)].round(_DECIMALS) + 0.0
+            other = first.setdefault(table[model.observation].tobytes(), name)
             row = {
                 "name": name if other == name else f"{name}, same policy as {other}",
                 "learner": each.learner,
@@ -164,10 +167,3 @@ def _texts(values: list[float]) -> list[str]:
     while len({f"{value:.{decimals}f}" for value in different}) < len(different):
         decimals += 1
     return [f"{value:.{decimals}f}" for value in values]
-
-
-def _behaviour(submission: Submission) -> bytes:
-    """Returns what a policy does in every state, whatever it observes."""
-    model = compile_seen(load_scenario(submission.scenario), submission.observation)
-    table = np.array(submission.rows)[list(submission.policy)].round(_DECIMALS)
-    return (table + 0.0)[model.observation].tobytes()

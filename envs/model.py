@@ -65,11 +65,6 @@ class Component:
         """How many values it has."""
         return len(self.numbers)
 
-    @property
-    def coordinates(self) -> NDArray[np.float64]:
-        """(size, D) each number in [0, 1]."""
-        return self.numbers / self.largest
-
 
 @dataclass(frozen=True, eq=False)
 class Model:

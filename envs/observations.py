@@ -89,7 +89,8 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         np.put_along_axis(table, columns, 1, axis=1)
         return table
     values = zip(model.components, values_of(model), strict=True)
-    return np.concatenate([part.coordinates[value] for part, value in values], axis=1).astype(np.float32)
+    scaled = [(part.numbers / part.largest)[value] for part, value in values]
+    return np.concatenate(scaled, axis=1).astype(np.float32)
 
 
 def observation_space(table: NDArray[Any]) -> spaces.Discrete | spaces.Box:

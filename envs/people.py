@@ -102,19 +102,18 @@ class OwnFeedback(Table):
         """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
         function = self.function(source)
         try:
-            said = np.array([np.broadcast_to(function(ping), 2) for ping in pings])
-            again = np.array([np.broadcast_to(function(ping), 2) for ping in reversed(pings)])[::-1]
+            said, again = (np.array([np.broadcast_to(function(ping), 2) for ping in pings]) for _ in range(2))
         except (Exception, SystemExit) as error:  # whatever the function raises
             reason = f"{type(error).__name__}: {error}"
         else:
-            is_number = said.dtype.kind in "iuf"
-            rewards = said.T.astype(np.float64) if is_number else np.full((2, len(pings)), np.nan)
-            if not ((abs(rewards) <= _MOST).all() and (rewards[0] <= rewards[1]).all()):
-                reason = shortened(str(rewards.T.tolist())) if is_number else "no number"
+            if said.dtype.kind not in "iuf":
+                reason = "no number"
+            elif not ((abs(said) <= _MOST) & (said[:, :1] <= said)).all():
+                reason = shortened(str(said.tolist()))
             elif not np.array_equal(said, again):
                 reason = "another answer when asked again"
             else:
-                return rewards
+                return said.T.astype(np.float64)
         accepted = f"a number from {-_MOST:,} to {_MOST:,}, or a pair of them, the lowest and the highest"
         where = f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
         raise InputError(f"{where}: {reason}; accepted: {accepted}.")
@@ -228,9 +227,8 @@ class Person(Table):
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
         is_bystander = self.regions is None
-        require(
-            (self.feedback is None) == is_bystander, "regions, feedback", "both, or neither (a bystander)"
-        )
+        is_whole = (self.feedback is None) == is_bystander
+        require(is_whole, "regions, feedback", "both, or neither (a bystander)")
         is_ring = self.regions is not None and isinstance(self.regions.target, Ring)
         require(not is_ring, 'regions.target.kind = "ring"', "square, circle or egg")
         return self

@@ -205,16 +205,13 @@ class Scenario(Table):
     @cached_property
     def others_at(self) -> tuple[tuple[Person, ...], ...]:
         """(P, others) the other people in each phase."""
-        return tuple(
-            tuple(self._other(i, p) for i in range(len(self.others))) for p in range(len(self.stages))
-        )
-
-    def _other(self, i: int, p: int) -> Person:
-        spots = self._walks.get(f"others.{i}")
-        if spots is None:
-            return self.others[i]
-        position, heading = spots[p % len(spots)]
-        return self.others[i].model_copy(update={"position": position, "heading": heading})
+        in_phase: list[list[Person]] = [[] for _ in self.stages]
+        for i, person in enumerate(self.others):
+            spots = self._walks.get(f"others.{i}", [])
+            walking = [person.model_copy(update={"position": at, "heading": to}) for at, to in spots]
+            for p, people in enumerate(in_phase):
+                people.append(walking[p % len(walking)] if walking else person)
+        return tuple(map(tuple, in_phase))
 
     @cached_property
     def ticks(self) -> NDArray[np.int_]:

@@ -162,9 +162,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             raise InputError(f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {PING}.")
         fresh = np.flatnonzero(self._over)
         going = np.flatnonzero(~self._over)  # an env that is about to be reset takes no draws for its step
-        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
-            actions.astype(np.intp), partial(self._draw, going)
-        )
+        draw = partial(self._draw, going)
+        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(actions.astype(np.intp), draw)
         self._last_event = self._event.take(taken)
         info = {
             "event": self._last_event.copy(),

@@ -52,9 +52,8 @@ def envs_of(
 ) -> Envs:
     """Returns the envs of an agent that has drawn where its first episodes start."""
     n_envs = settings.n_envs
-    state, steps, taken, disagreements, counts = (
-        np.zeros(n, np.int64) for n in (n_envs, n_envs, 1, 1, len(points))
-    )
+    sizes = n_envs, n_envs, 1, 1, len(points)
+    state, steps, taken, disagreements, counts = (np.zeros(n, np.int64) for n in sizes)
     limit = settings.time_limit or 2**62
     envs = Envs(process_of(model), limit, stream, state, steps, taken, disagreements, points, counts)
     _start(envs)

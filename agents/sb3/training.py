@@ -128,10 +128,8 @@ def train_agent(
     # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
     logger = logger_of(schedule.log) if schedule.log else Logger(None, [])
     with _isolated(seed) as (env_seed, action_seed):
-        limit = settings.time_limit
-        env = SB3VecEnv(
-            ProxemicVectorEnv(settings.n_envs, model.scenario, observation, max_episode_steps=limit)
-        )
+        n, limit = settings.n_envs, settings.time_limit
+        env = SB3VecEnv(ProxemicVectorEnv(n, model.scenario, observation, max_episode_steps=limit))
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
         agent = make_agent(cls, settings, VecMonitor(env) if schedule.log else env)

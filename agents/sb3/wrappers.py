@@ -20,9 +20,7 @@ _UNCHANGING: Final = re.compile(
     r"(base_vec_env|dummy_vec_env|vec_check_nan|vec_monitor|vec_normalize|vec_video_recorder)))\."
 )
 _PRECISION: Final = 1e-5  # of observations, which are of single precision
-_FUNCTION: Final = (
-    "a function that does the same, such as lambda o: model.predict(wrapped(o), deterministic=True)"
-)
+_FUNCTION: Final = "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
 
 
 def known_layers(env: Any, where: str) -> list[Any]:

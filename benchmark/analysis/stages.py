@@ -24,10 +24,3 @@ def stages(experiment: Experiment, store: Store, seeds: Sequence[int] | None = N
 def runs_of(groups: Iterable[Group]) -> list[RunSpecification]:
     """Lists the runs of groups once, see `interleaved`."""
     return interleaved([(group.population, group.runs) for group in groups])
-
-
-def known_runs(
-    experiment: Experiment, store: Store, seeds: Sequence[int] | None = None
-) -> list[RunSpecification]:
-    """Lists the runs of all stages that can be known yet."""
-    return runs_of(group for groups in stages(experiment, store, seeds) for group in groups)

@@ -55,12 +55,3 @@ def find_run(
         unknown_name(f"{experiment.name}: {name}", "condition", condition, conditions)
     scenario = scenario or next(iter(experiment.scenarios))
     return experiment.population(condition, scenario, name).first.with_seed(number)
-
-
-def seeds_text(seeds: range) -> str:
-    """Returns seeds as `--seeds` takes them.
-
-    >>> seeds_text(range(7, 10)), seeds_text(range(7, 8))
-    ('7-9', '7')
-    """
-    return str(seeds[0]) if len(seeds) == 1 else f"{seeds[0]}-{seeds[-1]}"

@@ -3,9 +3,7 @@
 import argparse
 import os
 import platform
-import random
 import shutil
-import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -19,7 +17,6 @@ from rich.console import Console
 from rich.filesize import decimal
 from rich.text import Text
 
-from benchmark import packages
 from benchmark.commands import parse_jobs
 from benchmark.execution.calibration import estimate
 from benchmark.execution.driver import pending
@@ -32,7 +29,6 @@ from envs.packages import EXTRAS
 
 _CONSTRAINTS: Final = Path(__file__).parents[2] / "constraints.txt"
 _COLOURS: Final = {"ok": "green", "note": "yellow", "problem": "bold red"}
-_CHECKED: Final = 200  # records whose checksums are verified, drawn at random
 _JOB_MEMORY: Final = 500_000_000  # bytes of a job of nets, about
 _OTHER_FOLDER: Final = "choose another folder with --results"
 _LITTLE_DISK: Final = 1_000_000_000  # bytes
@@ -78,10 +74,6 @@ def _installation() -> Iterator[Finding]:
         yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
-    print("importing every package ...", file=sys.stderr)
-    optional = [module for extra, modules in EXTRAS.items() if extra != "reproduce" for module in modules]
-    for sentence in dict.fromkeys(packages.unusable(optional, usable_cores()).values()):
-        yield Finding("problem", "packages", sentence.removesuffix("."))
     complete = [extra for extra, modules in EXTRAS.items() if all(map(find_spec, modules))]
     others = [extra for extra in EXTRAS if extra not in complete]
     more = f"; others: {', '.join(others)} (in a checkout, make .venv/.NAME installs one)" if others else ""
@@ -134,17 +126,10 @@ def _store(path: Path) -> Iterator[Finding]:
             runs = ", ".join(f"{n:,} {status}" for status, n in sorted(counts.items())) or "none"
             again = "'run EXPERIMENT' tries failed runs again" if counts["failed"] else ""
             yield _finding("store", f"{path}: {decimal(path.stat().st_size)}, runs: {runs}", again)
-            ended = sorted(store.ended())
-            checked = random.sample(ended, min(_CHECKED, len(ended)))
-            n_damaged = len(store.damaged(checked))
     except NoRunsError:
         yield _finding("store", f"{path}: there are no runs yet")
     except InputError as error:
         yield Finding("problem", "store", str(error).removesuffix("."))
-    else:
-        text = f"{len(checked):,} of {len(ended):,} records checked, {n_damaged:,} damaged"
-        state, advice = ("problem", "says what to do") if n_damaged else ("ok", "checks all")
-        yield _finding("checksums", text, f"'verify' {advice}", state)
 
 
 def _experiment(runs: Sequence[RunSpecification], options: argparse.Namespace) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmark import leaderboard
 from benchmark.analysis.search import chosen
-from benchmark.commands import parse_seeds, seeds_text
+from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.choices import digest_of_search
@@ -90,5 +90,6 @@ def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
 
 def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -> str:
     """Returns the name of a report's folder; other seeds, and a partial report, have one of their own."""
-    chosen = f"_seeds_{seeds_text(seeds)}" if seeds is not None else ""
+    ends = [] if seeds is None else [str(seed) for seed in dict.fromkeys((seeds[0], seeds[-1]))]
+    chosen = f"_seeds_{'-'.join(ends)}" if ends else ""
     return f"{experiment.name}{chosen}{'_partial' if partial else ''}"

@@ -31,14 +31,11 @@ def main(options: argparse.Namespace) -> int:
     name, seeds = experiment.name, parse_seeds(options.seeds)
     if options.report or experiment.report is not None:
         draw.report_of(experiment, is_drawn=options.report)
-    if options.report and min(map(len, experiment.seed_ranges if seeds is None else [seeds])) < 2:
-        raise InputError(
-            "--report: one seed gives no interval; accepted: at least two seeds for every variant."
-        )
+    ranges = [each.seeds for each in experiment.populations] if seeds is None else [seeds]
+    if options.report and min(map(len, ranges)) < 2:
+        raise InputError("--report: one seed gives no interval; accepted: at least two for every variant.")
     if experiment.has_stages and seeds is not None:
-        raise InputError(
-            f"{name}: --seeds: an experiment with stages uses only its declared seeds; remove --seeds."
-        )
+        raise InputError(f"{name}: --seeds: an experiment with stages uses only its declared seeds.")
     check_scores(all_specifications(experiment, seeds))
     if options.log is not None:
         _check_log(options)

@@ -5,12 +5,13 @@ import secrets
 import sys
 import tempfile
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from benchmark import leaderboard
-from benchmark.analysis.stages import known_runs
+from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
@@ -51,8 +52,8 @@ def _problems(
     path = options.results / "runs.db"
     if structure := store.problem():
         yield f"{path} is damaged: {structure}; {REPAIR_ADVICE}."
-    runs_of = {experiment.name: known_runs(experiment, store) for experiment in experiments}
-    declared = {run.digest: run for runs in runs_of.values() for run in runs}
+    known = {each.name: runs_of(chain.from_iterable(stages(each, store))) for each in experiments}
+    declared = {run.digest: run for runs in known.values() for run in runs}
     ended = store.ended()
     checked = [*store.statuses()] if options.experiment is None else sorted(declared.keys() & ended)
     if options.experiment is not None and not (checked or structure):
@@ -71,7 +72,7 @@ def _problems(
     for experiment in experiments:
         folder = options.results / experiment.name
         is_published = bool(experiment.report) and (folder / MANIFEST).is_file()
-        is_stored = [run.digest in ended for run in runs_of[experiment.name]]
+        is_stored = [run.digest in ended for run in known[experiment.name]]
         if is_published:
             pages.add(None if experiment.name in page.CHAPTERS else experiment.name)
         if is_published and all(is_stored):

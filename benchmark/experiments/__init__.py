@@ -3,17 +3,18 @@
 from collections.abc import Mapping
 from typing import Final
 
-from benchmark.experiments.experiment import (
-    Experiment,
-    Learner,
-    Population,
-    all_specifications,
-    interleaved,
-    load_experiment,
-    title_of,
-)
-from benchmark.experiments.run import RunSpecification
-from benchmark.experiments.schema import DEFAULT_CONDITION, EXPERIMENT_DIRECTORY, Reporting, experiment_names
+from benchmark.experiments.experiment import Experiment as Experiment
+from benchmark.experiments.experiment import Learner as Learner
+from benchmark.experiments.experiment import Population as Population
+from benchmark.experiments.experiment import all_specifications as all_specifications
+from benchmark.experiments.experiment import interleaved as interleaved
+from benchmark.experiments.experiment import load_experiment as load_experiment
+from benchmark.experiments.experiment import title_of as title_of
+from benchmark.experiments.run import RunSpecification as RunSpecification
+from benchmark.experiments.schema import DEFAULT_CONDITION as DEFAULT_CONDITION
+from benchmark.experiments.schema import EXPERIMENT_DIRECTORY as EXPERIMENT_DIRECTORY
+from benchmark.experiments.schema import Reporting as Reporting
+from benchmark.experiments.schema import experiment_names as experiment_names
 
 # The experiments whose results are published, the most important first, and whether each has a chapter, its
 # whole document, on the page of all results. The results of other experiments are ignored by git.
@@ -31,19 +32,3 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "equivalence": False,
     "ablation": False,
 }
-
-__all__ = [
-    "DEFAULT_CONDITION",
-    "EXPERIMENT_DIRECTORY",
-    "PUBLISHED",
-    "Experiment",
-    "Learner",
-    "Population",
-    "Reporting",
-    "RunSpecification",
-    "all_specifications",
-    "experiment_names",
-    "interleaved",
-    "load_experiment",
-    "title_of",
-]

@@ -153,11 +153,6 @@ class Experiment:
         """All conditions, by name."""
         return self.declared.conditions
 
-    @property
-    def seed_ranges(self) -> set[range]:
-        """The declared seeds of all populations."""
-        return {population.seeds for population in self.populations}
-
     def population(self, condition: str, scenario: str, learner: str) -> Population:
         """Returns a population by its names; the scenario may be any other, by name or path."""
         names = condition, learner

@@ -43,7 +43,9 @@ def compare(
     """
     made = _ids(folder)
     if other is None:
-        expected, where = _published_ids(name), "the published results"
+        listing, where = _git("ls-tree", f"HEAD:results/{name}") or b"", "the published results"
+        entries = (line.split(maxsplit=3) for line in listing.decode().splitlines())
+        expected = {file: blob for _, kind, blob, file in entries if kind == "blob" and _is_result(file)}
         for ids in (made, expected):
             ids.pop(MANIFEST, None)
     else:
@@ -113,12 +115,6 @@ def _ids(folder: Path) -> dict[str, str]:
         for path in sorted(folder.iterdir())
         if path.is_file() and _is_result(path.name)
     }
-
-
-def _published_ids(name: str) -> dict[str, str]:
-    listing = _git("ls-tree", f"HEAD:results/{name}") or b""
-    entries = (line.split(maxsplit=3) for line in listing.decode().splitlines())
-    return {file: blob for _, kind, blob, file in entries if kind == "blob" and _is_result(file)}
 
 
 def _is_result(file: str) -> bool:

@@ -55,7 +55,7 @@ def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
         np.testing.assert_array_equal(ours.observation, theirs.observation)
         np.testing.assert_array_equal(ours.next_state, theirs.next_state)
         (agent, issuer), (own_agent, own_issuer) = (
-            [component.coordinates for component in model.components] for model in (ours, theirs)
+            [part.numbers / part.largest for part in model.components] for model in (ours, theirs)
         )
         np.testing.assert_array_equal(agent, own_agent)
         assert (issuer != own_issuer).any(axis=1).sum() == n_changed

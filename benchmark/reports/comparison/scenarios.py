@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
 from benchmark.analysis.frames import RecordsOf, by_population
@@ -52,11 +51,13 @@ def scenarios(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) ->
             "random_success": runs.loc[runs["scenario"] == name, "random_success"].iloc[0],
             "optimal_return": optimal,
         }
-        in_scenario = by_population(searches[searches["scenario"] == name])
-        policies = [
-            _policies(experiment.population(keys["condition"], name, keys["learner"]), records)
-            for keys, _ in in_scenario
-        ]
+        policies = []  # of every policy that planners have found: return, success and score
+        for keys, _ in by_population(searches[searches["scenario"] == name]):
+            found = records(experiment.population(keys["condition"], name, keys["learner"]))
+            policy = experiment.learners[keys["learner"]].declared.policy
+            names = [evaluated(result, policy, "start") for result in ("grid_return", "success")]
+            scores = found.unbounded_scores(policy).round(9)
+            policies.append(np.stack([*(found.arrays[result] for result in names), scores])[:, :, -1])
         if policies:
             returns, success, score = np.concatenate(policies, axis=1)
             best = returns.argmax()
@@ -64,14 +65,6 @@ def scenarios(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) ->
             row |= {"memoryless_return": returns[best], "memoryless_success": success[best]}
             row["memoryless_score"] = score[best]
         yield row
-
-
-def _policies(population: Population, records: RecordsOf) -> NDArray[np.float64]:
-    """Returns the return, the success and the score of each policy that the planner has found, (3, N)."""
-    search, policy = records(population), population.learner.declared.policy
-    names = [evaluated(name, policy, "start") for name in ("grid_return", "success")]
-    scores = search.unbounded_scores(policy).round(9)
-    return np.stack([*(search.arrays[name] for name in names), scores])[:, :, -1]
 
 
 @scenarios.figure("The scenarios.")

@@ -45,13 +45,8 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "x": "x no verdict",
     "": "blank: not compared",
 }
-_SIGN_OF: Final = {
-    FASTER: "!",
-    SLOWER: "!",
-    EQUAL: "=",
-    NEITHER: "–",
-    NO_VERDICT: "x",
-}  # verdicts without a ratio
+# Of verdicts without a ratio
+_SIGN_OF: Final = {FASTER: "!", SLOWER: "!", EQUAL: "=", NEITHER: "–", NO_VERDICT: "x"}
 _NEVER: Final = "never learns"
 _LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
 _WHAT: Final = {
@@ -131,11 +126,8 @@ def picture(tables: Frames, experiment: Experiment) -> Figure | None:
     first = leading(experiment)
     panels = [(panel.grid or first, panel.title, panel.learners) for panel in experiment.report.panels]
     panels = panels or [(first, experiment.declared.grids[first].question, ())] * bool(first)
-    return _lines(
-        experiment,
-        [(grid, title, _rows(tables, experiment, grid, own)) for grid, title, own in panels],
-        "steps",
-    )
+    drawn = [(grid, title, _rows(tables, experiment, grid, own)) for grid, title, own in panels]
+    return _lines(experiment, drawn, "steps")
 
 
 @results.unseen.figure(
@@ -252,9 +244,8 @@ def _lines(experiment: Experiment, panels: Sequence[Panel], column: str) -> Figu
                 axis.set(ylim=(0, 1.04))
             _set_horizontal(axis, *axis_of(experiment, grid))
             besides = range(1 - len(lines), len(lines), 2)  # points
-            _apart(
-                axis, [_curve(axis, *line, column, experiment) for line in zip(lines, besides, strict=True)]
-            )
+            placed = zip(lines, besides, strict=True)
+            _apart(axis, [_curve(axis, *line, column, experiment) for line in placed])
             axis.set(title=fill(title, 44), ylabel=_WHAT[column] if axis in axes[:, 0] else "")
             axis.tick_params(labelleft=axis in axes[:, 0])
         _sized(figure, _SMALL)

@@ -3,14 +3,12 @@
 import os
 import re
 import shutil
-import sqlite3
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
-from benchmark import packages
 from benchmark.__main__ import main
 from benchmark.commands import doctor
 from benchmark.execution import machine
@@ -22,17 +20,13 @@ Examine = Callable[..., tuple[int, list[str]]]
 
 
 @pytest.fixture
-def examine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Examine:
-    """Runs the command; returns its exit code and its lines, with single spaces.
-
-    Packages are not imported, which would take seconds every time.
-    """
-    monkeypatch.setattr(packages, "unusable", lambda *_: {})
+def examine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Examine:
+    """Runs the command; returns its exit code and its lines, with single spaces."""
 
     def run(*arguments: str) -> tuple[int, list[str]]:
         code = main(["doctor", *arguments, "--results", str(tmp_path)])
         output, errors = capsys.readouterr()
-        assert errors == "importing every package ...\n"
+        assert errors == ""
         assert all(re.match(r"(ok|note|problem) +[a-z]+ +\S", line) for line in output.splitlines())
         return code, [" ".join(line.split()) for line in output.splitlines()]
 
@@ -83,42 +77,25 @@ def test_extras_are_complete_or_not(examine: Examine, monkeypatch: pytest.Monkey
     assert re.match(r"ok installed extras: reproduce, cluster, .*; others: deep, docs \(", extras)
 
 
-def test_packages_that_cannot_be_imported_are_problems(
-    examine: Examine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sentences = iter([{}, {"torch": "torch is broken."}])  # of what every command needs, and of the others
-    monkeypatch.setattr(packages, "unusable", lambda *_: next(sentences))
-    code, lines = examine()
-    assert (code, about("packages", lines)[0]) == (1, "problem torch is broken")
-
-
 # The store
 
 
-def stored(tmp_path: Path, n: int = 5) -> list[str]:
-    """Stores runs, the last of which has failed; returns the digests of the others."""
+def stored(tmp_path: Path, n: int = 5) -> None:
+    """Stores runs, the last of which has failed."""
     runs = all_specifications(load_experiment("reproduce_smoke"))[:n]
     records = [record(run, 1.0, 100.0) for run in runs]
     failed = Record(records[-1].digest, records[-1].specification, "failed", {}, {}, "ValueError: planted")
     with Store(tmp_path / "runs.db") as store:
         store.add([*records[:-1], failed])
-    return [run.digest for run in runs[:-1]]
 
 
-def test_runs_are_counted_and_verified(tmp_path: Path, examine: Examine) -> None:
+def test_runs_are_counted(tmp_path: Path, examine: Examine) -> None:
     assert about("store", examine()[1]) == [f"ok {tmp_path}/runs.db: there are no runs yet"]
-    digests = stored(tmp_path)
+    stored(tmp_path)
     code, lines = examine()
     (counted,) = about("store", lines)
     assert "runs: 4 done, 1 failed;" in counted
     assert code == 0
-    assert about("checksums", lines)[0].startswith("ok 4 of 4 records checked, 0 damaged;")
-    with sqlite3.connect(tmp_path / "runs.db") as connection:
-        connection.execute("UPDATE runs SET arrays = x'00' WHERE digest = ?", digests[:1])
-    connection.close()
-    code, lines = examine()
-    assert code == 1
-    assert about("checksums", lines)[0].startswith("problem 4 of 4 records checked, 1 damaged;")
 
 
 def test_damaged_store_is_a_problem_and_runs_are_counted_without_it(tmp_path: Path, examine: Examine) -> None:

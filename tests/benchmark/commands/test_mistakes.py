@@ -47,7 +47,7 @@ FILES = {
         ("watch --scenario s1", "s1 (did you mean S1?)"),
         ("watch --scenario nowhere.toml", "nowhere.toml: "),
         ("watch --learner dqm", "dqn"),
-        ("watch --learner dqn --observation index", "observation index"),
+        ("watch --learner dqn --observation index", "unknown learner dqn, index"),
         ("watch --seed -1", "--seed -1"),
         ("watch --save film.mp4", "film.mp4"),
         ("watch --save nowhere/film.gif", "nowhere"),
