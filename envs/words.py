@@ -1,4 +1,4 @@
-"""The wording of lists and numbers, in messages and reports."""
+"""The wording of lists, in messages and reports."""
 
 from collections.abc import Iterable
 
@@ -11,12 +11,3 @@ def listed(items: Iterable[object]) -> str:
     """
     *rest, last = [*map(str, items)] or [""]
     return f"{', '.join(rest)} and {last}" if rest else last
-
-
-def counted(n: int, noun: str) -> str:
-    """Returns a number of things, whose plural ends in s.
-
-    >>> counted(1, "run"), counted(2000, "run")
-    ('1 run', '2,000 runs')
-    """
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"

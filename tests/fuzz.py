@@ -79,7 +79,6 @@ items = []
 omit = ["maps"]
 baseline = ["table, index"]
 pool = "none"
-adjust = "none"
 margins = { success = 0.1, score = 0.05 }
 contrasts = [["dqn, one_hot", "table, index"]]
 effects = [["S2", "S1", "random feedback"]]

@@ -6,7 +6,7 @@ probability of any wrong claim of a difference is at most about 5 %, and so is t
 equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -93,15 +93,10 @@ def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
     return UNDECIDED
 
 
-def decide(
-    contrasts: Sequence[Contrast],
-    *,
-    is_allowed: Sequence[bool],
-    adjust: Callable[[Sequence[float]], list[float]] = holm,
-) -> list[Mapping[str, object]]:
+def decide(contrasts: Sequence[Contrast], *, is_allowed: Sequence[bool]) -> list[Mapping[str, object]]:
     """Returns the adjusted p-values of all contrasts, and verdicts on those that are allowed."""
-    different = adjust([compared.p_different for compared in contrasts])
-    equivalent = adjust([compared.p_equivalent for compared in contrasts])
+    different = holm([compared.p_different for compared in contrasts])
+    equivalent = holm([compared.p_equivalent for compared in contrasts])
     decided: list[Mapping[str, object]] = []
     for compared, p, q, allowed in zip(contrasts, different, equivalent, is_allowed, strict=True):
         decision = verdict(compared.difference, p, q) if allowed else NO_VERDICT

@@ -73,23 +73,19 @@ def tail_of(n_contrasts: int, error: float) -> float:
     return error / (_ENDS * n_contrasts)
 
 
-def decide(
-    x: Numbers, y: Numbers, margin: float, tail: float, stepped: float = 0.0, is_open: Mask | None = None
-) -> str:
+def decide(x: Numbers, y: Numbers, margin: float, tails: tuple[float, float], is_open: Mask) -> str:
     """Compares what runs of the same seeds took, (N,) each, infinite if they never learned.
 
-    `stepped`, if it is larger, is the tail by which one learner is faster. `is_open` (N,) marks pairs
-    of which evaluations are too rare to tell who took less: there is a verdict only if it does not depend on
-    them.
+    The larger of the tails is that by which one learner is faster, the first all others. `is_open` (N,) marks
+    pairs of which evaluations are too rare to tell who took less: there is a verdict only if it does not
+    depend on them.
     """
-    wins = np.where(x == y, 0.5, x < y)
-    never = min(float(proportion_interval(np.isinf(taken).mean(), len(x), tail)[0]) for taken in (x, y))
+    never = min(float(proportion_interval(np.isinf(taken).mean(), len(x), tails[0])[0]) for taken in (x, y))
     if never > 0.5:
         return NEITHER
-    tails = tail, max(tail, stepped)
-    verdicts = [_verdict(wins, margin, *tails)]
-    if is_open is not None and is_open.any():
-        verdicts += [_verdict(np.where(is_open, end, wins), margin, *tails) for end in (0.0, 1.0)]
+    wins = np.where(x == y, 0.5, x < y)
+    cases = wins, np.where(is_open, 0.0, wins), np.where(is_open, 1.0, wins)
+    verdicts = [_verdict(case, margin, tails[0], max(tails)) for case in cases]
     return verdicts[0] if len({*verdicts}) == 1 else NO_VERDICT if verdicts[0] != UNDECIDED else UNDECIDED
 
 
@@ -217,7 +213,7 @@ def _look(
     # What a run took lies between what it had spent at two evaluations.
     overlaps = (x[unit] > y[f"before_{unit}"]) & (y[unit] > x[f"before_{unit}"])
     is_open = (is_learned & overlaps & (is_coarse[0] | is_coarse[1])).to_numpy()
-    verdict = decide(x[unit].to_numpy(), y[unit].to_numpy(), margin, *tails, is_open)
+    verdict = decide(x[unit].to_numpy(), y[unit].to_numpy(), margin, tails, is_open)
     winner = {FASTER: x, SLOWER: y}.get(verdict)
     if winner is not None and winner["lasts"][np.isfinite(winner["steps"])].mean() < 0.5:
         return NO_VERDICT, LOST

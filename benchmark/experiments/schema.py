@@ -275,8 +275,6 @@ class Reporting(Table):
     """The learners, of any family, that deep ones have to beat; none if the question is another."""
     pool: Literal["scenarios", "none"] = "scenarios"
     """Whether verdicts are on means over scenarios."""
-    adjust: Literal["holm", "none"] = "holm"
-    """How p-values are adjusted for the number of contrasts."""
     margins: Margins = Margins()
     """Differences between x and y that are too small to matter."""
     contrasts: tuple[tuple[str, str], ...] = ()

@@ -87,15 +87,14 @@ def _rows(pairs: Iterable[Pair], runs: pd.DataFrame, experiment: Experiment, is_
         cases.sort(key=lambda case: order.index(case.cells["scenario"].iloc[0]))
     rows: list[Row] = [case.names | _difference(case.cells) for case in cases]
     allowed = [not is_partial and row["n"] >= FEWEST_RUNS for row in rows]
-    adjust = holm if reporting.adjust == "holm" else list
     for key in ("p_random_x", "p_random_y"):
-        for row, p in zip(rows, adjust([row.pop(key) for row in rows]), strict=True):
+        for row, p in zip(rows, holm([row.pop(key) for row in rows]), strict=True):
             row[key] = p
     for endpoint in ENDPOINTS:
         margin: float = getattr(reporting.margins, endpoint)
         sides = [case.sides(endpoint) for case in cases]
         tests = [contrast(x, y, margin) for x, y in sides]
-        decisions = decide(tests, is_allowed=allowed, adjust=adjust)
+        decisions = decide(tests, is_allowed=allowed)
         for case, row, (x, y), test, decision in zip(cases, rows, sides, tests, decisions, strict=True):
             decided = str(decision["verdict"])
             if decided in _OF_LEARNERS[endpoint] and min(row["p_random_x"], row["p_random_y"]) > ALPHA:

@@ -10,7 +10,6 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
 from benchmark.reports.search import results
 from envs import InputError
-from envs.words import counted
 
 
 def check(experiment: Experiment) -> None:
@@ -31,8 +30,8 @@ def headline(folder: Folder) -> str:
     default, chosen = (link(show(best[key]), "chosen", best) for key in ("default", "chosen"))
     share = "the share of the logarithm of the budget that is saved"
     measure = share if folder.manifest["solved"] else "success averaged over training"
-    n_trials = counted(folder.manifest["search"]["trials"], "trial")
-    searched = f"the best of the declared settings and {n_trials}"
+    n_trials = folder.manifest["search"]["trials"]
+    searched = f"the best of the declared settings and {n_trials:,} trial{'s' * (n_trials != 1)}"
     if best["chosen"] == 0:
         return f"No learner has learned in the search: with {searched}, {measure} is {chosen} for all."
     learner = folder.phrase(f"{best['variant']}, {best['observation']}")

@@ -50,10 +50,14 @@ def decided(*sides: tuple[pd.DataFrame, pd.DataFrame], looks: Sequence[int] = LO
     return [*cast("Any", _decide_all)(pairs, runs, declared, "steps").values()]
 
 
+def verdict_of(x: np.ndarray, y: np.ndarray) -> str:
+    return decide(x, y, MARGIN, (TAIL, TAIL), np.zeros(len(x), bool))
+
+
 def ended(x: np.ndarray, y: np.ndarray) -> str:
     """Returns the first verdict of the declared looks that decides, or that of the last."""
     for n in LOOKS:
-        verdict = decide(x[:n], y[:n], MARGIN, TAIL)
+        verdict = verdict_of(x[:n], y[:n])
         if verdict != UNDECIDED:
             break
     return verdict
@@ -63,17 +67,17 @@ def test_a_look_by_hand() -> None:
     # Of the error of a look, 53 contrasts have three ends each
     assert pytest.approx(0.05 / 4 / 53 / 3) == TAIL
     x, y = np.arange(20.0), np.arange(20.0) + 1
-    assert (decide(x, y, MARGIN, TAIL), decide(y, x, MARGIN, TAIL)) == (FASTER, SLOWER)
+    assert (verdict_of(x, y), verdict_of(y, x)) == (FASTER, SLOWER)
     never = np.full(320, np.inf)
-    assert decide(never[:20], never[:20], MARGIN, TAIL) == NEITHER
-    assert decide(never, never, MARGIN, TAIL) == NEITHER  # though all tie
-    assert decide(x, never[:20], MARGIN, TAIL) == FASTER
-    assert decide(x[:5], y[:5], MARGIN, TAIL) == UNDECIDED
-    assert decide(np.ones(320), np.ones(320), MARGIN, TAIL) == EQUAL  # all tie
+    assert verdict_of(never[:20], never[:20]) == NEITHER
+    assert verdict_of(never, never) == NEITHER  # though all tie
+    assert verdict_of(x, never[:20]) == FASTER
+    assert verdict_of(x[:5], y[:5]) == UNDECIDED
+    assert verdict_of(np.ones(320), np.ones(320)) == EQUAL  # all tie
     # 19 of 20 pairs decide, 18 do not
     assert stats.binom.sf(18, 20, 0.5) < TAIL < stats.binom.sf(17, 20, 0.5)
     for n_lost, verdict in ((1, FASTER), (2, UNDECIDED)):
-        assert decide(np.where(np.arange(20) < n_lost, 99, x), y, MARGIN, TAIL) == verdict
+        assert verdict_of(np.where(np.arange(20) < n_lost, 99, x), y) == verdict
 
 
 def test_steps_down_by_hand() -> None:
