@@ -92,11 +92,6 @@ class Scene:
         """O."""
         return self.rows * self.columns
 
-    def centre(self, cell: int) -> tuple[float, float]:
-        """Returns a cell's centre, (row, column)."""
-        row, column = divmod(cell, self.columns)
-        return row + 0.5, column + 0.5
-
     def cells_of(self, kind: str) -> list[int]:
         """Returns the cells of the glyphs of a kind."""
         return [glyph.cell for glyph in self.glyphs if glyph.kind == kind]

@@ -438,12 +438,6 @@ class Declaration(Table):
         n_seeds = self.readings[condition.axes["reading"]].seeds or declared.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
 
-    def all_seeds(self, variant: str) -> set[range]:
-        """Returns the seeds that a variant's runs may have, those at further looks, too."""
-        largest = 0 if self.report is None else max(self.report.looks, default=0)
-        ranges = {self.seeds_of(variant, condition) for condition in self.conditions.values()}
-        return {range(seeds.start, max(seeds.stop, seeds.start + largest)) for seeds in ranges}
-
     def seeds_of_search(self, variant: str) -> tuple[range, range]:
         """Returns the seeds of a variant's trials, and those of the further stages of the search."""
         assert self.search is not None

@@ -131,14 +131,6 @@ class _Part:
         """Whether the page has its whole document."""
         return not self.prefix or self.name in (*CHAPTERS, SPEED)
 
-    @property
-    def is_answer(self) -> bool:
-        """Whether the page opens with its finding: that of the first published experiment, as written."""
-        with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
-            is_first = bool(self.prefix) and self.name == next(iter(PUBLISHED))
-            return is_first and prose.written(self.folder) is not None
-        return False
-
     def report(self, templates: jinja2.Environment) -> dict[str, object]:
         """Returns what the page shows of the report, by the page's templates."""
         document, manifest = self.document, self.folder.manifest
@@ -147,7 +139,11 @@ class _Part:
         # The report's lead comes first. If it stands beside the answer, the next one leads the report.
         drawn = [item for item in document.items if self.folder.figure(item.name)]
         drawn.sort(key=lambda item: item.name != document.report.lead)
-        answer = prose.SENTENCES.split(headline.pop(0)) if self.is_answer else []
+        answer: list[str] = []
+        if self.prefix and self.name == next(iter(PUBLISHED)):  # the page opens with its finding, as written
+            with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
+                if prose.written(self.folder) is not None:
+                    answer = prose.SENTENCES.split(headline.pop(0))
         top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
         def content(match: re.Match[str]) -> str:

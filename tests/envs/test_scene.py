@@ -19,7 +19,6 @@ def test_scene_of_the_paper_by_hand() -> None:
     }
     assert scene.cells_of("issuer") == [6 * 12 + 8]
     assert scene.cells_of("start") == [0]
-    assert scene.centre(13) == (1.5, 1.5)
     assert np.flatnonzero(scene.is_over).tolist() == [6 * 12 + 8]
     # 5 x 5 cells, of which 3 x 3 are uncomfortable or, in the middle, the issuer's.
     assert [scene.zone.count(zone) for zone in ZONES] == [95, 16, 8, 1]
