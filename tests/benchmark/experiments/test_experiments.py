@@ -10,14 +10,8 @@ import numpy as np
 import pytest
 
 from agents import load_algorithm
-from benchmark.experiments import (
-    EXPERIMENT_DIRECTORY,
-    Experiment,
-    all_specifications,
-    experiment_names,
-    load_experiment,
-)
-from benchmark.experiments.schema import Declaration, read_experiment
+from benchmark.experiments import Experiment, all_specifications, load_experiment
+from benchmark.experiments.schema import EXPERIMENT_DIRECTORY, Declaration, experiment_names, read_experiment
 from benchmark.reports import load_report
 from envs import InputError, load_scenario
 from envs.inputs import parse, read_toml
@@ -231,11 +225,7 @@ OF_A_REPLICATION = [
 ]
 LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
-    (
-        'title = "compiled PPO"',
-        'title = "P\\nPO"',
-        'algorithms.ppo.title = "P\\nPO": accepted: text in one line',
-    ),
+    ('title = "compiled PPO"', 'title = "P\\nPO"', 'ppo.title = "P\\nPO": accepted: text in one line'),
     ('reference_for = "ppo"', 'reference_for = "sb3_dqn"', "sb3_ppo: reference_for: unknown variant sb3_dqn"),
     ('reference_for = "ppo"', 'reference_for = "ppo"\nrank = 2', "algorithms.sb3_ppo.rank: "),
     (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: input should be less than"),

@@ -25,15 +25,14 @@ from benchmark.experiments import Population, load_experiment
 from benchmark.reports.data import Data
 from benchmark.reports.document import Document
 from benchmark.reports.draw import tables_of
-from benchmark.reports.folder import Folder
 from benchmark.reports.map import REPORT, figures
 from benchmark.reports.map.ceilings import ceilings
-from benchmark.reports.map.results import unseen, verdicts
+from benchmark.reports.map.results import verdicts
 from envs import compile_scenario, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.reports.conftest import experiment_of
 from tests.benchmark.reports.sentences import check_links
-from tests.support import ROOT, mistyped_columns
+from tests.support import mistyped_columns
 
 OFFSETS, TABLE = "shared, offset", "table, index"
 EXPERIMENT = """
@@ -149,16 +148,10 @@ def test_unseen_places_are_scored_at_equal_numbers_of_steps(learner: str, tmp_pa
     success = np.array([[float(evaluate(model, policy, 60).success) for policy in policies]])
     steps = run.schedule.evaluation_steps
     first = int(learned(success, steps, 0.4, until=2)[0])
-    certain = next(
-        (i for i in range(len(steps)) if i > first and steps[i] >= 2 * steps[first]), len(steps) - 1
-    )
-    expected = [
-        [
-            float(evaluate(model, mixed, 60, "unseen").success)
-            for mixed in (policies[i], 0.95 * policies[i] + 0.01)
-        ]
-        for i in (certain, len(steps) - 1)
-    ]
+    later = [i for i in range(len(steps)) if i > first and steps[i] >= 2 * steps[first]]
+    read = [policies[i] for i in ([*later, len(steps) - 1][0], len(steps) - 1)]
+    both = [(policy, 0.95 * policy + 0.01) for policy in read]
+    expected = [[float(evaluate(model, own, 60, "unseen").success) for own in pair] for pair in both]
     assert record.arrays["unseen_success"].tolist() == pytest.approx(np.array(expected))
     assert record.arrays["success"][-1] == pytest.approx(success[0, -1])
     assert record.arrays["updates"] == training.updates[0]
@@ -398,17 +391,13 @@ def with_ranks(folder: Path, steps: Mapping[str, tuple[float, ...]]) -> Data:
         return {steps[population.learner.variant][places]: 1.0}
 
     data = by_hand(folder, curve, RANKS)
-    learners = {
-        name: replace(
-            learner, declared=learner.declared.model_copy(update={"rank": int(name.split(",")[0][-1])})
-        )
-        if name.split(",")[0][-1].isdecimal()
-        else learner
-        for name, learner in data.experiment.learners.items()
-    }
-    return cast(
-        "Data", SimpleNamespace(**{**vars(data), "experiment": replace(data.experiment, learners=learners)})
-    )
+    learners = {}
+    for name, learner in data.experiment.learners.items():
+        last = name.partition(",")[0][-1]
+        declared = learner.declared.model_copy(update={"rank": int(last) if last.isdecimal() else 1})
+        learners[name] = replace(learner, declared=declared)
+    experiment = replace(data.experiment, learners=learners)
+    return cast("Data", SimpleNamespace(**{**vars(data), "experiment": experiment}))
 
 
 # Of (shared, table) and (shared, table_2), 16 places are the first at which 3,000 steps are fewer; of
@@ -549,11 +538,3 @@ def test_mistakes_are_named(
     assert message in errors
     assert len(errors.splitlines()) == 1
     assert not (tmp_path / "runs.db").exists()
-
-
-def test_published_maps_can_be_drawn_again() -> None:
-    folder, experiment = Folder(ROOT / "results" / "when"), load_experiment("when")
-    tables = {path.stem: folder.frame(path.stem) for path in folder.path.glob("*.csv")}
-    for item in (figures.answer, figures.picture, unseen, verdicts):
-        figure = item.picture(cast("Data", SimpleNamespace(experiment=experiment, is_partial=False)), tables)
-        assert figure is not None
