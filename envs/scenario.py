@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal, Self, cast
+from typing import Annotated, Any, ClassVar, Final, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -253,7 +253,7 @@ class Scenario(Table):
         stage, cells = self.stages[phase], self.grid.position[self.standing[place, phase]].tolist()
         heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
         new, feedback = Person.model_construct, self.issuer.feedback
-        same = {"heading": heading, "regions": regions, "feedback": feedback}
+        same: dict[str, Any] = {"heading": heading, "regions": regions, "feedback": feedback}
         return *(new(position=(*cell,), **same) for cell in cells), *self.others_at[phase]
 
     @cached_property

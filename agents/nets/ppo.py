@@ -272,7 +272,9 @@ class PpoAgent(Agent):
             actor=actor,
             critic=critic,
             parameters=self.parameters,
-            policy=Probabilities(*np.zeros((2, *table), kind), np.zeros(n_observations, np.bool_)),
+            policy=Probabilities(
+                np.zeros(table, kind), np.zeros(table, kind), np.zeros(n_observations, np.bool_)
+            ),
             values=net.values_of(n_observations, kind),
             steps=room_for_steps(settings.rollout),
             rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),

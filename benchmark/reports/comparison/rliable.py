@@ -76,7 +76,7 @@ def _scores_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[tuple[Row
     "rliable",
     "the same in the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
     columns(f"{CELL} n {' '.join(_MEASURES)}"),
-    meanings=MEANINGS | COLUMNS["rliable"],
+    meanings={**MEANINGS, **COLUMNS["rliable"]},
     best="iqm",
 )
 def rliable(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:

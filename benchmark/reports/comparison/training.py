@@ -78,7 +78,7 @@ def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> 
     "steps",
     f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
     columns(f"{CELL} n budget share median_step step final_success"),
-    meanings=MEANINGS | COLUMNS["learned"],
+    meanings={**MEANINGS, **COLUMNS["learned"]},
     best="-step",
 )
 def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
