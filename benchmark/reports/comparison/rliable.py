@@ -6,6 +6,7 @@ all that is not declared as a contrast, they are exploratory.
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -156,10 +157,9 @@ def profiles(runs: pd.DataFrame, experiment: Experiment) -> Figure | None:
             style = figures.style_of(name, experiment)
             with _seeded():
                 points, intervals = create_performance_profile({"": found}, _THRESHOLDS, reps=_DRAWS)
-            low, high = intervals[""]
-            title = experiment.learners[name].title
+            title = fill(experiment.learners[name].title, 30, break_on_hyphens=False)
             axis.plot(_THRESHOLDS, points[""], lw=1.3, ms=4, markevery=10, label=title, **style)
-            axis.fill_between(_THRESHOLDS, low, high, color=style["color"], alpha=0.12, lw=0)
+            axis.fill_between(_THRESHOLDS, *intervals[""], color=style["color"], alpha=0.12, lw=0)
         axis.set(xlim=(0, 1), ylim=(-0.03, 1.03), xlabel="clipped score τ", ylabel="share of runs above τ")
         figure.legend(loc="outside lower center", ncols=3, fontsize="small")
     return figure
