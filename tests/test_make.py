@@ -10,9 +10,7 @@ import pytest
 from benchmark.__main__ import main
 from tests.support import ROOT, make, mistyped_columns
 
-TARGETS = re.findall(
-    r"^([\w-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
-)
+TARGETS = re.findall(r"^([\w-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
 # Of each target: what makes it a miniature, what it says, and what it makes.
 MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "help": ([], [f"make {name} " for name in TARGETS], set()),

@@ -30,9 +30,7 @@ FILES = (
 )
 PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in FILES}
 README, CONTRIBUTING = PAGES["README.md"], PAGES["CONTRIBUTING.md"]
-TARGETS = re.findall(
-    r"^([\w-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
-)
+TARGETS = re.findall(r"^([\w-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
 
 
 def blocks(page: str, language: str) -> list[str]:

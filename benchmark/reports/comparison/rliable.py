@@ -110,8 +110,8 @@ def rliable(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @rliable.figure(
-    "Aggregates of the clipped score, and the probability that a run scores higher than one of the first "
-    "baseline, with 95 % intervals of a stratified bootstrap."
+    "Aggregates of the clipped score and, if there is a baseline, the probability that a run scores higher "
+    "than one of the first baseline; bars: 95 % intervals of a bootstrap within scenarios."
 )
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     rows = figures.labelled(table).sort_values("iqm", kind="stable")
@@ -130,7 +130,7 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
             axis.xaxis.set_major_locator(MaxNLocator(2))
             axis.margins(x=0.15)
             axis.grid(lw=0.4, color="0.85")
-        axes[0, 0].set_yticklabels([experiment.learners[name].title for name in rows["learner"]])
+        axes[0, 0].set_yticklabels([fill(experiment.learners[name].title, 30) for name in rows["learner"]])
     return figure
 
 
