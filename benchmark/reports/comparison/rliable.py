@@ -75,7 +75,7 @@ def _scores_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[tuple[Row
 
 @item(
     "rliable",
-    "the same in the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
+    "the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
     columns(f"{CELL} n {' '.join(_MEASURES)}"),
     meanings=MEANINGS
     | {
@@ -85,7 +85,7 @@ def _scores_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[tuple[Row
         "optimality_gap": "by how much the clipped score falls short of 1, on average",
         "p_improvement": "probability that a run has a higher clipped score than one of the learner `over`, "
         "mean over scenarios; a tie counts half",
-        "over": "the first baseline",
+        "over": "the learner that it is compared with: the first baseline",
     },
     best="iqm",
 )
