@@ -173,9 +173,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
     _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
-    about = (
-        "log each run in a folder below DIR: progress.csv, which is overwritten, and events of TensorBoard"
-    )
+    about = "log runs in folders below DIR: progress.csv, which is overwritten, and events of TensorBoard"
     _add(run, "--log", "DIR", about, Path)
     run.set_defaults(partial=False)
 
@@ -194,9 +192,9 @@ def _parser() -> argparse.ArgumentParser:
 
     watch = command("watch", "show an agent learn, in a window or as a file")
     _add(watch, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
-    about = "a variant of the experiment (default: q_learning)"
+    about = "a variant, or one with its form, as in 'ppo, one_hot' (default: q_learning)"
     _add(watch, "--learner", "NAME", about, default="q_learning")
-    _add(watch, "--observation", "FORM", "a form of observation of that variant (default: its first)")
+    _add(watch, "--observation", "FORM", "a form of observation of a variant (default: its first)")
     _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
     about = "whose settings are used; a missing run is trained and stored (default: compare_deep)"
     _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")

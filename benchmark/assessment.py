@@ -99,25 +99,21 @@ class Assessment:
     def __str__(self) -> str:
         """All numbers, and the standing, as text."""
         exact, name = self.evaluation, self.model.scenario.name
-        unbounded = f"{self.unbounded_score:<10g}"
+        below = ""
         if self.unbounded_score < 0:
             random, _ = anchors(self.model, HORIZON, "start")["grid_return"]
-            unbounded += (
-                f" (the return, {float(exact.grid_return):g}, is below a random policy's, {random:g})"
-            )
+            below = f" (the return, {float(exact.grid_return):g}, is below a random policy's, {random:g})"
         numbers = {
             "success": f"{self.success:g}",
             "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
-            "unbounded score": unbounded.strip(),
+            "unbounded score": f"{self.unbounded_score:<10g}{below}".strip(),
             "steps": f"{float(exact.steps):g}",
             "wrong PINGs": f"{float(exact.wrong_pings):g}",
             "uncomfortable steps": f"{float(exact.zone_steps[ZONES.index('uncomfortable')]):g}",
             "region overlap": f"{self.region_overlap:<10g} (of where it PINGs with the target region)",
         }
-        head = (
-            f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over episodes "
-        )
-        lines = [f"{head}of at most {HORIZON} steps"]
+        lines = [f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over "]
+        lines[0] += f"episodes of at most {HORIZON} steps"
         lines += [f"  {label:20} {text}" for label, text in numbers.items()]
         if self.standing is None:
             lines.append(f"no rank: {self.results} has no complete published results for this scenario")

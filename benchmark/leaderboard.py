@@ -23,9 +23,7 @@ from envs.inputs import Line, Table, check_file_name, parse, read_toml, shortene
 from envs.observations import OBSERVATIONS, compile_seen
 from envs.scenario import scenario_names
 
-_HEAD: Final = (
-    "# Made by python -m benchmark assess --submit. Keys above scenario are declared, not checked.\n"
-)
+_HEAD: Final = "# Made by python -m benchmark assess --submit. Keys above scenario are declared, not checked."
 _TOLERANCE: Final = 1e-9  # of probabilities and scores
 _DECIMALS: Final = 9  # of scores and probabilities that count
 _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
@@ -89,7 +87,7 @@ def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
     submission = parse(Submission, declared | _computed(assessment) | table, str(path))
     # TOML has numbers, lists, and texts in one line as JSON has them.
     lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in submission]
-    files.write_text(path, "".join([_HEAD, *lines]))
+    files.write_text(path, "".join([f"{_HEAD}\n", *lines]))
 
 
 def checked(path: Path) -> Submission:

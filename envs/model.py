@@ -278,9 +278,8 @@ def _compile_places(
     grid_reward = np.array([reward_of_event[name] for name in EVENTS])[event]
     too_close = (event == EVENTS.index("wrong_ping")) & (zone == ZONES.index("uncomfortable"))[:, None]
     grid_reward[too_close] = rewards.wrong_ping_uncomfortable
-    terminated = np.isin(
-        event, [EVENTS.index(name) for name in ("issuer_reached", "target_ping", "last_wrong_ping")]
-    )
+    endings = [EVENTS.index(name) for name in ("issuer_reached", "target_ping", "last_wrong_ping")]
+    terminated = np.isin(event, endings)
 
     # The issuer's part: feedback, and the next tick
     mean, noise, comes_late = (values[context, pings % values.shape[1], cell] for values in feedback)  # (S,)

@@ -256,10 +256,8 @@ class Scenario(Table):
         stage, cells = self.stages[phase], self.grid.position[self.standing[place, phase]].tolist()
         heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
         new, feedback = Person.model_construct, self.issuer.feedback
-        drawn = (
-            new(position=(*cell,), heading=heading, regions=regions, feedback=feedback) for cell in cells
-        )
-        return *drawn, *self.others_at[phase]
+        same = {"heading": heading, "regions": regions, "feedback": feedback}
+        return *(new(position=(*cell,), **same) for cell in cells), *self.others_at[phase]
 
     @cached_property
     def issuer_cells(self) -> tuple[Cell, ...]:
@@ -589,10 +587,8 @@ class Scenario(Table):
         is_wall = bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
         require(not is_wall, f"{where} is a wall", "another cell")
         who, is_way = key.removesuffix(".walk.corners").removesuffix(".position"), ".walk." in key
-        others = (
-            (f"others.{i}", other) for i, other in enumerate(self.others) if not (is_way and other.walk)
-        )
-        standing = {other.position for name, other in others if name != who}
+        others = [other for i, other in enumerate(self.others) if who != f"others.{i}"]
+        standing = {other.position for other in others if not (is_way and other.walk)}
         taken = self._taken if key == "issuer.position" else standing
         require(cell not in taken, f"{where} is taken by another person", "another cell")
 
@@ -627,9 +623,8 @@ class Scenario(Table):
             where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
             require(len(self._ways) > 0, where, "another range of group.apart, or more cells")
             where = "regions: wherever the group stands, the agent can enter no target region"
-            require(
-                bool(self._has_target.any()), where, "a wider target shape, or a smaller uncomfortable one"
-            )
+            accepted = "a wider target shape, or a smaller uncomfortable one"
+            require(bool(self._has_target.any()), where, accepted)
         listed = [] if group else _listed(self.issuer.position)
         for place, has_target in zip(listed, self._has_target.tolist(), strict=False):
             where = f"regions: with the person at {json.dumps(place)}, the agent can enter no target region"
@@ -699,11 +694,9 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
         return inputs.parse(Scenario, inputs.override(scenario, overrides or {}, source), source)
     path = Path(scenario)
     if path.suffix != ".toml":
-        path = SCENARIO_DIRECTORY / f"{scenario}.toml"
-        if str(scenario) not in scenario_names():
-            inputs.unknown_name(
-                "scenarios", "scenario", str(scenario), scenario_names(), "the path of a .toml file"
-            )
+        path, names = SCENARIO_DIRECTORY / f"{scenario}.toml", scenario_names()
+        if str(scenario) not in names:
+            inputs.unknown_name("scenarios", "scenario", str(scenario), names, "the path of a .toml file")
     inputs.check_file_name(path, "the scenario is")
     changed = inputs.override(inputs.read_toml(path), overrides or {}, str(path))
     checked = _checked(json.dumps(changed, default=str), path)

@@ -5,8 +5,8 @@ probability that the first takes less, with ties counted as a half, over pairs o
 have the same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has
 the interval of a proportion, and what a scenario draws is part of its width.
 
-Each look has a share of an error of 5 %. There, intervals hold for all contrasts at once, so it does not
-matter why a contrast gets more runs (repeated confidence intervals: Jennison and Turnbull 1989, Journal of
+Looks share an error of 5 % equally. At each, intervals hold for all contrasts at once, so it does not matter
+why a contrast gets more runs (repeated confidence intervals: Jennison and Turnbull 1989, Journal of
 the Royal Statistical Society B 51:305-361). Which learner is faster is decided step by step, as by Holm
 (1979): once some are, the intervals of all others, also of those that are equally fast, are narrower, as for
 so many. So any claim that a learner is faster, or that neither learns, is wrong with a probability of at most
@@ -36,6 +36,7 @@ TRIVIAL: Final = "an untrained policy reaches the level"
 LOST: Final = "the faster learner has lost the level at the end of training"
 SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
 UNITS: Final = {"steps": "steps", "disagreements": "wrong PINGs"}  # in which contrasts are decided
+_ERROR: Final = 0.05  # of the probability of any wrong verdict
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
 _COARSE: Final = 1.25  # an evaluation that is more than so many times as late as the one before
 
@@ -164,7 +165,7 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
             continue
         decisions = {unit: of_unit[key] for unit, of_unit in decided.items()}
         n, n_steps = max(decision.n for decision in decisions.values()), decisions["steps"].n
-        tail, margin = tail_of(len(distinct), report.errors[n_steps]), report.margins.faster
+        tail, margin = tail_of(len(distinct), _ERROR / len(report.looks)), report.margins.faster
         at_level = {
             level: _look([of_level[side] for side in sides], n_steps, margin, (tail, tail), "steps")[0]
             for level, of_level in zip(solved.further, further, strict=True)
@@ -179,8 +180,9 @@ def _decide_all(
 ) -> dict[tuple[str, str], Decision]:
     """Decides contrasts in a unit, look after look; see the module's docstring."""
     decisions, margin, n_faster = dict[tuple[str, str], Decision](), report.margins.faster, 0
-    for n, error in report.errors.items():
-        tail = tail_of(len(pairs), error)
+    error = _ERROR / len(report.looks)
+    tail = tail_of(len(pairs), error)
+    for n in report.looks:
         looked = {
             key: [runs[side] for side in sides]
             for key, sides in pairs.items()

@@ -36,9 +36,7 @@ class Outcome(NamedTuple):
     learner: Learner
     searched: Floats  # (trials, I, N) of every trial, on the first seeds
     fresh: Fresh
-    ranked: Sequence[
-        int
-    ]  # by their mean on fresh seeds, the first is chosen: finalists, and trial 0 if first
+    ranked: Sequence[int]  # by their mean on fresh seeds, the chosen first: finalists, and trial 0 if first
 
 
 def measure_of(experiment: Experiment) -> str:

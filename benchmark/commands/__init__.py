@@ -3,7 +3,8 @@
 from typing import Final
 
 from benchmark.execution.machine import usable_cores
-from envs.inputs import InputError, shortened, whole_number
+from benchmark.experiments import Experiment, RunSpecification
+from envs.inputs import InputError, shortened, unknown_name, whole_number
 
 MOST_SEEDS: Final = 1_000_000
 MOST_JOBS: Final = 1024
@@ -34,6 +35,26 @@ def parse_seeds(text: str | None) -> range | None:
         accepted = "A-B with A at most B, as in 0-29, or one seed, as in 7; seeds below"
         raise InputError(f"--seeds {shortened(text)}: accepted: {accepted} {MOST_SEEDS:,}.") from None
     return range(low, high + 1)
+
+
+def find_run(
+    experiment: Experiment, learner: str, seed: str, scenario: str | None, condition: str | None
+) -> RunSpecification:
+    """Returns a run with any seed of a learner, or of a variant with its first form of observation.
+
+    By default, the scenario is the experiment's first, and the condition the learner's first.
+    """
+    number = whole_number(seed, "--seed", 0, MOST_SEEDS - 1)
+    alike = [p for p in experiment.populations if learner in (p.learner.name, p.learner.variant)]
+    if not alike:
+        names = {f'"{population.learner.name}"' for population in experiment.populations}
+        unknown_name(experiment.name, "learner", learner, names)
+    name, condition = alike[0].learner.name, condition or alike[0].condition.name
+    conditions = {population.condition.name for population in alike if population.learner.name == name}
+    if condition not in conditions:
+        unknown_name(f"{experiment.name}: {name}", "condition", condition, conditions)
+    scenario = scenario or next(iter(experiment.scenarios))
+    return experiment.population(condition, scenario, name).first.with_seed(number)
 
 
 def seeds_text(seeds: range) -> str:

@@ -13,34 +13,25 @@ import numpy as np
 from agents.nets.learner import NetAlgorithm
 from agents.policy import mask_policy
 from agents.sb3.algorithms import Sb3Algorithm
-from benchmark.commands import MOST_SEEDS
+from benchmark.commands import find_run
 from benchmark.commands.verify import difference_of
 from benchmark.drawing.style import check_file
 from benchmark.execution.executors.processes import Processes
 from benchmark.execution.job import POLICY
 from benchmark.execution.store import Store
 from benchmark.experiments import RunSpecification, load_experiment
-from envs.inputs import InputError, unknown_name, whole_number
+from envs import InputError
 from envs.observations import compile_seen, observation_table
 
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment, path = load_experiment(options.experiment), options.file
-    seed = whole_number(options.seed, "--seed", 0, MOST_SEEDS - 1)
-    alike = [p for p in experiment.populations if options.learner in (p.learner.name, p.learner.variant)]
-    if not alike:
-        names = {f'"{population.learner.name}"' for population in experiment.populations}
-        unknown_name(experiment.name, "learner", options.learner, names)
-    learner, condition = alike[0].learner, options.condition or alike[0].condition.name
-    conditions = {population.condition.name for population in alike if population.learner is learner}
-    if condition not in conditions:
-        unknown_name(f"{experiment.name}: {learner.name}", "condition", condition, conditions)
+    run = find_run(experiment, options.learner, options.seed, options.scenario, options.condition)
+    learner = experiment.learners[f"{run.variant}, {run.observation}"]
     is_net = isinstance(learner.algorithm, NetAlgorithm | Sb3Algorithm)
     check_file(path, *([".zip"] if is_net else []), ".npz")
-    scenario = options.scenario or next(iter(experiment.scenarios))
-    run = experiment.population(condition, scenario, learner.name).first.with_seed(seed)
-    title = f"{run.scenario.name}: {learner.title}, seed {seed}"
+    title = f"{run.scenario.name}: {learner.title}, seed {run.seed}"
     print(f"training {title} ...", file=sys.stderr)
     made = path.with_name(f".making_{path.name}")
     try:

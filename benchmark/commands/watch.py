@@ -9,38 +9,15 @@ from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation
 
 from benchmark.analysis.records import load_records
-from benchmark.commands import MOST_SEEDS
+from benchmark.commands import find_run
 from benchmark.drawing.film import ANIMATIONS, FRAME_MS, Film, Screen, film_of, learning, write
 from benchmark.drawing.style import check_file, settings
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
-from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, load_experiment
+from benchmark.experiments import DEFAULT_CONDITION, RunSpecification, load_experiment
 from envs import InputError
-from envs.inputs import unknown_name, whole_number
 
 _WINDOWS: Final = ("macosx", "qtagg", "gtk4agg", "gtk3agg", "tkagg", "wxagg")  # backends of matplotlib
-
-
-def specification(
-    experiment: Experiment, scenario: str, variant: str, observation: str | None, seed: int
-) -> RunSpecification:
-    """Returns a run of an experiment, with any seed; the default observation is the variant's first.
-
-    The scenario is one of the experiment, or else a shipped one or the path of a file.
-    """
-    learners = {
-        learner.observation: learner for learner in experiment.learners.values() if learner.variant == variant
-    }
-    if not learners:
-        unknown_name(experiment.name, "variant", variant, experiment.declared.algorithms)
-    observation = observation or next(iter(learners))
-    if observation not in learners:
-        unknown_name(f"{experiment.name}: {variant}", "observation", observation, learners)
-    if DEFAULT_CONDITION not in experiment.conditions or experiment.declared.solved is not None:
-        accepted = "an experiment without grids, search or solved"
-        raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
-    population = experiment.population(DEFAULT_CONDITION, scenario, learners[observation].name)
-    return population.first.with_seed(seed)
 
 
 def load_film(watched: RunSpecification, store: Store, learner: str) -> Film:
@@ -76,10 +53,13 @@ def in_window(film: Film) -> None:
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment = load_experiment(options.experiment)
-    seed = whole_number(options.seed, "--seed", 0, MOST_SEEDS - 1)
     if options.save is not None:
         check_file(options.save, *ANIMATIONS)
-    watched = specification(experiment, options.scenario, options.learner, options.observation, seed)
+    if DEFAULT_CONDITION not in experiment.conditions or experiment.declared.solved is not None:
+        accepted = "an experiment without grids, search or solved"
+        raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
+    learner = ", ".join(filter(None, [options.learner, options.observation]))
+    watched = find_run(experiment, learner, options.seed, options.scenario, DEFAULT_CONDITION)
     if options.save is None and not has_window():
         raise InputError("watch: no window can be opened here; accepted: --save FILE.")
     title = experiment.learners[f"{watched.variant}, {watched.observation}"].title

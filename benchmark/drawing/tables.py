@@ -6,7 +6,7 @@ structure, is escaped here.
 
 import math
 import re
-from collections.abc import Hashable, Iterable
+from itertools import chain
 from pathlib import Path
 from typing import IO, Final
 
@@ -165,16 +165,13 @@ def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
     >>> link("0.6", "summary", frame.iloc[1]), link("high", "summary", frame.iloc[[0, 2, 3]])
     ('[0.6](summary.csv#row=3)', '[high](summary.csv#row=2;4-5)')
     """
-    numbers = np.unique([int(str(i)) + 2 for row in rows for i in _indices(row)])
+    indices = [row.index if isinstance(row, pd.DataFrame) else [row.name] for row in rows]
+    numbers = np.unique([int(str(i)) + 2 for i in chain(*indices)])
     if not numbers.size:
         return text
     ranges = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     ends = (f"{lines[0]}-{lines[-1]}" if len(lines) > 1 else f"{lines[0]}" for lines in ranges)
     return f"[{text}]({table}.csv#row={';'.join(ends)})"
-
-
-def _indices(rows: pd.Series | pd.DataFrame) -> Iterable[Hashable]:
-    return rows.index if isinstance(rows, pd.DataFrame) else [rows.name]
 
 
 def plain(text: str) -> str:

@@ -42,7 +42,10 @@ def run(
     errors: list[str] = []
 
     def keep(future: Future[list[Record]]) -> None:
-        records = _records(future, *under_way[future])
+        try:
+            records = future.result()
+        except Exception as error:
+            records = failures(under_way[future][0], error, under_way[future][1])
         store.add(records)
         failed = [record.error for record in records if record.error is not None]
         errors.extend(failed)
@@ -73,13 +76,6 @@ def run(
             if future.done() and not future.cancelled() and future.exception() is None:
                 keep(future)
         raise
-
-
-def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:
-    try:
-        return future.result()
-    except Exception as error:
-        return failures(job, error, started)
 
 
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:

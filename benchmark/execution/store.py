@@ -223,10 +223,8 @@ class Store:
         """Returns which runs, of all or of these, have a valid record: those that are done, or diverged."""
         query, values = "SELECT digest FROM runs WHERE status != 'failed'", list[str]()
         if digests is not None:
-            query, values = (
-                query + " AND digest IN (SELECT value FROM json_each(?))",
-                [json.dumps([*digests])],
-            )
+            query += " AND digest IN (SELECT value FROM json_each(?))"
+            values = [json.dumps([*digests])]
         with self._input_errors():
             return {digest for (digest,) in self._connection.execute(query, values)}
 

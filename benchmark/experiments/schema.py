@@ -39,7 +39,6 @@ from envs.sources import find_modules_in
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
 MOST_POINTS: Final = 10_000  # of a grid
-ERROR: Final = 0.05  # of the probability of any wrong verdict of a map
 
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = ("leaderboard", "speed", "speed_smoke", "*_partial", "*_seeds_*")
@@ -262,7 +261,7 @@ class Reporting(Table):
     three of these are joined by " @ ". What it leaves open is varied on both sides together.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"answer", "spent"}
+    omitted_at_default: ClassVar[Set[str]] = {"answer"}
 
     kind: str
     """What kind of report: one of those below, or `module:attribute` of any other."""
@@ -284,29 +283,12 @@ class Reporting(Table):
     """Pairs x, y that are compared, with verdicts."""
     looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
     """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
-    spent: tuple[Annotated[float, Field(gt=0)], ...] = ()
-    """The error of each look, 0.05 in all at most; by default equal parts. What is left is for looks that are
-    declared later."""
     panels: tuple[Panel, ...] = ()
     """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
     answer: Answer | None = None
     """What the figure of a map's answer shows; without it, there is none."""
     effects: tuple[tuple[str, str, Annotated[Line, Field(min_length=1)]], ...] = ()
     """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
-
-    @property
-    def errors(self) -> dict[int, float]:
-        """The error of each look, by its number of runs."""
-        equal = [ERROR / len(self.looks) for _ in self.looks]
-        return dict(zip(self.looks, self.spent or equal, strict=True))
-
-    @model_validator(mode="after")
-    def _spends_its_error(self) -> Self:
-        is_spent = not self.spent or len(self.spent) == len(self.looks)
-        where = f"spent = {[*self.spent]}"
-        require(is_spent, where, f"one number for each of looks = {[*self.looks]}")
-        require(math.fsum(self.spent) <= ERROR * (1 + 1e-9), where, f"numbers whose sum is at most {ERROR}")
-        return self
 
 
 @dataclass(frozen=True)

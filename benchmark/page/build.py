@@ -160,9 +160,8 @@ class _Part:
             source = f"{self.prefix}{item.name}.csv"
             return templates.get_template("item.html").render(shown, source=source).strip()
 
-        markdown = document.render(
-            lambda item, is_folded: f"\n\n{_MARK}{'FOLD ' * is_folded}{item.name}{_MARK}\n\n"
-        )
+        place = f"\n\n{_MARK}%s{_MARK}\n\n"
+        markdown = document.render(lambda item, is_folded: place % f"{'FOLD ' * is_folded}{item.name}")
         report = {
             "name": self.name,
             "id": f"report-{self.name}",  # no other part has an id that begins so

@@ -116,6 +116,5 @@ def _inputs(data: Data, seeds: Sequence[int] | None) -> str:
         named += [declared.report.kind, *declared.report.items]
     sources = [digest_of_source(name.partition(":")[0]) for name in named if ":" in name]
     digests = [run.digest for run in data.specifications]
-    return sameness.digest_of_inputs(
-        declared.model_dump_json(), str(seeds), data.note, *digests, *measured, *sources
-    )
+    texts = declared.model_dump_json(), str(seeds), data.note
+    return sameness.digest_of_inputs(*texts, *digests, *measured, *sources)

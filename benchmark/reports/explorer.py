@@ -49,6 +49,11 @@ def write(shown: Sequence[Records], path: Path) -> None:
     for scene in scene_of_scenario.values():
         if scene not in scenes:
             scenes.append(scene)
+    sights = []
+    for model in models.values():
+        seen = np.searchsorted(_seen(model), model.observation[_shown(model)])
+        observed = [component.name for component in model.components]
+        sights.append({"observed": observed, "changes": np.diff(seen, prepend=0).tolist()})
     agents = []
     for records in shown:
         scenario = records.model.scenario
@@ -69,7 +74,7 @@ def write(shown: Sequence[Records], path: Path) -> None:
         "triangles": drawn.TRIANGLES.tolist(),
         "moves": MOVES.tolist(),
         "scenes": scenes,
-        "sights": [_sight(model) for model in models.values()],
+        "sights": sights,
         "agents": agents,
     }
     path.write_bytes(compressed(data))
@@ -174,12 +179,6 @@ def _scene(model: Model) -> dict[str, object]:
         "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()},
         "issuer_noise": float(model.issuer_noise.max()),
     }
-
-
-def _sight(model: Model) -> dict[str, object]:
-    seen = np.searchsorted(_seen(model), model.observation[_shown(model)])
-    observed = [component.name for component in model.components]
-    return {"observed": observed, "changes": np.diff(seen, prepend=0).tolist()}
 
 
 def _listed(values: NDArray[np.float64]) -> list[float | None]:

@@ -32,9 +32,8 @@ Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
 # What columns mean: in any table, and in those of some kinds of reports.
-COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(
-    Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
-)
+_FILE: Final = Path(__file__).with_name("columns.toml")
+COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(_FILE.read_text(encoding="utf-8"))
 _ARGUMENTS: Final = ("runs", "curves", "experiment", "records", "is_partial")
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 

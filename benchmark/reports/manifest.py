@@ -18,10 +18,9 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
     largest = max(sizes, key=lambda population: sizes[population])
     # One run of each learner in each scenario, by default or else under the first condition that has it.
     first: dict[tuple[str, str], RunSpecification] = {}
-    groups = sorted(
-        data.groups, key=lambda each: each.population.condition.axes["reading"] != DEFAULT_CONDITION
-    )
-    for population in (group.population for group in groups):
+    populations = [group.population for group in data.groups]
+    populations.sort(key=lambda population: population.condition.axes["reading"] != DEFAULT_CONDITION)
+    for population in populations:
         first.setdefault((population.scenario.name, population.learner.name), population.first)
     searches = {name: grid.tuned_by for name, grid in declared.grids.items() if grid.tuned_by}
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"

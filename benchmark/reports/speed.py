@@ -33,7 +33,7 @@ from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, Reporting
 from benchmark.reports import document, files
 from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import Item, Report, entry
+from benchmark.reports.item import COLUMNS, Item, Report, entry
 from envs import InputError, Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 
@@ -168,7 +168,7 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
             name = net.partition("_")[0]
             settings = declared | {"budget": budget, "time_limit": 200}
             ours = _training(s1, f"compiled_{name}", observation, settings, size(25))
-            stock = _training(s1, name, observation, settings, 1)
+            stock = _training(s1, f"sb3_{name}", observation, settings, 1)
             rows.append(Row(f"net_{net}_{observation}", "steps", ours, stock, _SB3, is_by_cpu_time=True))
     return rows
 
@@ -285,14 +285,7 @@ _SPEED: Final = Item(
     "rates of this project and of common alternatives, from the same run",
     is_measured=True,
     show=_shown,
-    meanings={
-        "against": "the alternative",
-        "baseline": "units per second of the alternative",
-        "name": "what is measured",
-        "per_second": "units per second of this project",
-        "ratio": "`per_second` / `baseline`",
-        "unit": "what is counted",
-    },
+    meanings=COLUMNS["speed"],
 )
 REPORT: Final = Report(
     name="speed",

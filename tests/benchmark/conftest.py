@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.commands import watch
+from benchmark.commands import find_run, watch
 from benchmark.drawing.film import Film
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 
-RUN = watch.specification(load_experiment("compare_deep"), "S1", "q_learning", None, 0)
+RUN = find_run(load_experiment("compare_deep"), "q_learning", "0", "S1", None)
 
 
 @pytest.fixture(scope="session")

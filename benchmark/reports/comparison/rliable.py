@@ -4,7 +4,7 @@ All are of the clipped score, with percentiles of a bootstrap that draws runs an
 all that is not declared as a contrast, they are exploratory.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from textwrap import fill
 from typing import Any, Final
@@ -22,7 +22,7 @@ from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import Row, populations
 from benchmark.reports.comparison.columns import CELL, MEANINGS, columns
 from benchmark.reports.comparison.declared import drawn_learners, reporting_of
-from benchmark.reports.item import drawing, item
+from benchmark.reports.item import COLUMNS, drawing, item
 
 Scores = NDArray[np.float64]  # (runs, scenarios)
 _DRAWS: Final = 1_000  # of a bootstrap
@@ -77,16 +77,7 @@ def _scores_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[tuple[Row
     "rliable",
     "the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
     columns(f"{CELL} n {' '.join(_MEASURES)}"),
-    meanings=MEANINGS
-    | {
-        "iqm": "interquartile mean of the clipped score over all runs and scenarios",
-        "median": "median over scenarios of the mean clipped score",
-        "mean": "mean clipped score",
-        "optimality_gap": "by how much the clipped score falls short of 1, on average",
-        "p_improvement": "probability that a run has a higher clipped score than one of the learner `over`, "
-        "mean over scenarios; a tie counts half",
-        "over": "the learner that it is compared with: the first baseline",
-    },
+    meanings=MEANINGS | COLUMNS["rliable"],
     best="iqm",
 )
 def rliable(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
@@ -94,13 +85,12 @@ def rliable(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     from rliable import metrics
 
     found = [*_scores_of(runs, experiment)]
+    measures = [getattr(metrics, f"aggregate_{key}") for key in _AGGREGATES]
     baseline, drawn = next(iter(reporting_of(experiment).baseline), ""), drawn_learners(experiment)
     of_baseline = {name: scores for _, name, scores in found if name == baseline}
     for names, name, scores in found:
         row: Row = {**names, "n": len(scores)}
-        points, (low, high) = _estimated(
-            scores, lambda x: np.array([getattr(metrics, f"aggregate_{key}")(x) for key in _AGGREGATES])
-        )
+        points, (low, high) = _estimated(scores, lambda x: np.array([measure(x) for measure in measures]))
         row |= {key: Estimate(points[i], low[i], high[i]) for i, key in enumerate(_AGGREGATES)}
         if name in drawn and name != baseline and of_baseline:
             pair = (scores, of_baseline[baseline])
@@ -144,11 +134,8 @@ def profiles(runs: pd.DataFrame, experiment: Experiment) -> Figure | None:
     from rliable.library import create_performance_profile
 
     drawn = drawn_learners(experiment)
-    scores: Mapping[str, Scores] = {
-        name: found
-        for names, name, found in _scores_of(runs, experiment)
-        if name in drawn and "condition" not in names
-    }
+    every = _scores_of(runs, experiment)
+    scores = {name: own for names, name, own in every if name in drawn and "condition" not in names}
     if not scores:
         return None
     with figure_of(1, 1, (WIDTH, 3.6)) as (figure, axes):

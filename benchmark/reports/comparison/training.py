@@ -22,7 +22,7 @@ from benchmark.reports.comparison.cells import Row, effort, populations
 from benchmark.reports.comparison.columns import CELL, EFFORT, ENDPOINTS, MEANINGS, columns
 from benchmark.reports.comparison.declared import drawn_learners
 from benchmark.reports.explorer import explorer_item
-from benchmark.reports.item import drawing, expanded, item, no_rows
+from benchmark.reports.item import COLUMNS, drawing, expanded, item, no_rows
 
 _COLUMNS: Final = 3  # of maps
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
@@ -63,10 +63,9 @@ def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> 
         for axis, name in zip(axes.flat, names, strict=False):
             first, learner = here.get_group(name).iloc[0], experiment.learners[name]
             found = records(experiment.population(condition, scenario, name)).subset(0, 1)
-            is_greedy = learner.declared.policy == "greedy"
-            policy = (
-                mask_policy(found.arrays["greedy"][0, -1]) if is_greedy else found.arrays["stochastic"][0, -1]
-            )
+            policy = found.arrays[learner.declared.policy][0, -1]
+            if learner.declared.policy == "greedy":
+                policy = mask_policy(policy)
             draw_policy(axis, found.model, policy, norm)
             axis.set_title(f"{fill(learner.title, 26)}\nsuccess {first['success']:.2f}", fontsize="small")
         for axis in axes.flat[len(names) :]:
@@ -79,14 +78,7 @@ def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> 
     "steps",
     f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
     columns(f"{CELL} n budget share median_step step final_success"),
-    meanings=MEANINGS
-    | {
-        "share": f"share of runs whose success stays at or above {ENOUGH:g}",
-        "median_step": f"median over runs of the evaluation step from which success stays at or above "
-        f"{ENOUGH:g}; inf if most never reach it",
-        "step": f"evaluation step from which the mean success over runs stays at or above {ENOUGH:g}; inf if "
-        "there is none",
-    },
+    meanings=MEANINGS | COLUMNS["learned"],
     best="-step",
 )
 def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:

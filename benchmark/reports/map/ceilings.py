@@ -8,7 +8,7 @@ from agents.dynamic_programming import evaluate, solve
 from agents.policy import mask_policy
 from benchmark.analysis.records import OPTIMUM_TOLERANCE
 from benchmark.experiments import Experiment, title_of
-from benchmark.reports.item import item
+from benchmark.reports.item import COLUMNS, item
 from benchmark.reports.map.crossings import leading
 from envs import Scenario, compile_scenario
 from envs.observations import INDICES, compile_seen
@@ -19,16 +19,7 @@ from envs.observations import INDICES, compile_seen
     "exact: the largest share of states before any PING in which one action per row can be optimal, and "
     "success with these actions, which others may exceed",
     {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
-    meanings={
-        "grid": "grid of the experiment, whose scene it is",
-        "observation": "what a row of the table stands for",
-        "optimal": "share of states before any PING in which the action of their row is optimal, if every "
-        "row has the action that is optimal in most of its states",
-        "rows": "rows in which the agent can act",
-        "states": "states of the scene",
-        "success": "exact success with these actions; other actions may do better",
-        "table": "the table, as readers call it",
-    },
+    meanings=COLUMNS["ceilings"],
 )
 def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
     """Tabulates the scene of each panel, with everything that can be drawn, and each form of index."""

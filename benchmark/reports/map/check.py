@@ -80,9 +80,8 @@ def _mistakes_of_answer(experiment: Experiment) -> Iterator[str]:
 def _mistakes_of_sides(
     contrast: tuple[str, str], looks: Sequence[int], known: Mapping[str, Learner]
 ) -> Iterator[str]:
-    yield from (
-        f"report.contrasts: {name}: accepted: {', '.join(known)}." for name in contrast if name not in known
-    )
+    for name in (name for name in contrast if name not in known):
+        yield f"report.contrasts: {name}: accepted: {', '.join(known)}."
     sides = [known[name] for name in contrast if name in known]
     for side in sides:
         if looks and side.declared.seeds != min(looks):

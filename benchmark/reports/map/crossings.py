@@ -9,7 +9,7 @@ import pandas as pd
 
 from benchmark.analysis.looks import rows_of, took
 from benchmark.experiments import Experiment
-from benchmark.reports.item import item
+from benchmark.reports.item import COLUMNS, item
 
 
 def kinds_of(experiment: Experiment) -> dict[str, str]:
@@ -59,17 +59,7 @@ def ranked(experiment: Experiment) -> dict[str, list[str]]:
 @item(
     "crossings",
     "exploratory: from which value on x needs fewer steps than y, with each of the best settings of both",
-    meanings={
-        "agreement": "values at which all combinations agree on who needs fewer steps",
-        "combinations": "combinations of one of the best settings of x and one of those of y",
-        "earliest": "smallest value, over these, from which on x needs fewer; of 5x6, the product",
-        "grid": "grid of the experiment",
-        "latest": "largest such value",
-        "values": "values of the axis",
-        "x_always": "combinations in which the median steps of x are below those of y at all values",
-        "x_later": "others in which they are from some value on",
-        "y_always": "combinations in which those of y are below those of x at all values",
-    },
+    meanings=COLUMNS["crossings"],
 )
 def crossings(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Mapping[str, object]]:
     """Tabulates the contrasts whose sides have several settings in the first grid with one axis."""

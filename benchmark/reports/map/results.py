@@ -22,7 +22,6 @@ Row = Mapping[str, object]
 _item: Final = partial(item, meanings={**COLUMNS["map"], **dict.fromkeys(VERDICTS, "contrasts so ended")})
 _KEPT: Final = ("at_all_levels", "at_some_levels", "at_no_other_level", "reversed")
 _SPREAD: Final = 18  # evaluations of `success.csv`
-_COUNTED: Final = dict.fromkeys(VERDICTS, "")
 _columns: Final = partial(labelled_columns, COLUMNS["map_labels"])
 
 
@@ -46,10 +45,8 @@ def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> I
             "success": proportion(took["success"].to_numpy()),
             "steps": median(took["steps"].to_numpy()),
             "disagreements": median(took["disagreements"].to_numpy()),
-            **{
-                name: proportion(rows[population][name].to_numpy())
-                for name in ("unseen_success", "unseen_budget")
-            },
+            "unseen_success": proportion(rows[population]["unseen_success"].to_numpy()),
+            "unseen_budget": proportion(rows[population]["unseen_budget"].to_numpy()),
         }
 
 
@@ -130,7 +127,7 @@ def _kept(verdict: str, others: Sequence[str]) -> str:
 @_item(
     "looks",
     "how many pairs of runs the contrasts took, and how they ended, by unit",
-    {"unit": "", "n": "pairs of runs", "contrasts": "", **_COUNTED},
+    {"unit": "", "n": "pairs of runs", "contrasts": "", **dict.fromkeys(VERDICTS, "")},
 )
 def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts contrasts by the look that decided them, those of several grids once."""

@@ -1,6 +1,6 @@
 """Contrasts with several looks: error rates by simulation, decisions and intervals by hand."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -25,13 +25,10 @@ from benchmark.analysis.looks import (
     tail_of,
 )
 from benchmark.drawing.tables import read_csv
-from benchmark.experiments import Reporting
-from envs import InputError
 from tests.support import ROOT
 
 LOOKS, N_CONTRASTS, MARGIN = (20, 40, 80, 160), 53, 0.2
-ERRORS = dict.fromkeys(LOOKS, 0.05 / len(LOOKS))
-TAIL = tail_of(N_CONTRASTS, ERRORS[20])
+TAIL = tail_of(N_CONTRASTS, 0.05 / len(LOOKS))
 
 
 def side(steps: np.ndarray) -> pd.DataFrame:
@@ -40,9 +37,7 @@ def side(steps: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame({"steps": steps} | fine)
 
 
-def decided(
-    *sides: tuple[pd.DataFrame, pd.DataFrame], errors: Mapping[int, float] = ERRORS
-) -> list[Decision]:
+def decided(*sides: tuple[pd.DataFrame, pd.DataFrame], looks: Sequence[int] = LOOKS) -> list[Decision]:
     """Returns what is decided of some contrasts."""
     names = [(f"x{i}", f"y{i}") for i in range(len(sides))]
     runs = {
@@ -51,7 +46,7 @@ def decided(
         for name, own in zip(pair, both, strict=True)
     }
     pairs = {pair: pair for pair in names}
-    declared = SimpleNamespace(errors=errors, margins=SimpleNamespace(faster=MARGIN))
+    declared = SimpleNamespace(looks=looks, margins=SimpleNamespace(faster=MARGIN))
     return [*cast("Any", _decide_all)(pairs, runs, declared, "steps").values()]
 
 
@@ -83,15 +78,15 @@ def test_a_look_by_hand() -> None:
 
 def test_steps_down_by_hand() -> None:
     """16 of 20 pairs decide if one contrast remains, but not as one of two; intervals stay those of two."""
-    errors, y = {20: 0.03}, np.full(20, 100.0)
+    error, looks, y = 0.025, (20, 40), np.full(20, 100.0)
     clear, close = (side(np.where(np.arange(20) < n_lost, 200.0, 50.0)) for n_lost in (0, 4))
-    assert tail_of(2, 0.03) < stats.binom.sf(15, 20, 0.5) <= tail_of(1, 0.03)
+    assert tail_of(2, error) < stats.binom.sf(15, 20, 0.5) <= tail_of(1, error)
     for other, verdict in ((clear, FASTER), (close, UNDECIDED)):
-        first, _ = decided((close, side(y)), (other, side(y)), errors=errors)
+        first, _ = decided((close, side(y)), (other, side(y)), looks=looks)
         assert first.verdict == verdict
-    (found, _) = decided((close, side(y)), (clear, side(y)), errors=errors)
+    (found, _) = decided((close, side(y)), (clear, side(y)), looks=looks)
     # Clopper and Pearson: with 16 of 20, the upper tail at the lower end is the tail
-    assert stats.binom.sf(15, 20, found.faster.low) == pytest.approx(0.03 / 2 / 3)
+    assert stats.binom.sf(15, 20, found.faster.low) == pytest.approx(error / 2 / 3)
     assert found.faster.low < 0.5 < found.faster.value == 0.8
 
 
@@ -123,18 +118,6 @@ STEPS = np.full(160, 5000.0)
 def test_no_verdict_is_about_something_else(x: dict[str, float], y: dict[str, float], why: str) -> None:
     (found,) = decided((side(STEPS).assign(**x), side(STEPS).assign(**y)))
     assert (found.verdict, found.why) == ((NO_VERDICT if why else FASTER), why)
-
-
-def test_looks_spend_what_is_declared() -> None:
-    """A further look, declared later, changes neither the error nor the verdicts of those before it."""
-    declared = {"kind": "map", "looks": (15, 30), "spent": (0.025, 0.0125)}
-    assert Reporting(**cast("Any", declared)).errors == {15: 0.025, 30: 0.0125}
-    later = declared | {"looks": (15, 30, 60), "spent": (0.025, 0.0125, 0.0125)}
-    assert Reporting(**cast("Any", later)).errors == {15: 0.025, 30: 0.0125, 60: 0.0125}
-    assert Reporting(kind="map", looks=(15, 30)).errors == {15: 0.025, 30: 0.025}
-    for spent in ((0.025,), (0.025, 0.03)):
-        with pytest.raises((InputError, ValueError), match="spent"):
-            Reporting(kind="map", looks=(15, 30), spent=spent)
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5])

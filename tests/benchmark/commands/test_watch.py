@@ -10,12 +10,12 @@ from matplotlib import pyplot as plt
 from matplotlib.backend_bases import FigureCanvasBase, TimerBase
 
 from benchmark.__main__ import main
-from benchmark.commands import watch
+from benchmark.commands import find_run, watch
 from benchmark.drawing.film import Film, Screen
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
-from envs import InputError
 from envs.scenario import SCENARIO_DIRECTORY
+from tests.benchmark.conftest import RUN
 
 COMPARED = load_experiment("compare_deep")
 
@@ -23,7 +23,7 @@ COMPARED = load_experiment("compare_deep")
 def test_the_run_is_that_of_the_experiment_and_is_stored(film: Film, watched: Path) -> None:
     with Store(watched / "runs.db", read_only=True) as store:
         (record,) = store.get(list(store.ended()))
-        again = watch.load_film(watch.specification(COMPARED, "S1", "q_learning", "index", 0), store, "")
+        again = watch.load_film(RUN, store, "")
     assert record.digest == all_specifications(COMPARED, [0])[0].digest
     assert (again.values == film.values).all()
     assert np.abs(film.values[-1] - record.arrays["q"]).max() <= 0.0005 + 1e-7  # three decimals
@@ -45,7 +45,7 @@ def test_any_scenario_can_be_watched(
         shown = capsys.readouterr()
         assert shown.err == f"training {name}: paper's Q-learning table, seed 0 ...\n"
         assert shown.out == f"{name}: paper's Q-learning table, seed 0: film.webp\n"
-        run = watch.specification(COMPARED, scenario, "q_learning", None, 0)
+        run = find_run(COMPARED, "q_learning, index", "0", scenario, None)
         assert run.scenario.grid.rows == n_rows
         with Store(Path("results") / "runs.db", read_only=True) as store:
             assert run.digest in store.ended()
@@ -103,6 +103,6 @@ def test_without_a_window_the_film_is_to_be_saved(
 
 
 @pytest.mark.parametrize("experiment", ["when_smoke", "tuning_smoke"])
-def test_curves_alone_cannot_be_watched(experiment: str) -> None:
-    with pytest.raises(InputError, match="its runs cannot be watched"):
-        watch.specification(load_experiment(experiment), "Anywhere", "dqn", None, 0)
+def test_curves_alone_cannot_be_watched(experiment: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", "--experiment", experiment, "--save", "a.gif"]) == 2
+    assert "its runs cannot be watched" in capsys.readouterr().err
