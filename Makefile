@@ -35,7 +35,7 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map, tuning_noise and tuning_groups for the maps (3¾ hours)
 	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_noise tuning_groups),$(RUN) $(name) &&) true
 
-compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, of references 2, in compare_deep_seeds_0-9)
+compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, of references 2 or 3, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 sb3: $(DEEP) ## DQN, PPO and others of Stable-Baselines3 against the paper's table, in results/sb3/ (a quarter of an hour)

@@ -41,7 +41,8 @@ def compiled(function: _Function) -> _Function:
 @cache
 def _say_unsaved() -> None:
     if multiprocessing.parent_process() is None:  # workers need not repeat it
-        print("note: compiled code cannot be saved; NUMBA_CACHE_DIR may name a folder.", file=sys.stderr)
+        note = "note: compiled code cannot be saved; set NUMBA_CACHE_DIR to a writable folder."
+        print(note, file=sys.stderr)
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]

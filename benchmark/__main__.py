@@ -198,7 +198,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(export, "--seed", "N", "the run's seed", required=True)
     _add(export, "--scenario", "NAME", "a name or a path (default: the experiment's first)")
     _add(export, "--condition", "NAME", "a condition of the experiment (default: the learner's first)")
-    about = "a .zip of Stable-Baselines3 (only nets), or an .npz of NumPy (tables)"
+    about = "a .zip for Stable-Baselines3 (only nets), or an .npz for NumPy (every learner)"
     _add(export, "file", "FILE", about, Path)
 
     summary = "score an agent exactly, and rank it among the published learners"
@@ -209,7 +209,7 @@ def _parser() -> argparse.ArgumentParser:
     about = "a model saved by Stable-Baselines3; loading it can run any code: load only what you trust"
     _add(agent, "--model", "FILE", about, Path)
     _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
-    about = "what VecNormalize.save wrote, if the saved model was trained with it; it can run any code, too"
+    about = "what VecNormalize.save wrote, if the model was trained with it; loading it can run any code, too"
     _add(assess, "--normalization", "FILE", about, Path)
     _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
     _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")

@@ -27,13 +27,13 @@ def runs(experiment: Where, results: Where | None = None, source: str | None = N
     """Returns what each run of an experiment reached: a row per run, and condition if several share it.
 
     Columns are `scenario`, `condition` and its axes, `learner` (`variant` and `observation`), `seed`, and
-    exact results of the `policy` that counts after `budget` steps: `success` (a probability), `score` (0:
-    random, 1: optimal), and per episode `steps` and `wrong_pings`; `every_cell_`: if it starts in any cell.
-    `training_wrong_pings` are those of all training, `cpu_time_s` its seconds.
+    exact results of the evaluated `policy` after `budget` steps: `success` (a probability), `score` (0:
+    random, 1: optimal), and per episode `steps` and `wrong_pings`; `every_cell_...`: the same, averaged over
+    starts in every cell. `training_wrong_pings` counts those of the whole training; `cpu_time_s` is CPU time.
 
     Args:
       experiment: A name that `python -m benchmark list` shows, or the path of a TOML file.
-      results: Folder of results; by default `results` here or, if they are not there, in this project.
+      results: Folder of results; by default `results` here or, if it lacks them, that of this project.
       source: "stored" (so far), or "published": fewer columns, and of a map `steps` until learned and
         `disagreements`, the wrong PINGs. By default all runs, stored or else published: see `attrs`.
 

@@ -122,6 +122,6 @@ def agent_table(
     try:
         table = readable_table(agent, torch.as_tensor(inputs, device=agent.device))
     except Exception as error:  # whatever the net raises
-        accepted = "accepted: a model whose net decides by the observation alone, or a function of it"
+        accepted = "accepted: a model that decides by the observation alone, or a function of the observation"
         raise InputError(f"{where}: cannot be evaluated: {first_line(error)}; {accepted}.") from error
     return table, output_of(agent).is_value

@@ -51,7 +51,7 @@ def net_inputs(
     found = [layer for layer in reversed(layers) if isinstance(layer, VecNormalize)]
     last: Any = getattr(found[0], "old_obs", None) if found else agent._last_obs
     if not _has_rows(table, last) or (last is None and not layers and agent.num_timesteps > 0):
-        what = "its last observation in training is missing, or none of this scenario in this form"
+        what = "its last observation in training is missing, or is not one of this scenario in this form"
         given = "" if layers else "the statistics of its VecNormalize as normalization, or "
         raise InputError(f"{where}: {what}; accepted: {given}{_FUNCTION}.")
     for normalizer in found:

@@ -149,7 +149,7 @@ def name_lines(axis: Axes, lines: Mapping[str, tuple[float, Mapping[str, Any]]])
         above = at[name] - half[name]
     for name, (_, style) in lines.items():
         ends = [1, 1 + _GAP / width], [heights[name] / height, at[name] / height]
-        look = {"color": style["color"], "marker": style.get("marker", ""), "ls": ":", "lw": 1}
+        look = {"marker": "", "mfc": style["color"], **style, "mec": style["color"], "ls": ":", "lw": 1}
         axis.plot(*ends, **look, ms=5, markevery=[1], transform=axis.transAxes, clip_on=False)
         axis.text(
             1 + 1.4 * _GAP / width, at[name] / height, texts[name],

@@ -36,7 +36,7 @@ def execute_job(job: Job) -> list[Record]:
     reset_peak_memory()
     try:
         if replace(job[0]).digest != job[0].digest:
-            raise InputError("the code that it names has changed meanwhile; run the experiment again.")
+            raise InputError("a module that the run depends on has changed; run the experiment again.")
         columns = recorded(_train_and_evaluate(job))
     except Exception as exception:
         return failures(job, exception, started)

@@ -176,7 +176,7 @@ def load_experiment(experiment: str | Path) -> Experiment:
     code = {each for population in loaded.populations for each in population.first.code.items()}
     for name in sorted(name for name, digest in code if digest_of_source(name) != digest):
         what = f"the module {name}, or one that it imports, has changed since it was loaded"
-        raise InputError(f"{loaded.path}: {what}; start this program, or the notebook's kernel, anew.")
+        raise InputError(f"{loaded.path}: {what}; restart this program or the notebook's kernel.")
     return loaded
 
 

@@ -89,6 +89,6 @@ def test_without_a_place_for_files_everything_is_compiled_and_one_line_says_so(
         monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file"))
     for _ in range(2):
         assert uses_files(tmp_path / "doubling.py") == (0, 1)
-    note = "compiled code cannot be saved; NUMBA_CACHE_DIR may name a folder."
+    note = "compiled code cannot be saved; set NUMBA_CACHE_DIR to a writable folder."
     assert capsys.readouterr().err == f"note: {note}\n"
     assert not [*tmp_path.rglob("*.nbc")]

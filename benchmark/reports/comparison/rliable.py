@@ -6,6 +6,7 @@ all that is not declared as a contrast, they are exploratory.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -74,7 +75,7 @@ def _scores_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[tuple[Row
 
 @item(
     "rliable",
-    "the same in the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
+    "the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
     columns(f"{CELL} n {' '.join(_MEASURES)}"),
     meanings={**MEANINGS, **COLUMNS["rliable"]},
     best="iqm",
@@ -99,8 +100,8 @@ def rliable(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @rliable.figure(
-    "Aggregates of the clipped score, and the probability that a run scores higher than one of the first "
-    "baseline, with 95 % intervals of a stratified bootstrap."
+    "Aggregates of the clipped score and, if there is a baseline, the probability that a run scores higher "
+    "than one of the first baseline; bars: 95 % intervals of a bootstrap within scenarios."
 )
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     rows = figures.labelled(table).sort_values("iqm", kind="stable")
@@ -119,7 +120,7 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
             axis.xaxis.set_major_locator(MaxNLocator(2))
             axis.margins(x=0.15)
             axis.grid(lw=0.4, color="0.85")
-        axes[0, 0].set_yticklabels([experiment.learners[name].title for name in rows["learner"]])
+        axes[0, 0].set_yticklabels([fill(experiment.learners[name].title, 30) for name in rows["learner"]])
     return figure
 
 
@@ -143,10 +144,9 @@ def profiles(runs: pd.DataFrame, experiment: Experiment) -> Figure | None:
             style = figures.style_of(name, experiment)
             with _seeded():
                 points, intervals = create_performance_profile({"": found}, _THRESHOLDS, reps=_DRAWS)
-            low, high = intervals[""]
-            title = experiment.learners[name].title
+            title = fill(experiment.learners[name].title, 30, break_on_hyphens=False)
             axis.plot(_THRESHOLDS, points[""], lw=1.3, ms=4, markevery=10, label=title, **style)
-            axis.fill_between(_THRESHOLDS, low, high, color=style["color"], alpha=0.12, lw=0)
+            axis.fill_between(_THRESHOLDS, *intervals[""], color=style["color"], alpha=0.12, lw=0)
         axis.set(xlim=(0, 1), ylim=(-0.03, 1.03), xlabel="clipped score τ", ylabel="share of runs above τ")
         figure.legend(loc="outside lower center", ncols=3, fontsize="small")
     return figure

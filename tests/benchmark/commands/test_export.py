@@ -104,7 +104,7 @@ def test_documented_reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert export(folder, "table", "table.npz", "--scenario", "S1") == 0
     guide = (ROOT / "benchmark" / "commands" / "README.md").read_text(encoding="utf-8")
     read: dict[str, Any] = {}
-    exec(re.findall(r"```python\n(import gymnasium.*?)```", guide, flags=re.DOTALL)[0], read)
+    exec(re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)[1], read)
     assert read["is_over"]
     policy = assess(read["act"], scenario="S1", observation="index").policy
     assert policy == pytest.approx(np.load("table.npz")["greedy"])
