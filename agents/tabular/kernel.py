@@ -5,8 +5,8 @@
 A step takes one 64-bit word. Its upper half decides whether to explore; its lower half decides which of the
 candidates to take: all actions when exploring, else the greedy ones. Then follow, each only where there is
 something to draw: a word for the reward of a noisy issuer, at each PING; one for the outcome of the action;
-and, when the episode is over, one for the next start. An on-policy rule draws the next step's word before the
-update, also where the time limit then truncates.
+one for the table that a rule with two tables updates; and, when the episode is over, one for the next start.
+An on-policy rule draws the next step's word before the update, also where the time limit then truncates.
 
 Axis letters: N agents, S states, O observations, A actions, K outcomes, B starts, T evaluation steps, V map
 steps, R records.
@@ -158,6 +158,7 @@ def _trace(
 # rule does not need is left out of the compiled code instead of being skipped in each step.
 _bootstrap: Callable[[Successor], float] = numba.njit(Q_LEARNING.bootstrap)
 _IS_ON_POLICY = Q_LEARNING.is_on_policy
+_HAS_TWO_TABLES = Q_LEARNING.has_two_tables
 _HAS_TRACES = Q_LEARNING.has_traces
 
 
@@ -179,11 +180,13 @@ def _train(
         highest = np.full(n_observations, initial_value)  # the largest action value of each observation
         greedy = np.full(n_observations, 1 if takes_lowest else ALL_ACTIONS)  # masks
         tree = _new_tree(n_observations, initial_value)
+        tables = np.full((n_observations if _HAS_TWO_TABLES else 0, 2, N_ACTIONS), initial_value)
+        table_rows = tables.reshape(-1, N_ACTIONS)
         traced = np.empty(n_observations * N_ACTIONS if _HAS_TRACES else 0, np.int64)  # pairs, o * A + a
         weights = np.empty(len(traced))  # of the traces, the latest last
         state, stream = draw_start(starts, stream)
         o = U(observation[state])
-        a = a_next = U(0)
+        a = a_next = learned = best = U(0)
         begins = True
         steps = episodes = episode_steps = disagreements = n_points = n_records = next_record = n_traces = 0
         next_point = points[0]
@@ -210,13 +213,21 @@ def _train(
                 o_next = o + U(outcome.observation_change)
 
                 # Compute the target
+                if _HAS_TWO_TABLES:
+                    word, stream = draw_word(stream)
+                    learned = word >> U(63)
                 value = 0.0
                 if not outcome.terminates:
+                    if _HAS_TWO_TABLES:  # the lower half of the word chooses among several best actions
+                        _, mask = find_best(table_rows, U(2) * o_next + learned, takes_lowest)
+                        best = choose_action(word, U(0), mask)
                     if _IS_ON_POLICY:
                         word, stream = draw_word(stream)
                         a_next = choose_action(word, explore_below, greedy[o_next])
                     best_value, best_actions = highest[o_next], greedy[o_next]
-                    value = _bootstrap(Successor(q, o_next, best_value, best_actions, epsilon, a_next))
+                    value = _bootstrap(
+                        Successor(q, o_next, best_value, best_actions, epsilon, a_next, tables, learned, best)
+                    )
                 target = reward + discount * value
 
                 # Learn
@@ -233,7 +244,11 @@ def _train(
                         if has_tree:
                             _update_tree(tree, o_traced, highest[o_traced])
                 else:
-                    q[o, a] += learning_rate * (target - q[o, a])
+                    if _HAS_TWO_TABLES:
+                        tables[o, learned, a] += learning_rate * (target - tables[o, learned, a])
+                        q[o, a] = (tables[o, 0, a] + tables[o, 1, a]) / 2
+                    else:
+                        q[o, a] += learning_rate * (target - q[o, a])
                     highest[o], greedy[o] = find_best(q, o, takes_lowest)
                     if has_tree:
                         _update_tree(tree, o, highest[o])
@@ -271,7 +286,11 @@ def compile_kernel(update: UpdateRule) -> Kernel:
     The kernel is a copy of `_train` whose globals hold the rule. Since compiled code is kept on disk by the
     function's name, that contains a digest of the rule and of the text of its file and of what that imports.
     """
-    flags = {"_IS_ON_POLICY": update.is_on_policy, "_HAS_TRACES": update.has_traces}
+    flags = {
+        "_IS_ON_POLICY": update.is_on_policy,
+        "_HAS_TWO_TABLES": update.has_two_tables,
+        "_HAS_TRACES": update.has_traces,
+    }
     rule = flags | {"_bootstrap": numba.njit(update.bootstrap)}
     kernel = FunctionType(_train.__code__, globals() | rule, _train.__name__)
     code = update.bootstrap.__code__

@@ -133,6 +133,7 @@ def test_rules_converge_to_the_values_that_they_should(name: str) -> None:
         assert np.abs(errors).mean() < 0.02
 
 
-def test_traces_exclude_the_next_action() -> None:
-    with pytest.raises(ValueError, match="has_traces: not with is_on_policy"):
-        UpdateRule(greatest_value, has_traces=True, is_on_policy=True)
+def test_traces_exclude_other_parts() -> None:
+    for part in ("is_on_policy", "has_two_tables"):
+        with pytest.raises(ValueError, match="has_traces: not with is_on_policy or has_two_tables"):
+            UpdateRule(greatest_value, has_traces=True, **{part: True})

@@ -83,15 +83,20 @@ def textbook(
     """
     record: dict[str, Any] = {"greedy": [], "max_q": [], "table_max_q": []}
     stream = words(seed)
-    table = np.full((model.n_observations, 5), settings.initial_value)
+    tables = np.full((2, model.n_observations, 5), settings.initial_value)  # the second for double Q-learning
     traces: dict[tuple[int, int], float] = {}  # weights
+    n_tables = 2 if name == "double_q_learning" else 1
+
+    def values(o: int) -> NDArray[np.float64]:
+        return np.asarray(tables[:n_tables, o].mean(axis=0))
 
     def best_actions(row: NDArray[np.float64]) -> list[int]:
         return best_of(row, settings.ties)
 
     def take_snapshot(unit: int) -> None:
         if unit in points:
-            record["greedy"].append([sum(2**action for action in best_actions(row)) for row in table])
+            rows = map(values, range(model.n_observations))
+            record["greedy"].append([sum(2**action for action in best_actions(row)) for row in rows])
 
     state, episode_steps, following_action = start(model, stream), 0, -1
     unit = steps = episodes = 0
@@ -102,19 +107,21 @@ def textbook(
             take_snapshot(unit)
         epsilon = settings.epsilon
         o = int(model.observation[state])
-        visited.append(table[o].max())
-        largest.append(table.max())
+        visited.append(values(o).max())
+        largest.append(tables[:n_tables].mean(axis=0).max())
         action = following_action
         if name != "sarsa" or episode_steps == 0:
-            action = choose(next(stream), epsilon, best_actions(table[o]))
-        is_greedy = action in best_actions(table[o])
+            action = choose(next(stream), epsilon, best_actions(values(o)))
+        is_greedy = action in best_actions(values(o))
 
         reward, next_state = take(model, state, action, stream)
         o_next = int(model.observation[next_state])
+        word = next(stream) if name == "double_q_learning" else 0
+        updated = word >> 63
 
         target = reward
         if not model.terminated[state, action]:
-            row = table[o_next]
+            row = values(o_next)
             match name:
                 case "q_learning" | "watkins_q_lambda":
                     value = row.max()
@@ -125,19 +132,22 @@ def textbook(
                     # In this order, for the last digit.
                     total = (row[0] + row[1]) + (row[2] + row[3]) + row[4]
                     value = epsilon / 5 * total + (1 - epsilon) * row.max()
+                case "double_q_learning":
+                    argmax = choose(word, 0.0, best_actions(tables[updated, o_next]))
+                    value = tables[1 - updated, o_next, argmax]
             target += settings.discount * value
         rate = settings.learning_rate / (1 + steps / (settings.halved_after or np.inf))
         if name == "watkins_q_lambda":
             if episode_steps == 0 or not is_greedy:
                 traces.clear()
-            error = target - table[o, action]
+            error = target - tables[0, o, action]
             faded = {pair: settings.discount * settings.trace_decay * traces[pair] for pair in traces}
             traces = {pair: weight for pair, weight in faded.items() if weight >= LEAST_TRACE}
             traces[o, action] = 1.0
             for pair, weight in traces.items():
-                table[pair] += rate * error * weight
+                tables[0, *pair] += rate * error * weight
         else:
-            table[o, action] += rate * (target - table[o, action])
+            tables[updated, o, action] += rate * (target - tables[updated, o, action])
 
         terminates = model.terminated[state, action]
         state, episode_steps, steps = next_state, episode_steps + 1, steps + 1
@@ -150,4 +160,5 @@ def textbook(
                 record["table_max_q"].append(max(largest))
             visited, largest, unit = [], [], unit + 1
     take_snapshot(settings.budget)
-    return record | {"q": table, "steps_taken": steps, "episodes_ended": episodes}
+    q = tables[:n_tables].mean(axis=0)
+    return record | {"q": q, "steps_taken": steps, "episodes_ended": episodes}
