@@ -37,10 +37,10 @@ _KNOWN: Final[Mapping[str, tuple[str, str]]] = {
     "expected_sarsa": ("#4d5d3a", "d"),
     "softmax_table": ("#79c36a", "P"),
     "memoryless": ("#b8b8b8", "*"),
-    **dict.fromkeys(("dqn", "dqn_offset"), ("#0173b2", "^")),
+    **dict.fromkeys(("dqn", "dqn_offset", "sb3_dqn"), ("#0173b2", "^")),
     "dqn_linear": ("#16206b", "p"),
     "dqn_default": ("#8a63d2", "v"),
-    **dict.fromkeys(("ppo", "ppo_offset"), ("#de7400", "X")),
+    **dict.fromkeys(("ppo", "ppo_offset", "sb3_ppo"), ("#de7400", "X")),
     "ppo_default": ("#7a3b12", "h"),
 }
 # Of other variants, in the order of the experiment: all 8 * 15 pairs come up before one returns.

@@ -26,7 +26,7 @@ from benchmark.reports.folder import SCORES, Folder, with_titles
 from benchmark.reports.item import Frames, item, no_rows, writing
 from envs.scene import COLOUR_MAP
 
-_MOST_DRAWN: Final = 15  # contrasts
+_MOST_DRAWN: Final = 24  # contrasts
 _MOST_NAMED: Final = 3  # contrasts in a sentence
 _CHARACTERS, _MOST_COLUMNS = 66, 8  # of the names of a figure's columns in a line; columns with level names
 # What outcomes mean, in the order of scenarios in a figure
