@@ -59,7 +59,7 @@ def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> 
     names = [name for name in drawn_learners(experiment) if name in here.groups]
     n_columns = min(len(names), _COLUMNS)
     n_rows, norm = -(-len(names) // n_columns), Normalize(0.0, 1.0)
-    with figure_of(n_rows, n_columns, (WIDTH, 2.3 * n_rows + 1.1)) as (figure, axes):
+    with figure_of(n_rows, n_columns, (WIDTH, 2.6 * n_rows + 1.0)) as (figure, axes):
         figure.set_layout_engine("compressed")
         for axis, name in zip(axes.flat, names, strict=False):
             first, learner = here.get_group(name).iloc[0], experiment.learners[name]
@@ -68,7 +68,10 @@ def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> 
             if learner.declared.policy == "greedy":
                 policy = mask_policy(policy)
             draw_policy(axis, found.model, policy, norm)
-            axis.set_title(f"{fill(learner.title, 30)}\nsuccess {first['success']:.2f}", fontsize="small")
+            axis.set_title(
+                f"{fill(learner.title, 30, break_on_hyphens=False)}\nsuccess {first['success']:.2f}",
+                fontsize="small",
+            )
         for axis in axes.flat[len(names) :]:
             axis.set_axis_off()
         policy_legend(figure, [*axes.flat], found.model, norm)
