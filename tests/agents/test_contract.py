@@ -29,7 +29,10 @@ TRAINING = Training(
     ("name", "expected"),
     [
         ("q_lerning", r"mine.toml: unknown algorithm q_lerning \(did you mean q_learning\?\)"),
-        ("dnq", r"unknown algorithm dnq \(did you mean sb3_dqn\?\); accepted: .*, or module:attribute\.$"),
+        (
+            "sb3_dnq",
+            r"unknown algorithm sb3_dnq \(did you mean sb3_dqn\?\); accepted: .*, or module:attribute\.$",
+        ),
         (
             "stable_baselines:PPO",
             r"'stable_baselines' \(did you mean stable_baselines3\?\); accepted: a module",

@@ -190,7 +190,7 @@ def test_missing_packages_get_a_sentence_and_names_need_no_torch() -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.startswith("mine.toml: algorithm sb3_contrib:QRDQN cannot be imported: "), done.stderr
     assert done.stdout.count("\n") == 1
-    assert "[deep]' installs it" in done.stdout
+    assert "make .venv/.deep installs it" in done.stdout
 
 
 # Saved models

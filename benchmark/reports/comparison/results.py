@@ -165,9 +165,10 @@ def _(tables: Frames, experiment: Experiment) -> Figure | None:
     titles = [fill(experiment.learners[name].title, characters, break_on_hyphens=False) for name in learners]
     cells = {"vmin": 0.0, "vmax": 1.0, "cmap": colour_map(COLOUR_MAP), "cbar": False, "linewidths": 2}
     texts = {"annot": frame.map(lambda value: show(value, 2)), "fmt": "", "annot_kws": {"size": "small"}}
-    labels = {"xticklabels": titles, "yticklabels": [*rows]}
     with figure_of(1, 1, (WIDTH, 0.32 * len(rows) + 1.3 + is_crowded)) as (figure, axes):
-        axis = sns.heatmap(frame, ax=axes[0, 0], **cells, **texts, **labels)
+        axis = sns.heatmap(frame, ax=axes[0, 0], xticklabels=False, yticklabels=False, **cells, **texts)
+        axis.set_xticks(np.arange(len(titles)) + 0.5, titles)
+        axis.set_yticks(np.arange(len(rows)) + 0.5, [*rows])
         shown = frame.to_numpy().ravel()
         for text, value in zip(axis.texts, shown[~np.isnan(shown)], strict=True):
             text.set_color(ink_on(colour_map(COLOUR_MAP)(value)))

@@ -13,6 +13,7 @@ from benchmark.execution.provenance import commit, environment, peak_memory_mb, 
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from envs import InputError
+from envs.sources import digest_when_loaded
 from tests.support import ROOT, git, specifications
 
 COMPARED = load_experiment("compare_deep_smoke")
@@ -46,6 +47,7 @@ def test_environment_has_the_code_of_algorithms_from_elsewhere(
     before = environment("from_elsewhere:Q_LEARNING")
     file.write_text("from agents.tabular.learner import Q_LEARNING\nCHANGED = 1\n")
     environment.cache_clear()
+    digest_when_loaded.cache_clear()
     after = environment("from_elsewhere:Q_LEARNING")
     assert {key for key in after if after[key] != before[key]} == {"code of from_elsewhere:Q_LEARNING"}
     assert after.items() - environment("q_learning").items() == {
@@ -65,7 +67,7 @@ def test_missing_packages_are_refused_before_any_work(
     tables = specifications(COMPARED, "default", "S1", "q_learning", "index", [0])
     nets = specifications(COMPARED, "default", "S1", "sb3_dqn", "one_hot", [0, 1])
     with Store(tmp_path / "runs.db") as store:
-        with pytest.raises(InputError, match=r"^dqn needs the package torch, .*make \.venv/\.deep .*\.$"):
+        with pytest.raises(InputError, match=r"^sb3_dqn needs the package torch, .*make \.venv/\.deep .*"):
             run([*tables, *nets], store, 1)
         assert store.statuses() == {}
         assert run(tables, store, 1) == []

@@ -167,22 +167,23 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
 def test_a_reference_takes_settings_and_observations_from_its_variant() -> None:
     variants = load_experiment("compare_deep").declared.algorithms
     checks = [variant for variant in variants.values() if variant.reference_for]
-    assert len(checks) == 5
+    assert len(checks) == 7
     for check in checks:
         checked = variants[check.reference_for]
-        for key in ("settings", "policy", "observations"):
+        for key in ("settings", "policy"):
             assert getattr(check, key) == getattr(checked, key)
-        assert check.algorithm == checked.algorithm.removeprefix("compiled_")
+        assert {*check.observations} <= {*checked.observations}
+        assert check.algorithm == checked.algorithm.replace("compiled_", "sb3_")
 
 
-@pytest.mark.parametrize(("given", "of_references"), [(1, 1), (10, 2), (35, 3), (100, 10)])
-def test_a_reference_has_its_share_of_given_seeds_or_two(given: int, of_references: int) -> None:
+@pytest.mark.parametrize(("given", "of_30", "of_5"), [(1, 1, 1), (10, 3, 2), (35, 10, 2), (100, 30, 5)])
+def test_a_reference_has_its_share_of_given_seeds_or_two(given: int, of_30: int, of_5: int) -> None:
     full = load_experiment("compare_deep")
     seeds: dict[str, set[int]] = {}
     for run in all_specifications(full, range(given)):
         seeds.setdefault(run.variant, set()).add(run.seed)
-    for name, variant in full.declared.algorithms.items():
-        assert seeds[name] == set(range(of_references if variant.reference_for else given))
+    for name, n in {"q_learning": given, "dqn": given, "sb3_ppo": of_30, "sb3_dqn_linear": of_5}.items():
+        assert seeds[name] == set(range(n))
 
 
 def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:

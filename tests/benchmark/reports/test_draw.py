@@ -67,9 +67,9 @@ def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) ->
 
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
-    drawn_names = ["contrasts", "summary", "curves"]
+    drawn_names = ["contrasts", "summary", "curves", "rliable"]
     tables = [*drawn_names, "effects", "aggregate", "outcomes", "steps", "cost"]
-    expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in drawn_names}
+    expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in (*drawn_names, "profiles")}
     assert names == expected | {"README.md", "manifest.json", ".stamp", SCORES}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
     assert mistyped_columns(drawn.folder / SCORES) == []
