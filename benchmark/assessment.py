@@ -31,7 +31,6 @@ with needed_by("benchmark.assessment"):
     from benchmark.analysis.records import anchors, check_anchors, overlap
     from benchmark.drawing.maps import draw_policy, policy_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
-    from benchmark.drawing.tables import read_csv
     from benchmark.experiments import experiment_names
     from benchmark.reports.folder import SCORES, Folder, with_titles
 
@@ -303,7 +302,7 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
         if SCORES not in folder or name.endswith("_smoke"):
             continue
         with folder.reading():
-            runs, manifest = read_csv(folder.path / SCORES), folder.manifest
+            runs, manifest = folder.frame(SCORES), folder.manifest
             is_same = manifest["scenarios"].get(scenario.name) == scenario.model_dump(mode="json")
             is_comparable = is_same and manifest["horizon"] == HORIZON and not manifest["partial"]
             if is_comparable and {*_RANKED} <= {*runs}:

@@ -13,7 +13,6 @@ with needed_by("benchmark.frames"):
     from benchmark.analysis.frames import Group, tables
     from benchmark.analysis.stages import stages
     from benchmark.assessment import RESULTS
-    from benchmark.drawing.tables import read_csv
     from benchmark.execution.store import NoRunsError, Store
     from benchmark.experiments import Experiment, all_specifications, load_experiment
     from benchmark.reports.folder import SCORES, Folder, with_titles
@@ -95,4 +94,4 @@ def _published(experiment: Experiment, results: Path, which: int, is_whole: bool
         is_known = is_whole and not experiment.has_stages  # the runs of later stages depend on earlier ones
         if is_known and folder.manifest["digest"] != digest_of(all_specifications(experiment)):
             return f"{folder.path / file} is of other runs than the experiment declares now"
-        return with_titles(read_csv(folder.path / file), {})
+        return with_titles(folder.frame(file), {})

@@ -4,6 +4,7 @@ import argparse
 import sys
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
 
 from benchmark import leaderboard
 from benchmark.analysis.search import chosen
@@ -15,7 +16,11 @@ from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.page import build as page
 from benchmark.reports import document, draw, files, prose, sameness
 from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.sealed import sealed
 from envs import InputError
+from envs.inputs import check_all
+
+_OURS: Final = (*experiment_names(), page.SPEED)  # folders of results
 
 
 def main(options: argparse.Namespace) -> int:
@@ -29,13 +34,14 @@ def main(options: argparse.Namespace) -> int:
     with Store(options.results / "runs.db", read_only=True) as store:
         made = draw.draw(experiment, report, store, directory, seeds, partial=options.partial)
         if experiment.declared.search is not None:
-            _write_chosen(experiment, store)
+            _write_chosen(experiment, store, Folder(directory))
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
-    print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
+    print(f"{experiment.name}: the page is {page.write(options.results, directory.name, report)}.")
     if made.certificate is not None:
         print(made.certificate.text)
     try:
-        prose.written(Folder(directory))
+        if prose.written(Folder(directory), report.finding) is None and report.finding.is_file():
+            print(f"{experiment.name}: {report.finding} is not used, as it is for all declared runs.")
     except prose.ClaimError as error:  # on another type of processor, nets learn differently
         print(f"{error}\n{experiment.name}: so its text is not used.")
     return 0
@@ -46,6 +52,7 @@ def _rewrite(options: argparse.Namespace) -> int:
         raise InputError("--partial, --seeds: accepted only together with an experiment.")
     if folders := sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}")):
         with files.alone(options.results):
+            check_all(*(Folder(folder).check for folder in folders if folder.name in _OURS))
             for folder in folders:
                 _write_texts(folder)
             for path, text in leaderboard.texts(options.results).items():
@@ -61,25 +68,26 @@ def _write_texts(folder: Path) -> None:
     try:
         document.write(folder)
     except InputError as error:
-        if folder.name in (*experiment_names(), page.SPEED):
+        if folder.name in _OURS:
             raise
         print(f"{folder}: its texts stay as they are: {error}", file=sys.stderr)
 
 
-def _write_chosen(experiment: Experiment, store: Store) -> None:
+def _write_chosen(experiment: Experiment, store: Store, folder: Folder) -> None:
     """Writes the settings that a search has chosen beside its file, for experiments that name it.
 
     A file that differs in measured times alone stays as it is.
     """
     file = chosen_file(experiment.path)
-    now = Choices(search=digest_of_search(experiment.declared), learners=chosen(experiment, store))
-    measured = {"learners": {"__all__": {"cpu_time_s"}}}
+    search, trials = digest_of_search(experiment.declared), folder.manifest["files"].get("trials.csv", "")
+    now = Choices(search=search, trials=trials, learners=chosen(experiment, store))
+    measured = {"sha256": True, "learners": {"__all__": {"cpu_time_s"}}}
     is_same = False
     with suppress(InputError):  # there is none, or it is damaged
         before = read_chosen(experiment.path, "")
         is_same = before.model_dump(exclude=measured) == now.model_dump(exclude=measured)
     if not is_same:
-        files.write_text(file, now.model_dump_json(indent=1) + "\n")
+        files.write_text(file, sealed(now.model_dump(mode="json"), indent=1))
     print(f"{experiment.name}: the chosen settings are in {file}{', as before' * is_same}.")
 
 

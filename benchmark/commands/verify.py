@@ -4,7 +4,8 @@ import argparse
 import secrets
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 
@@ -16,9 +17,10 @@ from benchmark.commands import parse_jobs
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
+from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files, sameness
-from benchmark.reports.folder import MANIFEST
+from benchmark.reports import Report, document, draw, files, sameness
+from benchmark.reports.folder import MANIFEST, README, Folder
 from envs import InputError
 
 
@@ -33,7 +35,8 @@ def main(options: argparse.Namespace) -> int:
     problems = list[str]()
     with tempfile.TemporaryDirectory() as scratch:  # elsewhere, as the folder may be read-only
         try:
-            with Store(options.results / "runs.db", read_only=True) as store, files.alone(options.results):
+            path = options.results / "runs.db"
+            with _opened(path, Path(scratch)) as store, files.alone(options.results):
                 for problem in _problems(experiments, store, options, Path(scratch)):
                     print(problem, file=sys.stderr)
                     problems.append(problem)
@@ -56,8 +59,6 @@ def _problems(
     declared = {run.digest: run for runs in known.values() for run in runs}
     ended = store.ended()
     checked = [*store.statuses()] if options.experiment is None else sorted(declared.keys() & ended)
-    if options.experiment is not None and not (checked or structure):
-        raise InputError(f"{path}: no run of {options.experiment} is stored; accepted: a store with some.")
     if damaged := store.damaged(checked):
         yield (
             f"checksums: {len(damaged)} of {len(checked)} records are damaged (the first: "
@@ -68,19 +69,32 @@ def _problems(
     ended -= {*damaged}
     stored = [run for digest, run in declared.items() if digest in ended]
     yield from _differences(stored, store, scratch / "runs.db", options)
-    pages = set[str | None]()
+    reports = dict[str, Report]()
     for experiment in experiments:
         folder = options.results / experiment.name
-        is_published = bool(experiment.report) and (folder / MANIFEST).is_file()
         is_stored = [run.digest in ended for run in known[experiment.name]]
-        if is_published:
-            pages.add(None if experiment.name in page.CHAPTERS else experiment.name)
-        if is_published and all(is_stored):
-            yield from _redrawn(experiment, store, folder, scratch)
-        elif is_published or any(is_stored):
-            reason = "runs are missing" if is_published else "there is no report"
-            print(f"{experiment.name}: not drawn again, since {reason}.")
-    yield from rewritten(pages, options.results)
+        if experiment.report and (folder / MANIFEST).is_file():
+            reports[experiment.name] = report = draw.report_of(experiment, is_drawn=all(is_stored))
+            if all(is_stored):
+                yield from _redrawn(experiment, report, store, folder, scratch)
+            else:
+                n = len(is_stored) - sum(is_stored)
+                print(f"{experiment.name}: not drawn again, as {n:,} of {len(is_stored):,} runs are missing.")
+            if experiment.declared.search:
+                yield from _unfounded(experiment, folder)
+        elif any(is_stored):
+            print(f"{experiment.name}: not drawn again, since there is no report.")
+    if not (reports or ended or structure) and options.experiment is not None:
+        raise InputError(f"{path}: no run of {options.experiment} is stored; accepted: a store with some.")
+    yield from rewritten(reports, options.results)
+
+
+def _opened(path: Path, scratch: Path) -> Store:
+    """Returns the store; without any, an empty one, since published files can be verified all the same."""
+    if path.exists():
+        return Store(path, read_only=True)
+    print(f"{path}: there are no stored runs, so none is repeated.")
+    return Store(scratch / "none.db")
 
 
 def _differences(
@@ -123,10 +137,12 @@ def difference_of(before: Record, after: Record) -> str:
     return f"differs in {', '.join(differing)}{with_others}"
 
 
-def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) -> Iterator[str]:
+def _redrawn(
+    experiment: Experiment, report: Report, store: Store, folder: Path, scratch: Path
+) -> Iterator[str]:
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
-    draw.draw(experiment, draw.report_of(experiment), store, made)
+    draw.draw(experiment, report, store, made)
     certificate = sameness.compare(made, experiment.name, (), folder)
     assert certificate is not None  # both folders have a manifest
     if certificate.is_identical:
@@ -136,18 +152,37 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) 
         yield f"{certificate.text}\n{experiment.name}: {again}."
 
 
-def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
-    """Yields which texts of measurements, and outside of folders, are not what the tables make."""
+def _unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
+    """Yields that the settings that a search has chosen are not those of its published table of trials."""
     try:
-        texts = {path: text for name in pages for path, text in page.texts(results, name)}
-        if (results / page.SPEED / MANIFEST).is_file():  # which no experiment makes
-            texts[results / page.SPEED / "README.md"] = document.Document(results / page.SPEED).readme()
+        made = read_chosen(experiment.path, experiment.name)
+        if made.trials != Folder(folder).manifest["files"].get("trials.csv", ""):
+            file = chosen_file(experiment.path)
+            again = f"'run {experiment.argument} --report' makes both anew"
+            yield f"{file}: made of other trials than those in {folder / 'trials.csv'}; {again}."
+    except InputError as error:
+        yield str(error)
+
+
+def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
+    """Yields which files are not as manifests list them, and which texts are not what the tables make.
+
+    `reports` are those of the published experiments that are verified, by name.
+    """
+    texts = dict[Path, str]()
+    for name in reports.keys() | ({page.SPEED} if (results / page.SPEED / MANIFEST).is_file() else set()):
+        try:
+            made = document.Document(results / name, reports.get(name))
+            texts[results / name / README] = made.readme()
+            print(f"{name}: its {len(made.folder.manifest['files'])} files are as its manifest lists them.")
+        except InputError as error:
+            yield str(error)
+    pages = {None if name in page.CHAPTERS else name for name in reports}
+    with suppress(InputError):  # a file is damaged, as said
+        texts |= {path: text for name in pages for path, text in page.texts(results, name, reports.get(name))}
         texts |= leaderboard.texts(results) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
-            texts[sameness.REPOSITORY / "README.md"] = document.front(results)
-    except InputError as error:  # a table of one of them is damaged
-        yield str(error)
-        return
+            texts[sameness.REPOSITORY / README] = document.front(results)
     for path, text in texts.items():
         if path.exists() and path.read_bytes() != text.encode():
             yield f"{path}: different from what the tables make; 'report' writes it again."

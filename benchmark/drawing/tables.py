@@ -58,7 +58,7 @@ def _csv_text(value: object) -> object:
     return text if not math.isfinite(value) or "." in text or "e" in text else f"{text}.0"
 
 
-def read_csv(file: Path | IO[str]) -> pd.DataFrame:
+def read_csv(file: Path | IO[str] | IO[bytes]) -> pd.DataFrame:
     """Reads what `write_csv` wrote."""
 
     def as_was(text: object) -> object:

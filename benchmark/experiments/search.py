@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
+from benchmark.sealed import unsealed
 from envs import InputError
 from envs.inputs import Line, Table, require
 
@@ -170,7 +171,9 @@ class Choices(Table):
     """What a search has chosen, as a file has it."""
 
     search: str  # digest of what was declared, see `choices.digest_of_search`
+    trials: str  # digest of the published table of all trials
     learners: dict[str, Chosen]  # by name
+    sha256: str = ""  # see `benchmark.sealed`
 
 
 def chosen_file(path: Path) -> Path:
@@ -181,11 +184,15 @@ def chosen_file(path: Path) -> Path:
 def read_chosen(path: Path, source: str) -> Choices:
     """Reads what the search in an experiment's file has chosen.
 
-    Refuses by an InputError, which begins with the source, a missing or damaged file.
+    Refuses by an InputError, which begins with the source, a missing, damaged or changed file.
     """
     file = chosen_file(path)
     try:
-        return Choices.model_validate_json(file.read_bytes())
-    except (OSError, ValidationError) as error:
-        problem = f"{file} is missing or damaged; run the search {path.stem} with --report"
-        raise InputError(f"{source}: {problem}, which writes it.") from error
+        content = file.read_bytes()
+        unsealed(content)
+        return Choices.model_validate_json(content)
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        what = "is missing" if isinstance(error, FileNotFoundError) else "is damaged or was edited"
+        name = path.stem if path.parent == Path(__file__).parent else path
+        problem = f"{file} {what}; python -m benchmark run {name} --report makes it anew"
+        raise InputError(f"{source}: {problem}.") from error

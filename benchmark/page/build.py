@@ -6,6 +6,7 @@ counted as by RFC 7111.
 """
 
 import base64
+import fnmatch
 import gzip
 import json
 import re
@@ -29,7 +30,7 @@ from benchmark.experiments import PUBLISHED
 from benchmark.reports import explorer, files, prose, sameness
 from benchmark.reports.document import Document, templates_in
 from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import Item
+from benchmark.reports.item import Item, Report
 from envs import InputError
 
 CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
@@ -65,7 +66,7 @@ def chapters(results: Path) -> list[str]:
     return names if {*names} & {*CHAPTERS} else []
 
 
-def write(results: Path, experiment: str | None = None) -> Path:
+def write(results: Path, experiment: str | None = None, report: Report | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
     In this repository, git ignores folders that are not published, by a `.gitignore` in them.
@@ -74,7 +75,7 @@ def write(results: Path, experiment: str | None = None) -> Path:
       InputError: There is nothing to show, or the page cannot be written.
     """
     with files.alone(results):
-        (page, text), *others = texts(results, experiment)
+        (page, text), *others = texts(results, experiment, report)
         for path, content in ((page, text), *others):
             files.write_text(path, content)
         for name in PUBLISHED:
@@ -84,12 +85,14 @@ def write(results: Path, experiment: str | None = None) -> Path:
     return page
 
 
-def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, str]]:
+def texts(
+    results: Path, experiment: str | None = None, report: Report | None = None
+) -> Iterator[tuple[Path, str]]:
     """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
 
     The page shows all published results that are there, those with a chapter with their whole documents, and
     is `index.html` of `results`. The page of an experiment without a chapter shows it alone, and lies in its
-    folder. It may raise an `InputError`.
+    folder; its `report` is needed if it is not one of this project. It may raise an `InputError`.
     """
     has_own_page = experiment not in (None, *CHAPTERS)
     folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
@@ -99,7 +102,8 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
             "compare-deep make them."
         )
     page = (folders[0] if has_own_page else results) / "index.html"
-    parts = [_Part(folder, "" if has_own_page else f"{folder.name}/") for folder in folders]
+    own = report if has_own_page else None
+    parts = [_Part(folder, "" if has_own_page else f"{folder.name}/", own) for folder in folders]
     yield page, _render(parts)
     if listed := published(results):
         template = templates_in(_TEMPLATES).get_template("index.md.jinja")
@@ -118,9 +122,10 @@ def _scenes() -> str:
 class _Part:
     """A folder of results on the page."""
 
-    def __init__(self, path: Path, prefix: str) -> None:
-        """Reads its manifest; `prefix` leads from the page to the folder."""
-        self.document = Document(path)
+    def __init__(self, path: Path, prefix: str, report: Report | None) -> None:
+        """Reads its manifest and checks its files; `prefix` leads from the page to the folder."""
+        self.document = Document(path, report)
+        self.document.folder.check()
         self.folder = self.document.folder
         self.name = path.name
         self.prefix = prefix
@@ -142,7 +147,7 @@ class _Part:
         answer: list[str] = []
         if self.prefix and self.name == next(iter(PUBLISHED)):  # the page opens with its finding, as written
             with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
-                if prose.written(self.folder) is not None:
+                if prose.written(self.folder, document.report.finding) is not None:
                     answer = prose.SENTENCES.split(headline.pop(0))
         top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
@@ -254,7 +259,7 @@ class _Part:
 
     def _figure(self, item: Item) -> dict[str, object]:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
-        drawn = (self.folder.path / self.folder.figure(item.name)).read_text(encoding="utf-8")
+        drawn = self.folder.content(self.folder.figure(item.name)).decode()
         width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
         for character in _ESCAPED:
             drawn = drawn.replace(character, quote(character))
@@ -273,8 +278,8 @@ def _render(parts: Sequence[_Part]) -> str:
     templates.globals |= {"inside": tables, "root": "results/" if parts[0].prefix else ""}
     for part in parts:
         with part.folder.reading():
-            for path in sorted(part.folder.path.glob("*.csv")):
-                tables[f"{part.prefix}{path.name}"] = path.read_text(encoding="utf-8")
+            for file in fnmatch.filter(part.folder.manifest["files"], "*.csv"):
+                tables[f"{part.prefix}{file}"] = part.folder.content(file).decode()
             reports.append(part.report(templates))
             if explorer.FILE in part.folder:
                 explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
@@ -302,7 +307,7 @@ def _base64(content: bytes) -> str:
 
 
 def _agents(folder: Folder) -> bytes:
-    shown = json.loads(gzip.decompress((folder.path / explorer.FILE).read_bytes()))
+    shown = json.loads(gzip.decompress(folder.content(explorer.FILE)))
     for agent in shown["agents"]:
         variant = agent["variant"]
         agent["label"] = folder.title(f"{variant}, {agent['observation']}")

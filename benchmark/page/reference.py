@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-import pandas as pd
 from tabulate import tabulate
 
 from agents import ALGORITHMS, load_algorithm
@@ -100,10 +99,10 @@ def columns(results: Path) -> str:
     for folder in published(results):
         document = Document(folder)
         for item in document.items:
-            file = folder / (item.file or f"{item.name}.csv")
-            if ".csv" in file.name and file.exists():
-                meanings = {f"`{name}`": item.meaning(str(name)) for name in pd.read_csv(file, nrows=0)}
-                tables.setdefault((document.report.name, file.name, item.description), {}).update(meanings)
+            file = item.file or f"{item.name}.csv"
+            if ".csv" in file and file in document.folder:
+                meanings = {f"`{name}`": item.meaning(str(name)) for name in document.folder.frame(file)}
+                tables.setdefault((document.report.name, file, item.description), {}).update(meanings)
     for (report, name, description), meanings in tables.items():
         grid = tabulate(meanings.items(), ["column", "meaning"], "github")
         parts += [f"## `{name}` ({report})", description, grid]

@@ -10,6 +10,7 @@ texts can be corrected without a single run.
 import html
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Final
@@ -18,9 +19,9 @@ import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.experiments import PUBLISHED
-from benchmark.reports import files, load_items, load_report, prose
-from benchmark.reports.folder import MANIFEST, Folder, with_titles
-from benchmark.reports.item import Item
+from benchmark.reports import REPORTS, files, load_items, load_report, prose
+from benchmark.reports.folder import MANIFEST, README, Folder, with_titles
+from benchmark.reports.item import Item, Report
 from benchmark.reports.templates import templates_in as templates_in
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
@@ -30,20 +31,30 @@ _FRONT: Final = Path(__file__).parent / "front.md.jinja"
 class Document:
     """The document of a folder of results."""
 
-    def __init__(self, path: Path) -> None:
-        """Finds the report and its items; raises an InputError if something is damaged or missing."""
+    def __init__(self, path: Path, report: Report | None = None) -> None:
+        """Takes the report of an experiment, see `draw.report_of`, or finds that of this project.
+
+        Manifests come from anywhere, so they name no code of others. Something that is damaged or missing
+        raises an InputError.
+        """
         self.folder = Folder(path)
         declared, source = self.folder.manifest["report"], str(path / MANIFEST)
         with self.folder.reading():
-            self.report = load_report(declared["kind"], source)
-            self.items = load_items(self.report, declared, source)
-            self.question = declared["question"] or self.report.question
+            if report is None:
+                for name in (declared["kind"], *declared["items"]):
+                    if name not in REPORTS and not name.startswith("benchmark.reports."):
+                        reason = f"report: {name}: code of users runs only for an experiment that is named"
+                        raise InputError(f"{source}: {reason}, as in: report EXPERIMENT.")
+                report = load_report(declared["kind"], source)
+                report = replace(report, items=load_items(report, declared, source))
+            self.report, self.items = report, report.items
+            self.question = declared["question"] or report.question
 
     @cached_property
     def headline(self) -> str | None:
         """The finding in Markdown: as it is written by hand, or else the sentence that the report makes."""
         try:
-            return prose.written(self.folder) or self.report.headline(self.folder)
+            return prose.written(self.folder, self.report.finding) or self.report.headline(self.folder)
         except prose.ClaimError:
             return self.report.headline(self.folder)
 
@@ -66,14 +77,14 @@ class Document:
         `insert` returns what stands for an item, given whether it is shown on demand alone. The template is
         by default that of the report; `more` is what it needs besides.
         """
-        own = [item.name for item in self.report.items]
+        n_own = len(self.items) - len(self.folder.manifest["report"]["items"])
         named = {item.name: item for item in self.items}
 
         def show(name: str, *, is_folded: bool = False) -> str:
             return insert(named[name], is_folded) if self.has(name) else ""
 
         def others() -> str:
-            return "\n\n".join(insert(item, False) for item in self.items if item.name not in own)
+            return "\n\n".join(insert(item, False) for item in self.items[n_own:])
 
         template = template or self.report.document
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
@@ -82,7 +93,8 @@ class Document:
         return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
 
     def readme(self) -> str:
-        """Returns README of the folder; raises an InputError if it cannot be made."""
+        """Returns README of the folder; raises an InputError if it cannot be made, or a file was changed."""
+        self.folder.check()
 
         def insert(item: Item, is_folded: bool) -> str:
             file, frame = self.folder.figure(item.name), self.shown(item)
@@ -131,7 +143,7 @@ class Document:
             if first:
                 ends = [file.removeprefix(item.name) for file in others]
                 rows.append((", ".join([first, *ends]), item.description))
-        rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
+        rows.append((MANIFEST, "what made the runs: versions, commit, machine, times; digests of all files"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
 
@@ -162,6 +174,6 @@ def front(results: Path) -> str:
     return rendered
 
 
-def write(path: Path) -> None:
+def write(path: Path, report: Report | None = None) -> None:
     """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
-    files.write_text(path / "README.md", Document(path).readme())
+    files.write_text(path / README, Document(path, report).readme())

@@ -17,7 +17,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment
 from benchmark.reports import document, files, load_items, load_report, sameness
 from benchmark.reports.data import Data, load
-from benchmark.reports.folder import MANIFEST
+from benchmark.reports.folder import MANIFEST, write_manifest
 from benchmark.reports.item import Item, Report
 from benchmark.reports.manifest import manifest_of
 from envs import InputError
@@ -57,18 +57,19 @@ def draw(
     measured = [file for item in report.items if item.is_measured for file in item.files()]
     measured += ["README.md"] if measured else []  # which repeats the sentences
     if sameness.is_up_to_date(directory, inputs):
+        with files.alone(directory.parent):
+            document.write(directory, report)
         return Made(is_new=False, certificate=sameness.compare(directory, name, measured))
-    stale = {*sameness.stamped(directory), *(file for item in report.items for file in item.files())}
+    stale = {*sameness.listed(directory), *(file for item in report.items for file in item.files())}
     with files.alone(directory.parent), files.replaced(directory, stale) as aside:
-        manifest = json.dumps(manifest_of(data, seeds), indent=2)
-        (aside / MANIFEST).write_text(f"{manifest}\n", encoding="utf-8")
         frames = tables_of(report.items, data)
         for table, frame in frames.items():
             tables.write_csv(frame, aside / f"{table}.csv")
         for item in report.items:
             item.save(data, frames, aside)
-        document.write(aside)
         sameness.keep_published(aside, name)
+        write_manifest(aside, manifest_of(data, seeds))
+        document.write(aside, report)
         certificate = sameness.compare(aside, name, measured)
         if certificate is not None and certificate.is_identical and not measured:
             published = sameness.published_file(name, MANIFEST)
@@ -100,7 +101,8 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
             accepted = "kind = map" + " or search" * (key == "solved")
             raise InputError(f"{where}: {key} with report.kind = {declared.kind}: accepted: {accepted}.")
     report.check(experiment)
-    return replace(report, items=items, columns=() if declared.items else report.columns)
+    finding, columns = experiment.path.with_suffix(".md.jinja"), () if declared.items else report.columns
+    return replace(report, items=items, finding=finding, columns=columns)
 
 
 def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:

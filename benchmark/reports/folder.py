@@ -1,12 +1,19 @@
-"""A folder of published results, as its files have it: the source of all sentences, README and page."""
+"""A folder of published results, as its files have it: the source of all sentences, README and page.
 
-import json
+Its manifest lists the digest of each of its files but README, which is made of them, and is sealed itself. So
+nothing is read that is not what was made.
+"""
+
+import gzip
+import hashlib
 import re
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from fnmatch import fnmatchcase
+from functools import cached_property, partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,13 +21,16 @@ import jinja2
 import pandas as pd
 
 from benchmark.drawing.tables import read_csv
-from benchmark.experiments import title_of
+from benchmark.experiments import experiment_names, title_of
+from benchmark.sealed import sealed, unsealed
 from envs import InputError
+from envs.inputs import check_all
 
 MANIFEST: Final = "manifest.json"
+README: Final = "README.md"
 SCORES: Final = "scores.csv.gz"  # every run of a comparison
 _UNREADABLE: Final = (
-    OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, zlib.error,
+    OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, RecursionError, zlib.error,
     jinja2.UndefinedError,  # a template asks for what a table does not have
 )  # fmt: skip
 
@@ -33,12 +43,16 @@ class Folder:
 
     @cached_property
     def manifest(self) -> Mapping[str, Any]:
-        """What made the results; raises an InputError if it is missing or damaged."""
+        """What made the results; raises an InputError if it is missing, damaged or of other results."""
         if not (self.path / MANIFEST).is_file():
             raise InputError(f"{self.path}: there are no results; run the experiment with --report first.")
-        with self.reading():
-            manifest = dict(json.loads((self.path / MANIFEST).read_text(encoding="utf-8")))
-            manifest["report"]["kind"], manifest["scenarios"].items()
+        with self.reading(MANIFEST):
+            manifest = unsealed((self.path / MANIFEST).read_bytes())
+            manifest["report"]["kind"], manifest["scenarios"].items(), manifest["files"].items()
+            if self.path.name in experiment_names() and manifest["experiment"] != self.path.name:
+                raise ValueError(f"it is of {manifest['experiment']}")
+            if any(Path(file).name != file for file in manifest["files"]):
+                raise ValueError("it lists files elsewhere")
         return manifest
 
     @cached_property
@@ -60,19 +74,33 @@ class Folder:
         return f"the {title}" if re.search(r"\btable\b", title) else title
 
     def __contains__(self, file: str) -> bool:
-        """Returns whether there is a file of this name, or one that matches this pattern."""
-        return any(self.path.glob(file))
+        """Returns whether the manifest lists a file of this name, or one that matches this pattern."""
+        has_manifest = (self.path / MANIFEST).is_file()
+        return has_manifest and any(fnmatchcase(name, file) for name in self.manifest["files"])
+
+    def content(self, file: str) -> bytes:
+        """Returns the content of a listed file; another raises an InputError that names it."""
+        with self.reading(file):
+            content = (self.path / file).read_bytes()
+            if hashlib.sha256(content).hexdigest() != self.manifest["files"][file]:
+                raise ValueError(f"{MANIFEST} lists another digest")
+        return content
+
+    def check(self) -> None:
+        """Reads all files; an InputError names those that are missing or changed."""
+        check_all(*(partial(self.content, file) for file in self.manifest["files"]))
 
     def figure(self, name: str) -> str:
         """Returns the name of the file with an item's figure; empty if there is none."""
         return file if (file := f"{name}.svg") in self else ""
 
     def frame(self, name: str) -> pd.DataFrame:
-        """Returns a table, from its CSV file, which is named without its ending; raises an OSError."""
-        return read_csv(self.path / f"{name}.csv")
+        """Returns a table, by the name of its file, without the ending `.csv` if that is all it has."""
+        content = self.content(name if "." in name else f"{name}.csv")
+        return read_csv(BytesIO(gzip.decompress(content) if name.endswith(".gz") else content))
 
     @contextmanager
-    def reading(self) -> Iterator[None]:
+    def reading(self, file: str = "") -> Iterator[None]:
         """Turns what goes wrong while files of this folder are read into an `InputError`."""
         try:
             yield
@@ -83,9 +111,25 @@ class Folder:
             if isinstance(error, FileNotFoundError):
                 fault = f"{Path(error.filename).name} is missing"
             raise InputError(
-                f"{self.path}: damaged, or made by another version of this project ({fault}); make these "
+                f"{self.path / file}: damaged, or made by another version of this project ({fault}); make these "
                 "results again."
             ) from error
+
+
+def write_manifest(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes the manifest of a folder, whose other files are there."""
+    text = sealed({**content, "files": digests(path, but=(MANIFEST, README))}, indent=2)
+    (path / MANIFEST).write_text(text, encoding="utf-8")
+
+
+def digests(path: Path, but: Collection[str] = ()) -> dict[str, str]:
+    """Returns the SHA-256 digest of each file of a folder, by name, but pages and hidden files."""
+    names = sorted(file.name for file in path.iterdir() if file.is_file())
+    return {
+        name: hashlib.sha256((path / name).read_bytes()).hexdigest()
+        for name in names
+        if name not in (*but, "index.html") and not name.startswith(".")
+    }
 
 
 def titled(side: str, titles: Mapping[str, str]) -> str:

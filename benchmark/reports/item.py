@@ -234,6 +234,7 @@ class Report:
     items: tuple[Item, ...]
     document: Path  # a template of Markdown with places for the items, see `benchmark.reports.document`
     headline: Callable[[Folder], str | None] = lambda _: None  # one sentence in Markdown, from tables alone
+    finding: Path | None = None  # the template of a text by hand, see `benchmark.reports.prose`
     lead: str = ""  # the item whose figure stands above the headline on the page
     packages: Sequence[str] = ()  # that it needs beyond the basic ones
     reads_curves: bool = False  # whether curves alone are enough, see `Solved` in the experiments' schema

@@ -1,6 +1,6 @@
 """Texts written by hand, whose numbers are looked up in published tables and whose claims are checked.
 
-The finding of a published experiment is a template beside its file: `benchmark/experiments/when.md.jinja`.
+The finding of an experiment is a template beside its file: of `when.toml`, it is `when.md.jinja`.
 Every number in it is a link to its rows, and every other statement is guarded by a `claim` about the tables.
 Its first paragraph is the answer. A paragraph may start with a title in bold, by which the README of this
 repository includes it and those after it. Results of other seeds, or of some of the runs, have no such text.
@@ -8,14 +8,15 @@ repository includes it and those after it. Results of other seeds, or of some of
 
 import re
 from functools import cache
+from pathlib import Path
 from typing import Final
 
 import pandas as pd
 
 from benchmark.drawing import tables
-from benchmark.experiments import EXPERIMENT_DIRECTORY
+from benchmark.experiments import EXPERIMENT_DIRECTORY, experiment_names
 from benchmark.reports.folder import Folder, with_titles
-from benchmark.reports.templates import templates_in
+from benchmark.reports.templates import rendered
 from envs import InputError
 from envs.words import listed
 
@@ -27,25 +28,27 @@ class ClaimError(InputError):
     """The tables do not show what a text claims."""
 
 
-def written(folder: Folder) -> str | None:
+def written(folder: Folder, template: Path | None = None) -> str | None:
     """Returns the text written for a folder of results, in Markdown; None if there is none for these runs.
+
+    The template is by default that of a shipped experiment.
 
     Raises:
       ClaimError: The tables do not show what it claims. On another type of processor nets learn differently,
         so there a claim can fail without any error.
-      InputError: They lack what it cites.
+      InputError: The template has a mistake, or cites what the tables lack.
     """
     manifest = folder.manifest
-    path = EXPERIMENT_DIRECTORY / f"{manifest.get('argument')}.md.jinja"
+    if template is None and manifest.get("argument") in experiment_names():
+        template = EXPERIMENT_DIRECTORY / f"{manifest['argument']}.md.jinja"
     is_as_declared = not manifest.get("partial") and " --seeds " not in manifest.get("command", "")
-    if not is_as_declared or not path.is_file():
+    if template is None or not (is_as_declared and template.is_file()):
         return None
-    with folder.reading():
-        lookups = Lookups(folder)
-        functions = {name: getattr(lookups, name) for name in vars(Lookups) if name[0] != "_"}
-        text = templates_in(path.parent).get_template(path.name).render(functions)
+    lookups = Lookups(folder)
+    functions = {name: getattr(lookups, name) for name in vars(Lookups) if name[0] != "_"}
+    text = rendered(template, functions)
     if lookups.failed:
-        where = f"{folder.path}: its tables do not show, as {path.name} claims,"
+        where = f"{folder.path}: its tables do not show, as {template.name} claims,"
         raise ClaimError(*(f"{where} that {claim}." for claim in lookups.failed))
     paragraphs = [" ".join(paragraph.split()) for paragraph in text.split("\n\n")]
     return "\n\n".join(filter(None, paragraphs))

@@ -1,8 +1,8 @@
 """Whether files are the same: as when they were made, as published, or as drawn again.
 
-Files are compared by git's ids of their contents. A *stamp* beside a folder's files, which is not published,
-notes these ids and what the files were made from: what is up to date need not be made again. A *certificate*
-says whether a folder is the same as another one, except files that hold measured times.
+A *stamp* beside a folder's files, which is not published, notes what they were made from: what is up to date
+need not be made again. A *certificate* says whether a folder is the same as another one, except files that
+hold measured times.
 """
 
 import gzip
@@ -10,13 +10,15 @@ import hashlib
 import json
 import platform
 import subprocess
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
+from contextlib import suppress
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from benchmark.execution.provenance import digest_of_code
-from benchmark.reports.folder import MANIFEST
+from benchmark.reports.folder import MANIFEST, README, Folder, digests
+from envs import InputError
 
 _STAMP: Final = ".stamp"
 REPOSITORY: Final = Path(__file__).parents[2]
@@ -41,16 +43,13 @@ def compare(
       other: A folder made from the same store, in which only files count that were made for it. By default it
         is the folder of the last commit, and manifests, which say who made the files and when, do not count.
     """
-    made = _ids(folder)
+    made = digests(folder)
     if other is None:
-        listing, where = _git("ls-tree", f"HEAD:results/{name}") or b"", "the published results"
-        entries = (line.split(maxsplit=3) for line in listing.decode().splitlines())
-        expected = {file: blob for _, kind, blob, file in entries if kind == "blob" and _is_result(file)}
-        for ids in (made, expected):
-            ids.pop(MANIFEST, None)
+        where, expected = "the published results", _published(name)
+        made.pop(MANIFEST, None)
     else:
-        known, where = {*made, *stamped(other)}, f"the files in {other}"
-        expected = {file: blob for file, blob in _ids(other).items() if file in known}
+        known, where = {*made, *listed(other)}, f"the files in {other}"
+        expected = {file: digest for file, digest in digests(other).items() if file in known}
     if not expected:
         return None
     compared = sorted({*made, *expected} - {*measured})
@@ -78,27 +77,22 @@ def keep_published(folder: Path, name: str) -> None:
 
 def is_up_to_date(folder: Path, inputs: str) -> bool:
     """Returns whether a folder's files were made from these inputs and are as they were made."""
-    noted, blobs = _noted(folder)
-    return noted == inputs and blobs.items() <= _ids(folder).items()
+    with suppress(InputError, OSError):
+        Folder(folder).check()
+        return (folder / _STAMP).read_text(encoding="utf-8") == inputs
+    return False
 
 
 def write_stamp(folder: Path, inputs: str) -> None:
     """Notes what a folder's files were made from, see `digest_of_inputs`."""
-    stamp = {"inputs": inputs, "files": _ids(folder)}
-    (folder / _STAMP).write_text(json.dumps(stamp, indent=1) + "\n", encoding="utf-8")
+    (folder / _STAMP).write_text(inputs, encoding="utf-8")
 
 
-def stamped(folder: Path) -> Iterable[str]:
-    """Lists the files of a folder's stamp; none if there is no stamp, or a damaged one."""
-    return _noted(folder)[1]
-
-
-def _noted(folder: Path) -> tuple[str, dict[str, str]]:
-    try:
-        stamp = json.loads((folder / _STAMP).read_text(encoding="utf-8"))
-        return str(stamp["inputs"]), dict(stamp["files"])
-    except (OSError, ValueError, LookupError, TypeError):
-        return "", {}
+def listed(folder: Path) -> set[str]:
+    """Returns the names of the files that were made for a folder, if it has a sound manifest."""
+    with suppress(InputError):
+        return {MANIFEST, README, *Folder(folder).manifest["files"]}
+    return set()
 
 
 def digest_of_inputs(*parts: str) -> str:
@@ -108,17 +102,13 @@ def digest_of_inputs(*parts: str) -> str:
     return hashlib.sha256("\0".join(inputs).encode()).hexdigest()
 
 
-def _ids(folder: Path) -> dict[str, str]:
-    """Returns git's ids of the contents of a folder's files by name."""
-    return {
-        path.name: hashlib.sha1(b"blob %d\0" % path.stat().st_size + path.read_bytes()).hexdigest()
-        for path in sorted(folder.iterdir())
-        if path.is_file() and _is_result(path.name)
-    }
-
-
-def _is_result(file: str) -> bool:
-    return file != "index.html" and not file.startswith(".")
+def _published(name: str) -> dict[str, str]:
+    """Returns the digests of an experiment's published files; none if the last commit has no such results."""
+    manifest, readme = (published_file(name, file) for file in (MANIFEST, README))
+    if manifest is None or readme is None:
+        return {}
+    files = json.loads(manifest).get("files", {})
+    return {**files, README: hashlib.sha256(readme).hexdigest()}
 
 
 def _git(*arguments: str) -> bytes | None:

@@ -32,7 +32,7 @@ from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, Reporting
 from benchmark.reports import document, files
-from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.reports.folder import Folder, write_manifest
 from benchmark.reports.item import COLUMNS, Item, Report, entry
 from envs import InputError, Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
@@ -88,8 +88,8 @@ def measure(results: Path, *, smoke: bool) -> None:
             "processors": [provenance.processor()],
             "versions": [provenance.versions("q_learning")],
         }
-        (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
         write_csv(frame, aside / "speed.csv")
+        write_manifest(aside, manifest)
         document.write(aside)
     print(f"written to {directory}")
 
