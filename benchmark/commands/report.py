@@ -4,7 +4,7 @@ import argparse
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from benchmark import leaderboard
 from benchmark.analysis.search import chosen
@@ -40,8 +40,9 @@ def main(options: argparse.Namespace) -> int:
     if made.certificate is not None:
         print(made.certificate.text)
     try:
-        if prose.written(Folder(directory), report.finding) is None and report.finding.is_file():
-            print(f"{experiment.name}: {report.finding} is not used, as it is for all declared runs.")
+        finding = report.finding
+        if prose.written(Folder(directory), finding) is None and finding is not None and finding.is_file():
+            print(f"{experiment.name}: {finding} is not used, as it is for all declared runs.")
     except prose.ClaimError as error:  # on another type of processor, nets learn differently
         print(f"{error}\n{experiment.name}: so its text is not used.")
     return 0
@@ -81,7 +82,7 @@ def _write_chosen(experiment: Experiment, store: Store, folder: Folder) -> None:
     file = chosen_file(experiment.path)
     search, trials = digest_of_search(experiment.declared), folder.manifest["files"].get("trials.csv", "")
     now = Choices(search=search, trials=trials, learners=chosen(experiment, store))
-    measured = {"sha256": True, "learners": {"__all__": {"cpu_time_s"}}}
+    measured: Any = {"sha256": True, "learners": {"__all__": {"cpu_time_s"}}}
     is_same = False
     with suppress(InputError):  # there is none, or it is damaged
         before = read_chosen(experiment.path, "")

@@ -170,16 +170,16 @@ def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
     `reports` are those of the published experiments that are verified, by name.
     """
     texts = dict[Path, str]()
-    for name in reports.keys() | ({page.SPEED} if (results / page.SPEED / MANIFEST).is_file() else set()):
+    for name in [*reports, *[page.SPEED] * (results / page.SPEED / MANIFEST).is_file()]:
         try:
             made = document.Document(results / name, reports.get(name))
             texts[results / name / README] = made.readme()
             print(f"{name}: its {len(made.folder.manifest['files'])} files are as its manifest lists them.")
         except InputError as error:
             yield str(error)
-    pages = {None if name in page.CHAPTERS else name for name in reports}
+    pages = {None if name in page.CHAPTERS else name: report for name, report in reports.items()}
     with suppress(InputError):  # a file is damaged, as said
-        texts |= {path: text for name in pages for path, text in page.texts(results, name, reports.get(name))}
+        texts |= {path: text for name in pages for path, text in page.texts(results, name, pages[name])}
         texts |= leaderboard.texts(results) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
             texts[sameness.REPOSITORY / README] = document.front(results)

@@ -23,6 +23,7 @@ from benchmark.reports import REPORTS, files, load_items, load_report, prose
 from benchmark.reports.folder import MANIFEST, README, Folder, with_titles
 from benchmark.reports.item import Item, Report
 from benchmark.reports.templates import templates_in as templates_in
+from envs import InputError
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 _FRONT: Final = Path(__file__).parent / "front.md.jinja"

@@ -111,8 +111,8 @@ class Folder:
             if isinstance(error, FileNotFoundError):
                 fault = f"{Path(error.filename).name} is missing"
             raise InputError(
-                f"{self.path / file}: damaged, or made by another version of this project ({fault}); make these "
-                "results again."
+                f"{self.path / file}: damaged, or made by another version of this project ({fault}); make "
+                "these results again."
             ) from error
 
 

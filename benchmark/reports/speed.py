@@ -4,7 +4,6 @@ Machines are noisy: the two sides of a row take turns, as do the rows, and the b
 Training whole nets takes too long for that: rates by CPU time are the units of all turns per second.
 """
 
-import json
 import random
 import sys
 import time

@@ -1,5 +1,6 @@
 """Templates of Jinja, of which texts, documents and the page are made."""
 
+import re
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,11 +14,11 @@ from benchmark.drawing import tables
 from envs import InputError
 
 # Of data frames and arrays, what computes. Much else runs code or writes files: `query`, `apply`, `to_csv`.
-_COMPUTING: Final = set(
-    "abs all any between clip contains count cummax cummin diff drop_duplicates dropna duplicated endswith eq "
-    "fillna first ge get groupby gt head idxmax idxmin iloc isin isna items last le loc lt max mean median min "
-    "ne notna nunique pivot quantile rank reset_index round set_index size sort_index sort_values startswith "
-    "std sum tail to_dict to_list to_numpy tolist unique value_counts values xs".split()
+_COMPUTING: Final = re.compile(
+    "abs|all|any|between|contains|count|diff|drop_duplicates|dropna|duplicated|endswith|eq|first|ge|get|groupby"
+    "|gt|head|idxmax|idxmin|iloc|isin|isna|items|last|le|loc|lt|max|mean|median|min|ne|notna|nunique|pivot"
+    "|quantile|rank|reset_index|round|set_index|size|sort_values|startswith|std|sum|tail|to_dict|to_list"
+    "|to_numpy|tolist|unique|value_counts|values"
 )
 
 
@@ -26,8 +27,8 @@ class _Sandbox(SandboxedEnvironment):
 
     def is_safe_attribute(self, obj: object, attr: str, value: object) -> bool:
         is_data = type(obj).__module__.partition(".")[0] in ("numpy", "pandas")
-        is_computing = attr in _COMPUTING or not (is_data and callable(value))
-        return is_computing and super().is_safe_attribute(obj, attr, value)
+        is_computing = not (is_data and callable(value)) or _COMPUTING.fullmatch(attr)
+        return bool(is_computing) and super().is_safe_attribute(obj, attr, value)
 
 
 def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
@@ -50,7 +51,9 @@ def rendered(template: Path, known: Mapping[str, object]) -> str:
     try:
         return templates_in(template.parent).get_template(template.name).render(known)
     except Exception as error:  # whatever the template does, such as dividing by zero
-        lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename == str(template)]
+        lines = [
+            at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename == str(template)
+        ]
         line = getattr(error, "lineno", None) or [*lines, 0][-1]
         reason = f"column {error} is missing" if isinstance(error, KeyError) else error
         raise InputError(f"{template}, line {line}: {reason}.") from error
