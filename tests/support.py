@@ -1,5 +1,6 @@
 """What tests of several rooms call: the project's commands, as users run them, and its packages."""
 
+import json
 import subprocess
 import sys
 import tomllib
@@ -14,6 +15,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from benchmark.experiments import Experiment, RunSpecification
+from benchmark.reports.folder import MANIFEST, write_manifest
 from envs import load_scenario
 
 ROOT: Final = Path(__file__).parents[1]
@@ -36,6 +38,13 @@ def specifications(
 def few_places(name: str, n: int = 6) -> dict[str, Any]:
     """Returns overrides with which a shipped scenario is small: a group stands in few of many ways."""
     return {"issuer.places": n} if load_scenario(name).group else {}
+
+
+def reseal(folder: Path, **changes: object) -> None:
+    """Writes the manifest of a folder of results again, as if its files had been made as they are."""
+    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8")) | changes
+    gone = {key for key, value in changes.items() if value is None}
+    write_manifest(folder, {key: value for key, value in manifest.items() if key not in gone})
 
 
 def git(folder: Path, *arguments: str) -> str:

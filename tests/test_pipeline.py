@@ -15,6 +15,7 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.commands import verify
 from benchmark.execution.store import Record, Store
+from benchmark.reports import load_report
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
 from tests.support import ROOT, make, mistyped_columns
@@ -120,16 +121,17 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
 def test_changed_texts_are_reported(results: Path, tmp_path: Path) -> None:
     shutil.copytree(results, tmp_path, dirs_exist_ok=True)
     shutil.copytree(ROOT / "results" / "speed", tmp_path / "speed")
-    assert [*verify.rewritten({"reproduce_smoke"}, tmp_path)] == []
+    reports = {"reproduce_smoke": load_report("replication")}
+    assert [*verify.rewritten(reports, tmp_path)] == []
     paths = tmp_path / "reproduce_smoke" / "index.html", tmp_path / "speed" / "README.md"
     for path in paths:
         path.write_text("changed", encoding="utf-8")
-    problems = [*verify.rewritten({"reproduce_smoke"}, tmp_path)]
-    assert [problem.partition(":")[0] for problem in problems] == [str(path) for path in paths]
+    problems = [*verify.rewritten(reports, tmp_path)]
+    assert {problem.partition(":")[0] for problem in problems} == {str(path) for path in paths}
     manifest = tmp_path / "speed" / "manifest.json"
     manifest.write_text(manifest.read_text(encoding="utf-8").replace('"description"', '"other"'))
-    (problem,) = verify.rewritten(set(), tmp_path)
-    assert problem.startswith(f"{tmp_path / 'speed'}: damaged")
+    (problem,) = verify.rewritten({}, tmp_path)
+    assert problem.startswith(f"{manifest}: damaged")
 
 
 def test_damaged_stores_are_problems_not_mistakes(results: Path, tmp_path: Path) -> None:

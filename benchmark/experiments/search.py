@@ -192,7 +192,7 @@ def read_chosen(path: Path, source: str) -> Choices:
         unsealed(content)
         return Choices.model_validate_json(content)
     except (OSError, ValueError, TypeError, RecursionError) as error:
-        what = "is missing" if isinstance(error, FileNotFoundError) else "is damaged or was edited"
+        what = "is missing" if isinstance(error, FileNotFoundError) else "is damaged"
         name = path.stem if path.parent == Path(__file__).parent else path
-        problem = f"{file} {what}; python -m benchmark run {name} --report makes it anew"
+        problem = f"{file.name} {what}; python -m benchmark run {name} --report makes it anew"
         raise InputError(f"{source}: {problem}.") from error

@@ -1,7 +1,6 @@
 """Assessing an agent: how it is read, against hand-made policies, and how it is ranked, by hand."""
 
 import gzip
-import json
 import math
 import re
 from itertools import count
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
 from benchmark.assessment import Act, assess, draw_map, standing_of
+from benchmark.reports.folder import write_manifest
 from envs import EVENTS, InputError, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table
@@ -263,8 +263,8 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
         },
     }
     folder.mkdir()
-    (folder / "manifest.json").write_text(json.dumps(manifest | changes), encoding="utf-8")
     (folder / "scores.csv.gz").write_bytes(gzip.compress(scores.encode()))
+    write_manifest(folder, manifest | changes)
 
 
 SCORES = """scenario,variant,observation,success,score
@@ -304,7 +304,7 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     whole = (tmp_path / "beyond" / "scores.csv.gz").read_bytes()
     for content in (gzip.compress(b"variant,success,score\ntable,1.0,1.0\n"), whole[:-12]):
         (tmp_path / "beyond" / "scores.csv.gz").write_bytes(content)
-        with pytest.raises(InputError, match="beyond: damaged"):
+        with pytest.raises(InputError, match=r"scores\.csv\.gz: damaged"):
             standing()
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from benchmark.analysis.frames import by_population
 from benchmark.drawing.tables import link
-from benchmark.experiments import Experiment
+from benchmark.experiments import Experiment, load_experiment
 from benchmark.reports import document, draw, load_report
 from benchmark.reports.document import Document
 from benchmark.reports.folder import Folder
@@ -77,8 +77,11 @@ def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None
     assert "| lost.csv, .svg" in readme  # in the list of files
     assert "![Share of runs without any success.](lost.svg)" in readme
     (tmp_path / "runs.db").unlink()  # texts can be made again from the files alone
-    document.write(folder)
+    (folder / "README.md").unlink()
+    document.write(folder, draw.report_of(load_experiment(tmp_path / "mine.toml")))
     assert (folder / "README.md").read_text(encoding="utf-8") == readme
+    with pytest.raises(InputError, match=r"manifest\.json: report: tests\.extension\.lost:lost: code of"):
+        document.write(folder)  # a manifest may come from anybody
 
 
 def test_report_of_another_kind(tmp_path: Path) -> None:
@@ -89,7 +92,7 @@ def test_report_of_another_kind(tmp_path: Path) -> None:
     readme = (folder / "README.md").read_text(encoding="utf-8")
     assert f"\nSuccess in S1 is {success[0]:g}.\n" in readme
     assert "## Successes" in readme
-    assert Document(folder).question == "How often does it succeed?"
+    assert Document(folder, REPORT).question == "How often does it succeed?"
 
 
 @pytest.mark.parametrize(

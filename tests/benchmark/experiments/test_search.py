@@ -1,6 +1,5 @@
 """The space of a search, its trials, and experiments that take what it has chosen."""
 
-import json
 import re
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pytest
 
 from benchmark.experiments import Experiment, choices
 from benchmark.experiments.search import Choice, Space, Span, trials
+from benchmark.sealed import sealed
 from envs import InputError
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.reports.conftest import experiment_of
@@ -68,8 +68,8 @@ def search(tmp_path: Path) -> Experiment:
     """A search, and beside its file what it has chosen."""
     search = experiment_of(tmp_path / "search.toml", SEARCH)
     learners = {"q_learning, index": chosen(0.25), "q_learning, offset": chosen(0.75)}
-    text = json.dumps({"search": choices.digest_of_search(search.declared), "learners": learners})
-    (tmp_path / "search.chosen.json").write_text(text)
+    content = {"search": choices.digest_of_search(search.declared), "trials": "", "learners": learners}
+    (tmp_path / "search.chosen.json").write_text(sealed(content, indent=1))
     return search
 
 
@@ -142,8 +142,8 @@ def test_a_grid_can_take_settings_from_another_search(tmp_path: Path) -> None:
     noisy = tmp_path / "noisy.toml"
     other = experiment_of(noisy, SEARCH.replace("FarCorner", "Noisy"))
     learners = {f"q_learning, {form}": chosen(0.05) for form in ("index", "offset")}
-    text = json.dumps({"search": choices.digest_of_search(other.declared), "learners": learners})
-    (tmp_path / "noisy.chosen.json").write_text(text)
+    content = {"search": choices.digest_of_search(other.declared), "trials": "", "learners": learners}
+    (tmp_path / "noisy.chosen.json").write_text(sealed(content, indent=1))
 
     def rates(search: Path | str, names: str) -> dict[tuple[str, str], object]:
         grids = f"""
@@ -176,7 +176,7 @@ axes.noise.1.scenario = {{ "issuer.feedback" = {{ kind = "noisy", noise = 1 }} }
     with pytest.raises(InputError, match="in a grid with tuned_by = reproduce: reproduce has no table"):
         rates("reproduce", '["mine"]')
     (tmp_path / "noisy.chosen.json").unlink()
-    with pytest.raises(InputError, match=r"noisy.chosen.json is missing or damaged"):
+    with pytest.raises(InputError, match="json is missing; python -m benchmark run"):
         rates(noisy, '["mine"]')
 
 
@@ -262,15 +262,26 @@ def test_a_changed_search_is_run_again(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("search")
 @pytest.mark.parametrize(
-    "text", [None, "[]", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}']
+    ("old", "new", "reason"),
+    [
+        (".*", None, "is missing"),
+        (".*", "[]", "is damaged"),
+        (".*", "[" * 10_000, "is damaged"),
+        (".*", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}', "is damaged"),
+        (r'"learning_rate": 0\.25', '"learning_rate": 0.26', "is damaged"),
+        (r'"runs": 10', '"runs": 11', "is damaged"),
+        (r',\s*"sha256": "\w+"', "", "is damaged"),
+    ],
 )
-def test_missing_and_damaged_choices_are_refused(tmp_path: Path, text: str | None) -> None:
+def test_missing_and_changed_choices_are_refused(
+    tmp_path: Path, old: str, new: str | None, reason: str
+) -> None:
     path = tmp_path / "search.chosen.json"
-    if text is None:
-        path.unlink()
-    else:
-        path.write_text(text)
-    with pytest.raises(InputError, match="missing or damaged; run the search search with --report"):
+    text, count = re.subn(old, new or "", path.read_text(), count=1, flags=re.DOTALL)
+    assert count == 1
+    path.unlink() if new is None else path.write_text(text)
+    again = rf"{reason}; python -m benchmark run \S*search\.toml --report makes it anew\."
+    with pytest.raises(InputError, match=again):
         tuned(tmp_path)
 
 

@@ -17,12 +17,13 @@ from benchmark.analysis.records import Records
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.page import build
+from benchmark.reports import REPORTS
 from benchmark.reports.data import load
-from benchmark.reports.folder import MANIFEST
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.page.made import TEXT
-from tests.support import ROOT
+from tests.support import ROOT, reseal
 
+REPORTS["made"] = "tests.benchmark.page.made:REPORT"  # as if it were this project's
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -31,7 +32,7 @@ FLAGS = (
 EXPERIMENT = f"""
 description = {json.dumps(TEXT)}
 note = {json.dumps(TEXT)}
-report = "tests.benchmark.page.made:REPORT"
+report = "made"
 scenarios = ["ROOM", "S2"]
 horizon = 100
 evaluation_every = 400
@@ -142,11 +143,10 @@ def results(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     results = tmp_path_factory.mktemp("page") / "results"
     for name in ("compare_deep", "reproduce", "speed"):
         shutil.copytree(made, results / name, ignore=shutil.ignore_patterns("index.html", ".*"))
-    manifest = json.loads((results / "speed" / MANIFEST).read_text(encoding="utf-8"))
-    del manifest["digest"]
-    (results / "speed" / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+        reseal(results / name, experiment=name)
     for file in ("agents.json.gz", "curves.csv", "curves.svg"):
         (results / "speed" / file).unlink()
+    reseal(results / "speed", digest=None)
     assert build.write(results) == results / "index.html"
     return results
 

@@ -26,6 +26,7 @@ from envs.scenario import ScenarioLike
 from envs.scene import COLOUR_MAP, colour_limits
 from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Learners, Open, Opened, rows_of
 from tests.benchmark.populations import population as blank
+from tests.support import reseal
 
 Everything = tuple[Path, dict[str, Records]]  # a folder, and the runs there by scenario
 Explore = Callable[..., tuple[Opened, Records]]
@@ -321,6 +322,7 @@ def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everythi
     shutil.copytree(made, folder / "mine")
     populations = {name: imperfect(name, observation) for name, observation in SEEN.items()}
     explorer.write([*populations.values()], folder / "mine" / explorer.FILE)
+    reseal(folder / "mine")
     build.write(folder, "mine")
     return folder / "mine", populations
 
@@ -427,6 +429,7 @@ def test_a_group_of_many_places_is_shown_in_some(
     shutil.copytree(made, tmp_path / "mine")
     monkeypatch.setattr(explorer, "MOST_STATES", 3000)  # five places
     explorer.write([population], tmp_path / "mine" / explorer.FILE)
+    reseal(tmp_path / "mine")
     build.write(tmp_path, "mine")
     address = f"#explorer={'TwoTalking.a-table_b.nearest~' * 2}600~policy"
     opened, menu = open_page(tmp_path / "mine", address), "select[name=person]"
@@ -462,6 +465,7 @@ def test_phase_and_wrong_pings_are_chosen(explore: Explore, everything: Everythi
 def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> None:
     shutil.copytree(made, tmp_path / "mine")
     (tmp_path / "mine" / "agents.json.gz").unlink()
+    reseal(tmp_path / "mine")
     build.write(tmp_path, "mine")
     opened = open_page(tmp_path / "mine")
     assert opened.page.locator("#explorer, a[href='#explorer']").count() == 0

@@ -1,7 +1,6 @@
 """The page as a file: made of published files alone, with every number in the row that it links to."""
 
 import html
-import json
 import re
 import shutil
 from collections import Counter
@@ -17,11 +16,11 @@ from benchmark.experiments import PUBLISHED, load_experiment
 from benchmark.page import build
 from benchmark.reports import load_report, prose, sameness
 from benchmark.reports.document import Document
-from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.reports.folder import Folder
 from envs import InputError
 from tests.benchmark.page.conftest import rows_of
 from tests.benchmark.page.made import TEXT
-from tests.support import ROOT, git
+from tests.support import ROOT, git, reseal
 
 
 class Page(HTMLParser):
@@ -122,6 +121,7 @@ def test_answer_needs_the_runs_that_give_it(published: Path, tmp_path: Path) -> 
     shutil.copytree(published / "when", tmp_path / "when")
     cells = (tmp_path / "when" / "contrasts.csv").read_text(encoding="utf-8")
     (tmp_path / "when" / "contrasts.csv").write_text(cells.replace(",slower", ",faster"), encoding="utf-8")
+    reseal(tmp_path / "when")
     assert 'class="answer"' not in build.write(tmp_path).read_text(encoding="utf-8")
 
 
@@ -204,12 +204,7 @@ def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str) -
     ids=str,
 )
 def test_damaged_manifests_are_refused(results: Path, tmp_path: Path, changes: dict[str, object]) -> None:
-    def change(folder: Path) -> None:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8")) | changes
-        kept = {key: value for key, value in manifest.items() if value is not None}
-        (folder / MANIFEST).write_text(json.dumps(kept), encoding="utf-8")
-
-    refused(results, tmp_path, change)
+    refused(results, tmp_path, lambda folder: reseal(folder, **changes))
 
 
 def test_git_has_the_published_results_and_ignores_those_of_users(
@@ -254,11 +249,10 @@ def test_texts_of_all_folders_and_the_page_are_written_again(
     shutil.copytree(results, tmp_path / "results", ignore=shutil.ignore_patterns("README.md", "index.html"))
     shutil.copytree(tmp_path / "results" / "speed", tmp_path / "results" / "mine")
     shutil.copytree(tmp_path / "results" / "speed", tmp_path / "results" / "other")
-    manifest = tmp_path / "results" / "other" / "manifest.json"
-    text = manifest.read_text(encoding="utf-8")
-    manifest.write_text(text.replace("tests.benchmark.page.made:", "of_another_machine:"), encoding="utf-8")
+    reseal(tmp_path / "results" / "other", report={"kind": "of_another:REPORT", "items": [], "question": ""})
     assert main(["report", "--results", str(tmp_path / "results")]) == 0
-    assert re.match(r".*other: its texts stay as they are: .*'of_another_machine'", capsys.readouterr().err)
+    said = r".*other: its texts stay as they are: .* of_another:REPORT: code of users"
+    assert re.match(said, capsys.readouterr().err)
     for file in ("index.html", "compare_deep/README.md", "reproduce/README.md"):
         made, there = ((path / file).read_text(encoding="utf-8") for path in (tmp_path / "results", results))
         assert made == there, file

@@ -13,6 +13,7 @@ from benchmark.page import build
 from benchmark.reports.folder import Folder
 from tests.benchmark.page.conftest import Open, Opened
 from tests.benchmark.reports.test_map import EXPERIMENT
+from tests.support import reseal
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +92,7 @@ def test_without_scripts_the_picture_and_the_headline_stay(open_page: Open, fold
 
 def test_it_leads_the_page_of_all_results(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder, tmp_path / "when", ignore=shutil.ignore_patterns("index.html", ".*"))
+    reseal(tmp_path / "when", experiment="when")
     page = build.write(tmp_path).read_text(encoding="utf-8")
     assert 'data-folder="when/"' in page
     assert page.index('id="report-when"') < page.index('id="map"')

@@ -1,6 +1,5 @@
 """Comparisons made by hand, for tests of what reports compute from them."""
 
-import json
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -25,6 +24,7 @@ from benchmark.reports.comparison import REPORT
 from benchmark.reports.data import Data
 from benchmark.reports.document import Document
 from benchmark.reports.draw import tables_of
+from benchmark.reports.folder import write_manifest
 from benchmark.reports.item import Item
 from envs import compile_scenario, load_scenario
 
@@ -219,5 +219,5 @@ def folder_of(path: Path, data: Data, *names: str) -> Document:
         "scenarios": {name: {} for name in experiment.scenarios},
         "algorithms": algorithms,
     }
-    (path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    write_manifest(path, manifest)
     return Document(path)

@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 from benchmark.reports import sameness
+from benchmark.reports.folder import write_manifest
 from tests.support import git
 
-FILES = {"a.csv": "a\n", "b.csv": "b\n", "cost.csv": "1 s\n", "manifest.json": "{}"}
+FILES = {"a.csv": "a\n", "b.csv": "b\n", "cost.csv": "1 s\n", "README.md": "."}
+KEPT = {"experiment": "mine", "report": {"kind": "comparison"}, "scenarios": {}}
 
 
 @pytest.fixture
@@ -18,6 +20,7 @@ def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir(parents=True)
     for name, text in FILES.items():
         (folder / name).write_text(text)
+    write_manifest(folder, KEPT)
     for arguments in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "published"]):
         git(root, *arguments)
     monkeypatch.setattr(sameness, "REPOSITORY", root)
@@ -29,8 +32,9 @@ def made(tmp_path: Path) -> Path:
     """A folder with the same files, the times and the manifest aside."""
     folder = tmp_path / "made"
     folder.mkdir()
-    for name, text in (FILES | {"cost.csv": "2 s\n", "manifest.json": "other"}).items():
+    for name, text in (FILES | {"cost.csv": "2 s\n"}).items():
         (folder / name).write_text(text)
+    write_manifest(folder, KEPT | {"runs": 5})
     return folder
 
 
@@ -43,10 +47,10 @@ def certificate(made: Path, other: Path | None = None) -> sameness.Certificate:
 def test_same_files_are_identical_to_what_is_committed(repository: Path, made: Path) -> None:
     (repository / "results" / "mine" / "b.csv").write_text("changed since\n")
     apart = "; files with measured times, not compared: 1"
-    text = f"mine: identical to the published results (2 of 2 files{apart})."
+    text = f"mine: identical to the published results (3 of 3 files{apart})."
     assert certificate(made) == (True, text)
     other = repository / "results" / "mine"  # against a folder instead of the commit
-    text = f"mine: different from the files in {other}: 2 of 3 files: b.csv, manifest.json{apart}."
+    text = f"mine: different from the files in {other}: 2 of 4 files: b.csv, manifest.json{apart}."
     assert certificate(made, other) == (False, text)
 
 
@@ -56,7 +60,7 @@ def test_changed_missing_and_new_files_differ(made: Path) -> None:
     (made / "c.csv").write_text("new")
     other = certificate(made)
     assert not other.is_identical
-    assert "different from the published results: 2 of 3 files: b.csv, c.csv;" in other.text
+    assert "different from the published results: 2 of 4 files: b.csv, c.csv;" in other.text
 
 
 @pytest.mark.usefixtures("repository")
@@ -68,21 +72,20 @@ def test_nothing_published_gets_no_certificate(
     assert sameness.compare(made, "mine", ()) is None
 
 
-def test_stamp_sees_changed_inputs_and_files(tmp_path: Path) -> None:
-    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
-    for file in files:
-        file.write_text(file.name)
+def test_stamp_sees_changed_inputs_and_files(made: Path) -> None:
     inputs = sameness.digest_of_inputs("runs", "seeds")
-    assert not sameness.is_up_to_date(tmp_path, inputs)
-    sameness.write_stamp(tmp_path, inputs)
-    (tmp_path / "other.csv").write_text("by somebody else")
-    assert sameness.is_up_to_date(tmp_path, inputs)
-    assert [*sameness.stamped(tmp_path)] == ["a.csv", "b.csv"]
-    assert not sameness.is_up_to_date(tmp_path, sameness.digest_of_inputs("runs", "other seeds"))
-    files[0].write_text("edited")
-    assert not sameness.is_up_to_date(tmp_path, inputs)
-    files[0].unlink()
-    assert not sameness.is_up_to_date(tmp_path, inputs)
-    (tmp_path / ".stamp").write_text("{")
-    assert not sameness.is_up_to_date(tmp_path, inputs)
-    assert [*sameness.stamped(tmp_path)] == []
+    assert not sameness.is_up_to_date(made, inputs)
+    sameness.write_stamp(made, inputs)
+    (made / "other.csv").write_text("by somebody else")
+    assert sameness.is_up_to_date(made, inputs)
+    assert sameness.listed(made) == {*FILES, "manifest.json"}
+    assert not sameness.is_up_to_date(made, sameness.digest_of_inputs("runs", "other seeds"))
+    for file in (made / "a.csv", made / ".stamp", made / "manifest.json"):
+        content = file.read_bytes()
+        file.write_bytes(content.replace(b"a", b"e"))
+        assert not sameness.is_up_to_date(made, inputs)
+        file.unlink()
+        assert not sameness.is_up_to_date(made, inputs)
+        file.write_bytes(content)
+    (made / "manifest.json").write_text("{")
+    assert sameness.listed(made) == set()

@@ -15,7 +15,7 @@ from benchmark.analysis.search import picked, references
 from benchmark.drawing.tables import plain, write_csv
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
-from benchmark.reports.folder import Folder
+from benchmark.reports.folder import Folder, write_manifest
 from benchmark.reports.search import REPORT
 from benchmark.reports.search.results import at_edges, gain
 from tests.support import ROOT, make, mistyped_columns
@@ -62,7 +62,7 @@ def test_headlines_claim_no_gain_that_is_not_shown(rows: Any, expected: str, tmp
     columns = ["trial", "default", "chosen", "gain_low", "variant", "observation"]
     write_csv(pd.DataFrame(rows, columns=columns), tmp_path / "chosen.csv")
     manifest = {"report": {"kind": "search"}, "scenarios": {}, "search": {"trials": 2}, "solved": None}
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    write_manifest(tmp_path, manifest)
     assert expected in plain(REPORT.headline(Folder(tmp_path)) or "")
 
 
