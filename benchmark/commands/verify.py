@@ -81,7 +81,7 @@ def _problems(
                 n = len(is_stored) - sum(is_stored)
                 print(f"{experiment.name}: not drawn again, as {n:,} of {len(is_stored):,} runs are missing.")
             if experiment.declared.search:
-                yield from _unfounded(experiment, folder)
+                yield from unfounded(experiment, folder)
         elif any(is_stored):
             print(f"{experiment.name}: not drawn again, since there is no report.")
     if not (reports or ended or structure) and options.experiment is not None:
@@ -152,7 +152,7 @@ def _redrawn(
         yield f"{certificate.text}\n{experiment.name}: {again}."
 
 
-def _unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
+def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
     """Yields that the settings that a search has chosen are not those of its published table of trials."""
     try:
         made = read_chosen(experiment.path, experiment.name)

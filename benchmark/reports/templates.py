@@ -54,7 +54,7 @@ def rendered(template: Path, known: Mapping[str, object]) -> str:
         lines = [
             at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename == str(template)
         ]
-        line = getattr(error, "lineno", None) or [*lines, 0][-1]
+        line = getattr(error, "lineno", None) or [0, *lines][-1]
         reason = f"column {error} is missing" if isinstance(error, KeyError) else error
         raise InputError(f"{template}, line {line}: {reason}.") from error
 

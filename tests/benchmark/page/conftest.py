@@ -17,7 +17,7 @@ from benchmark.analysis.records import Records
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.page import build
-from benchmark.reports import REPORTS
+from benchmark.reports import REPORTS, document
 from benchmark.reports.data import load
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.page.made import TEXT
@@ -147,6 +147,8 @@ def results(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for file in ("agents.json.gz", "curves.csv", "curves.svg"):
         (results / "speed" / file).unlink()
     reseal(results / "speed", digest=None)
+    for name in ("compare_deep", "reproduce", "speed"):
+        document.write(results / name)
     assert build.write(results) == results / "index.html"
     return results
 

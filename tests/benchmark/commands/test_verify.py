@@ -1,0 +1,214 @@
+"""Published files prove themselves without a run: every change is noticed, and none of them runs code."""
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmark.__main__ import main
+from benchmark.commands import verify
+from benchmark.experiments import experiment_names, load_experiment
+from benchmark.experiments.search import chosen_file
+from benchmark.reports import prose
+from benchmark.reports.document import Document
+from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.reports.templates import rendered
+from benchmark.sealed import sealed, unsealed
+from envs import InputError
+from tests.support import ROOT, reseal
+
+NAME = "equivalence"  # the smallest
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return shutil.copytree(
+        ROOT / "results" / NAME, tmp_path / NAME, ignore=shutil.ignore_patterns("index.html", ".*")
+    )
+
+
+def flips(content: bytes, n: int) -> Iterator[bytes]:
+    """Yields contents in which another digit stands in the place of one."""
+    rng = np.random.default_rng(1)
+    places = [match.start() for match in re.finditer(rb"\d", content)]
+    for place in rng.choice(places, min(n, len(places)), replace=False):
+        digit = b"%d" % ((int(content[place : place + 1]) + rng.integers(1, 10)) % 10)
+        yield content[:place] + digit + content[place + 1 :]
+
+
+def test_every_changed_digit_of_every_file_is_noticed(folder: Path) -> None:
+    Folder(folder).check()
+    n_files = 0
+    for path in sorted(folder.glob("*.*")):
+        content = path.read_bytes()
+        for changed in flips(content, 20):
+            path.write_bytes(changed)
+            if path.name == "README.md":
+                assert Document(folder).readme().encode() == content
+                continue
+            with pytest.raises(InputError, match=f"{NAME}/{path.name}: damaged"):
+                Folder(folder).check()
+        path.write_bytes(content)
+        n_files += 1
+    assert n_files == len(Folder(folder).manifest["files"]) + 2
+    Folder(folder).check()
+
+
+def test_changed_and_missing_files_are_named_by_every_command(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "README.md").write_text("by hand", encoding="utf-8")  # is made of the others, and made again
+    results = str(folder.parent)
+    shutil.copytree(ROOT / "results" / "compare_deep", folder.parent / "compare_deep")
+    assert main(["verify", NAME, "--results", results]) == 1
+    said = capsys.readouterr()
+    assert f"{NAME}: its 6 files are as its manifest lists them." in said.out
+    assert f"{NAME}: not drawn again, as 2,900 of 2,900 runs are missing." in said.out
+    assert f"{folder / 'README.md'}: different from what the tables make" in said.err
+    assert main(["report", "--results", results]) == 0
+    assert main(["verify", NAME, "--results", results]) == 0
+    table = folder / "summary.csv"
+    table.write_bytes(next(flips(table.read_bytes(), 1)))
+    (folder / "curves.svg").unlink()
+    before = {path: path.read_bytes() for path in folder.parent.rglob("*.*") if path.is_file()}
+    for command, code in ((["verify", NAME], 1), (["report"], 2)):
+        capsys.readouterr()
+        assert main([*command, "--results", results]) == code
+        said = capsys.readouterr()
+        assert {f"{NAME}/summary.csv: damaged", f"{NAME}/curves.svg: damaged"} <= {
+            f"{NAME}/{found}" for found in re.findall(rf"{NAME}/(\S+: damaged)", said.err)
+        }
+    assert before == {path: path.read_bytes() for path in folder.parent.rglob("*.*") if path.is_file()}
+
+
+def test_results_of_another_experiment_are_not_taken_for_those_of_this_one(folder: Path) -> None:
+    other = shutil.copytree(folder, folder.parent / "ablation")
+    with pytest.raises(InputError, match=f"ablation/{MANIFEST}: damaged, .*it is of {NAME}"):
+        Folder(other).check()
+
+
+@pytest.mark.parametrize("name", [name for name in experiment_names() if name.startswith("tuning")])
+def test_chosen_settings_follow_from_published_trials(name: str, tmp_path: Path) -> None:
+    path = chosen_file(ROOT / "benchmark" / "experiments" / f"{name}.toml")
+    if name.endswith("_smoke"):
+        return
+    experiment = load_experiment(name)
+    assert [*verify.unfounded(experiment, ROOT / "results" / name)] == []
+    shutil.copytree(ROOT / "results" / name, tmp_path / name)
+    trials = tmp_path / name / "trials.csv"
+    trials.write_bytes(next(flips(trials.read_bytes(), 1)))
+    reseal(tmp_path / name)
+    (problem,) = verify.unfounded(experiment, tmp_path / name)
+    assert re.match(rf"{re.escape(str(path))}: made of other trials than those in .*trials\.csv;", problem)
+    for changed in flips(path.read_bytes(), 50):
+        with pytest.raises(ValueError, match=r"sha256 is not the digest|Extra data|Expecting|leading zero"):
+            unsealed(changed)
+
+
+def test_a_seal_is_of_values_and_not_of_their_form() -> None:
+    content = {"b": [1, 0.1], "a": {"x": None}}
+    assert unsealed(sealed(content, 1).encode()) == unsealed(
+        json.dumps(unsealed(sealed(content, 2).encode())).encode()
+    )
+    for text in ("{}", "5", "[]", '{"a": 1}'):
+        with pytest.raises((ValueError, TypeError)):
+            unsealed(text.encode())
+
+
+# Data that never runs
+
+EVIL = "{{ cycler.__init__.__globals__.os.system('touch MARKER') }}"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"report": {"kind": "marker_module:REPORT"}},
+        {"report": {"kind": "benchmark.reports.../marker_module:REPORT"}},
+        {"report": {"kind": "comparison", "items": ["marker_module:item"]}},
+        {"report": {"kind": "comparison", "items": ["benchmark.reports:load_report"]}},
+        {"argument": "../marker"},
+        {"argument": "MARKER/marker"},
+        {"experiment": "../marker", "argument": "../marker.toml"},
+        {"description": EVIL, "note": EVIL, "partial": EVIL},
+        {"files": {"../../secret.csv": "0"}},
+    ],
+    ids=str,
+)
+def test_data_never_runs(
+    changes: dict[str, Any], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever a manifest says, and though its digests are right."""
+    folder = folder.rename(tmp_path / "theirs")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    marker = tmp_path / "MARKER"
+    code = f"open({str(marker)!r}, 'w')\nREPORT = item = None\n"
+    (tmp_path / "marker_module.py").write_text(code, encoding="utf-8")
+    for name in ("marker", "theirs", "equivalence"):
+        (tmp_path / f"{name}.md.jinja").write_text(EVIL.replace("MARKER", str(marker)), encoding="utf-8")
+    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    changes = json.loads(json.dumps(changes).replace("MARKER", str(marker)))
+    report = manifest["report"] | changes.pop("report", {})
+    reseal(folder, **changes, report=report)
+    if "files" in changes:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        text = sealed(manifest | {"files": changes["files"]}, 2)
+        (folder / MANIFEST).write_text(text, encoding="utf-8")
+    assert main(["report", "--results", str(tmp_path)]) in (0, 2)
+    assert not marker.exists()
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "cycler.__init__.__globals__",
+        "lookups.rows.__self__",
+        "frame.query('1')",
+        "frame.to_csv('FILE')",
+        "frame['a'].to_csv('FILE')",
+        "frame.apply('to_csv', path_or_buf='FILE')",
+        "frame.groupby('a').apply('to_csv')",
+        "frame.groupby('a').agg('to_csv')",
+        "frame['a'].values.tofile('FILE')",
+        "frame['a'].array.__class__",
+        "frame.pipe(frame.to_pickle)",
+        "frame.style.to_html('FILE')",
+        "frame.eval('1')",
+        "frame.plot()",
+        "frame['a'].map('FILE')",
+    ],
+)
+def test_templates_reach_neither_files_nor_code(expression: str, tmp_path: Path) -> None:
+    file, template = tmp_path / "written", tmp_path / "mine.md.jinja"
+    template.write_text(f"One.\n\n{{{{ {expression.replace('FILE', str(file))} }}}}", encoding="utf-8")
+    lookups = prose.Lookups(Folder(ROOT / "results" / NAME))
+    frame = lookups.rows("summary").assign(a=1.0)
+    with pytest.raises(InputError, match=r"mine\.md\.jinja, line 3: .*(unsafe|undefined|not callable)"):
+        rendered(template, {"frame": frame, "lookups": lookups})
+    assert not file.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{{ rows('summary' }}", r"line 3: unexpected '}'"),
+        ("{{ steps }}", r"line 3: 'steps' is undefined"),
+        ("{{ 1 / 0 }}", r"line 3: division by zero"),
+        ("{{ rows('nothing') }}", r"line 3: .*nothing\.csv"),
+        ("{{ rows('summary', nothing=1) }}", r"line 3: column 'nothing' is missing"),
+        ("{{ number('summary', 'success') }}", r"line 3: summary\.csv has \d+ rows"),
+        ("{% include 'other.md' %}", r"line 3: 'other\.md' not found"),
+        ("{{ 'a' + 1 }}", r"line 3: .*str"),
+    ],
+)
+def test_a_mistake_in_a_template_is_named_by_its_line(text: str, said: str, tmp_path: Path) -> None:
+    template = tmp_path / "mine.md.jinja"
+    template.write_text(f"One.\n\n{text}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=rf"mine\.md\.jinja, {said}"):
+        prose.written(Folder(ROOT / "results" / NAME), template)
