@@ -74,12 +74,16 @@ def test_files_that_are_too_much(
     assert expected in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
 
 
-def test_module_that_exits_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "exiting.py").write_text("exit()\n")
+@pytest.mark.parametrize("ending", ["SystemExit(None)", "GeneratorExit()", "SystemExit('os._exit')"])
+def test_module_that_exits_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], ending: str
+) -> None:
+    (tmp_path / "exiting.py").write_text(f"raise {ending}\n")
     for old, new in (('"q_learning"', '"exiting:a"'), ("\n[alg", '\n[report]\nkind = "exiting:a"\n[alg')):
         (tmp_path / "mine.toml").write_text(EXPERIMENT.replace(old, new, 1))
         line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-        assert "exiting:a cannot be imported: it calls exit" in line
+        reason = f"{tmp_path}/exiting.py, line 1: {ending} would end this process"
+        assert f"exiting:a cannot be imported: {reason}" in line
 
 
 def test_all_mistakes_of_a_file_are_reported_at_once(
