@@ -74,12 +74,10 @@ def test_files_that_are_too_much(
     assert expected in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
 
 
-@pytest.mark.parametrize("ending", ["SystemExit(None)", "GeneratorExit()", "SystemExit('os._exit')"])
-def test_module_that_exits_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], ending: str
-) -> None:
-    (tmp_path / "exiting.py").write_text(f"raise {ending}\n")
-    for old, new in (('"q_learning"', '"exiting:a"'), ("\n[alg", '\n[report]\nkind = "exiting:a"\n[alg')):
+def test_module_that_exits_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    places = (('"q_learning"', '"exiting:a"'), ("\n[alg", '\n[report]\nkind = "exiting:a"\n[alg'))
+    for ending, (old, new) in product(("SystemExit(None)", "GeneratorExit()", "SystemExit('bye')"), places):
+        (tmp_path / "exiting.py").write_text(f"raise {ending}\n")
         (tmp_path / "mine.toml").write_text(EXPERIMENT.replace(old, new, 1))
         line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
         reason = f"{tmp_path}/exiting.py, line 1: {ending} would end this process"
