@@ -20,7 +20,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -33,7 +33,8 @@ from benchmark.__main__ import main as benchmark
 from benchmark.commands import watch
 from benchmark.execution import driver
 from benchmark.execution.provenance import peak_memory_mb
-from benchmark.experiments import EXPERIMENT_DIRECTORY
+from benchmark.experiments import EXPERIMENT_DIRECTORY, load_experiment
+from benchmark.experiments.choices import digest_of_search
 from envs import OBSERVATIONS, scenario_names
 from envs.inputs import InputError, read_toml
 from envs.scenario import SCENARIO_DIRECTORY
@@ -138,7 +139,7 @@ evaluation_every = 100
 map_every = 100
 settings = { budget = 100 }
 algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2, first_seed = 900, \
-tuned_by = "{}/tuning.toml:q_learning" }
+tuned_by = "@FOLDER@/search.toml:q_learning" }
 """
 EXTENSION: Final = """
 extends = "reproduce_smoke"
@@ -163,13 +164,14 @@ WORDS: Final = (
     "math:sqrt", "math:pi", "json:", ":dumps", "film.webp", "film.txt", "/nowhere/film.gif", "/dev/null",
     "..", "~",
 )  # fmt: skip
-MARKING: Final = b"{{ cycler.__init__.__globals__.os.mkdir('{}/marker.ran') }}"  # a template
+MARKING: Final = b"{{ cycler.__init__.__globals__.os.mkdir('@FOLDER@/marker.ran') }}"  # a template
 NASTY: Final[tuple[Any, ...]] = (
     0, 1, -1, 2, 3, 7, 50, 1000, 99_999, 100_001, 10**6, 10**9, 10**9 + 1, 2**31, 2**63, -(2**63), 10**400,
     10**4300, 0.5, -0.0, 1e-300, 5e-324, 1e9, 1e308, -1e308, float("inf"), float("nan"), True, False,
     "", " ", "S1", "index", "anywhere", "any", "first", "x" * 5000, "../../x", "/etc/passwd", "...", "con",
     "=1+1", "$x$", "a|b", "a\nb", "\t", "\u0000", "\u001b[31m", "\u202e", "é", "🙂", "a, b", "<script>",
-    "{{ 7 * 7 }}", "marker:x", "../marker", "{}/marker", MARKING.decode(), "%s", "{}", "json:dumps", "math:pi", "nowhere:x", ":", "a:b:c", [], {}, [[]], [[], []],
+    "{{ 7 * 7 }}", "marker:x", "../marker", "@FOLDER@/marker", MARKING.decode(), "%s", "{}", "json:dumps",
+    "math:pi", "nowhere:x", ":", "a:b:c", [], {}, [[]], [[], []],
     [1, 2], [-1, 5], [1.5, 2], [[1, 2], [3, 4]], ["a", "b"], [1, "a"], {"kind": "none"}, {"kind": "x"},
     {"a": {"b": {"c": 1}}}, {"": 1}, {"a.b": 1}, [[[[[[[[1]]]]]]]], list(range(1000)),
 )  # fmt: skip
@@ -189,7 +191,7 @@ class AcceptedError(InputError):
 class Input(NamedTuple):
     """A command line, and the files that it is about."""
 
-    arguments: list[str]  # with {} for the folder of the files, also in them
+    arguments: list[str]  # with {} for the folder of the files
     files: dict[str, bytes] = {}  # noqa: RUF012
     is_data: bool = False  # whether the files may not name code that is run
 
@@ -223,11 +225,19 @@ def _experiment(rng: np.random.Generator) -> Input:
 
 def _chosen(rng: np.random.Generator) -> Input:
     """An experiment that takes its settings from a search whose file of chosen settings is mutated."""
-    name = "tuning.chosen.json"
-    files = {path.name: path.read_bytes() for path in EXPERIMENT_DIRECTORY.glob("tuning.*[!a]")}
+    name, shipped = "search.chosen.json", EXPERIMENT_DIRECTORY / "tuning"
+    files = {f"search{end}": Path(f"{shipped}{end}").read_bytes() for end in (".toml", ".chosen.json")}
+    chosen = json.loads(files[name]) | {"search": _search_digest()}
     files["mine.toml"] = TUNED.encode()
-    files[name] = _mutated_file(rng, name, files[name])
+    files[name] = _mutated_file(rng, name, json.dumps(chosen).encode())
     return Input(["run", "{}/mine.toml", "--results", "{}/results"], files, is_data=True)
+
+
+@cache
+def _search_digest() -> str:
+    """Returns the digest of the shipped search under the name of its copy."""
+    declared = load_experiment("tuning").declared
+    return digest_of_search(declared.model_copy(update={"name": "search"}))
 
 
 def _published(rng: np.random.Generator) -> Input:
@@ -271,7 +281,6 @@ def _mutated_file(rng: np.random.Generator, name: str, data: bytes) -> bytes:
             content = json.loads(data)
             for _ in range(int(rng.integers(1, 4))):
                 _mutate(rng, content)
-            sys.set_int_max_str_digits(0)
             return json.dumps(content, ensure_ascii=bool(rng.random() < 0.5)).encode(errors="surrogatepass")
         if rng.random() < 0.8 and name.endswith(".csv"):
             rows = [line.split(",") for line in data.decode().splitlines()]
@@ -290,10 +299,10 @@ def up(observation: object) -> int:  # noqa: ARG001
 def check(given: Input) -> tuple[str, str]:
     """Returns whether an input is "accepted", "refused" or "failed"; and what is wrong, or the message."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        marker = {"marker.py": b"import os; os.mkdir('{}/marker.ran')", "marker.md.jinja": MARKING}
+        marker = {"marker.py": b"import os; os.mkdir('@FOLDER@/marker.ran')", "marker.md.jinja": MARKING}
         for name, content in (given.files | marker).items():
             (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
-            (Path(folder) / name).write_bytes(content.replace(b"{}", folder.encode()))
+            (Path(folder) / name).write_bytes(content.replace(b"@FOLDER@", folder.encode()))
         arguments = [argument.replace("{}", folder) for argument in given.arguments]
         output, errors = io.StringIO(), io.StringIO()
         signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
