@@ -165,12 +165,13 @@ WORDS: Final = (
     "..", "~",
 )  # fmt: skip
 MARKING: Final = b"{{ cycler.__init__.__globals__.os.mkdir('@FOLDER@/marker.ran') }}"  # a template
+HOSTILE: Final = ("marker:x", "../marker", "@FOLDER@/marker", "@FOLDER@/marker.toml", MARKING.decode())
 NASTY: Final[tuple[Any, ...]] = (
     0, 1, -1, 2, 3, 7, 50, 1000, 99_999, 100_001, 10**6, 10**9, 10**9 + 1, 2**31, 2**63, -(2**63), 10**400,
     10**4300, 0.5, -0.0, 1e-300, 5e-324, 1e9, 1e308, -1e308, float("inf"), float("nan"), True, False,
     "", " ", "S1", "index", "anywhere", "any", "first", "x" * 5000, "../../x", "/etc/passwd", "...", "con",
     "=1+1", "$x$", "a|b", "a\nb", "\t", "\u0000", "\u001b[31m", "\u202e", "é", "🙂", "a, b", "<script>",
-    "{{ 7 * 7 }}", "marker:x", "../marker", "@FOLDER@/marker", MARKING.decode(), "%s", "{}", "json:dumps",
+    "{{ 7 * 7 }}", *HOSTILE, "%s", "{}", "json:dumps",
     "math:pi", "nowhere:x", ":", "a:b:c", [], {}, [[]], [[], []],
     [1, 2], [-1, 5], [1.5, 2], [[1, 2], [3, 4]], ["a", "b"], [1, "a"], {"kind": "none"}, {"kind": "x"},
     {"a": {"b": {"c": 1}}}, {"": 1}, {"a.b": 1}, [[[[[[[[1]]]]]]]], list(range(1000)),
@@ -244,6 +245,13 @@ def _published(rng: np.random.Generator) -> Input:
     """Published results, some of whose files are mutated, of which the texts and the page are made."""
     paths = [path for name in ("sb3", "leaderboard") for path in (ROOT / "results" / name).iterdir()]
     files = {f"results/{path.parent.name}/{path.name}": path.read_bytes() for path in paths}
+    if rng.random() < 0.5:  # what might lead to code
+        manifest = json.loads(files["results/sb3/manifest.json"])
+        table, key = _one(
+            rng, ((manifest, "argument"), (manifest["report"], "kind"), (manifest, "experiment"))
+        )
+        table[key] = _one(rng, HOSTILE)
+        files["results/sb3/manifest.json"] = json.dumps(manifest).encode()
     tables = [name for name in files if not name.endswith((".svg", ".md"))]
     for name in rng.choice([*tables, *["results/sb3/manifest.json"] * len(tables)], 2):
         files[str(name)] = _mutated_file(rng, str(name), files[str(name)])
