@@ -208,8 +208,7 @@ def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
         # As an environment gives it: a number, or an array that the function may change.
         given = int(table[o]) if table.ndim == 1 else table[o].copy()
         try:
-            with contained():
-                answer = act(given)
+            answer = contained()(act)(given)
         except Exception as error:  # whatever the function raises
             reason = f"{type(error).__name__}: {error}".removesuffix(".")
             raise InputError(f"act: failed for observation {o}: {reason}.") from error

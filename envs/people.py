@@ -100,11 +100,9 @@ class OwnFeedback(Table):
 
     def answers(self, pings: Sequence[Ping], source: str) -> NDArray[np.float64]:
         """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
-        function = self.function(source)
+        function = contained()(self.function(source))
         try:
-            with contained():
-                answers = [[np.broadcast_to(function(ping), 2) for ping in pings] for _ in range(2)]
-                said, again = map(np.array, answers)
+            said, again = (np.array([np.broadcast_to(function(ping), 2) for ping in pings]) for _ in range(2))
         except Exception as error:  # whatever the function raises
             reason = f"{type(error).__name__}: {error}".removesuffix(".")
         else:

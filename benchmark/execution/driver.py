@@ -70,8 +70,7 @@ def run(
                     keep(future)
                 if not under_way:
                     if (n_lost := len(pending(todo, store)) - len(errors)) > 0:
-                        lost = f"{n_lost} runs that were stored are no longer in runs.db"
-                        raise InputError(f"{lost}; 'run EXPERIMENT' trains them again.")
+                        raise InputError(f"{n_lost} stored runs are gone from runs.db; run them again.")
                     return errors
                 done = wait(under_way, return_when=FIRST_COMPLETED).done
     except KeyboardInterrupt:

@@ -36,10 +36,9 @@ def execute_job(job: Job) -> list[Record]:
     started = time.perf_counter()
     reset_peak_memory()
     try:
-        with contained():
-            if replace(job[0]).digest != job[0].digest:
-                raise InputError("a module that the run depends on has changed; run the experiment again.")
-            columns = recorded(_train_and_evaluate(job))
+        if replace(job[0]).digest != job[0].digest:
+            raise InputError("a module that the run depends on has changed; run the experiment again.")
+        columns = recorded(contained()(_train_and_evaluate)(job))
     except Exception as exception:
         return failures(job, exception, started)
     measured = provenance(job[0].algorithm) | _times(job, started) | {"peak_memory_mb": peak_memory_mb()}

@@ -133,7 +133,7 @@ def test_runs_that_disappear_from_the_store_are_missed(tmp_path: Path) -> None:
         def lose(*_: object) -> None:  # another store is copied over the file, say
             store._connection.execute("DELETE FROM runs").connection.commit()
 
-        with pytest.raises(InputError, match="6 runs that were stored are no longer"):
+        with pytest.raises(InputError, match="6 stored runs are gone"):
             run(runs, store, 1, lose)
 
 
