@@ -20,12 +20,13 @@ def _is_interrupt(error: BaseException | None) -> bool:
     if error is None:
         return False
     is_one = "KeyboardInterrupt" in f"{type(error).__name__}: {error}"
-    return is_one or _is_interrupt(error.__cause__ or error.__context__)
+    before = None if error.__suppress_context__ else error.__context__
+    return is_one or _is_interrupt(error.__cause__ or before)
 
 
 try:
     from envs.inputs import InputError
-    from envs.packages import needed_by
+    from envs.packages import contained, keep_running, needed_by
 except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)
@@ -66,6 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _open_streams()
     if arguments is None:  # this process, and those that it starts, are the command's alone
         os.environ["MPLBACKEND"] = "agg"  # one of a notebook might not be there; `watch` finds its own
+        keep_running()
     command = ""
     try:
         options = _parser().parse_args(arguments)
@@ -73,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise InputError("an option has the value --; accepted: another value.")
         command = options.command
         # Imported on demand: --help and mistakes do not wait for what a command needs.
-        with needed_by(f"benchmark {command}"):
+        with contained(), needed_by(f"benchmark {command}"):
             code = int(import_module(f"benchmark.commands.{command}").main(options))
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it

@@ -17,7 +17,7 @@ from envs import ACTIONS, ZONES, InputError, Model, Scenario, load_scenario
 from envs.inputs import shortened
 from envs.model import PING
 from envs.observations import compile_seen, observation_table
-from envs.packages import needed_by
+from envs.packages import contained, needed_by
 from envs.scenario import ScenarioLike
 
 with needed_by("benchmark.assessment"):
@@ -207,9 +207,9 @@ def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
         # As an environment gives it: a number, or an array that the function may change.
         given = int(table[o]) if table.ndim == 1 else table[o].copy()
         try:
-            answer = act(given)
+            answer = contained()(act)(given)
         except Exception as error:  # whatever the function raises
-            reason = f"{type(error).__name__}: {error}"
+            reason = f"{type(error).__name__}: {error}".removesuffix(".")
             raise InputError(f"act: failed for observation {o}: {reason}.") from error
         row = _row(answer)
         if row is None:

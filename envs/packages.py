@@ -1,10 +1,14 @@
 """Packages that this project may need: which extra brings each, and what is said if one is not installed."""
 
-from collections.abc import Iterator, Mapping
+import os
+import posix
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import chain
+from traceback import extract_tb
 from types import ModuleType
 from typing import Final
 
@@ -42,11 +46,11 @@ def imported(name: str, source: str, kind: str) -> object:
         raise InputError(f"{source}: {kind} {shortened(name)}: accepted: module:attribute.")
     loaded: ModuleType | None = None
     try:
-        loaded = import_module(module)
-        return getattr(loaded, attribute)
-    except (Exception, SystemExit) as error:  # a module can raise anything
-        reason: object = "it calls exit" if isinstance(error, SystemExit) else error
-        hint, missing = "", _missing(error)
+        with contained():
+            loaded = import_module(module)
+            return getattr(loaded, attribute)
+    except Exception as error:  # a module can raise anything
+        reason, hint, missing = str(error).removesuffix("."), "", _missing(error)
         if loaded is not None:
             hint = guess(attribute, dir(loaded))
         elif missing is not None and _installer(missing):
@@ -55,6 +59,34 @@ def imported(name: str, source: str, kind: str) -> object:
             accepted = "a module of the current folder, of that of the file, or of an installed package"
             hint = f"{guess(missing, chain(*EXTRAS.values()))}; accepted: {accepted}"
         raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}.") from error
+
+
+@contextmanager
+def contained() -> Iterator[None]:
+    """Turns what would end the process, as code of users may raise it, into an InputError; but not Ctrl-C."""
+    try:
+        yield
+    except BaseException as error:
+        if isinstance(error, Exception) or type(error) is KeyboardInterrupt:
+            raise
+        places = [f"{frame.filename}, line {frame.lineno}" for frame in extract_tb(error.__traceback__)]
+        where = [place for place in places if not place.startswith(("<", __file__))][-1:]
+        what = f"{shortened(repr(error))} would end this process"
+        raise InputError(f"{': '.join([*where, what])}.") from error
+
+
+def keep_running() -> None:
+    """Lets the functions of `os` that end this process at once, but not its children, raise SystemExit."""
+    for name in ("_exit", "abort", "execv", "execve"):
+        replacement = partial(_end, os.getpid(), name, getattr(os, name))
+        setattr(os, name, replacement)
+        setattr(posix, name, replacement)
+
+
+def _end(process: int, name: str, function: Callable[..., object], *arguments: object) -> None:
+    if os.getpid() == process:
+        raise SystemExit(f"os.{name}")
+    function(*arguments)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from pydantic import Discriminator, Field, Tag, ValidationError, WrapValidator, 
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
 from envs.inputs import InputError, Line, Table, require, shortened
-from envs.packages import imported
+from envs.packages import contained, imported
 from envs.regions import HEADINGS, Cell, Heading, Length, Regions, Ring
 
 MAX_STATES: Final = 4_000_000  # of a scenario
@@ -100,11 +100,11 @@ class OwnFeedback(Table):
 
     def answers(self, pings: Sequence[Ping], source: str) -> NDArray[np.float64]:
         """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
-        function = self.function(source)
+        function = contained()(self.function(source))
         try:
             said, again = (np.array([np.broadcast_to(function(ping), 2) for ping in pings]) for _ in range(2))
-        except (Exception, SystemExit) as error:  # whatever the function raises
-            reason = f"{type(error).__name__}: {error}"
+        except Exception as error:  # whatever the function raises
+            reason = f"{type(error).__name__}: {error}".removesuffix(".")
         else:
             if said.dtype.kind not in "iuf":
                 reason = "no number"

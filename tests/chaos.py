@@ -1,4 +1,4 @@
-"""Kills drivers and workers, fills disks, and checks that no run is lost, repeated or different.
+"""Kills drivers and workers, fills disks, takes stores away, and compares every run.
 
 `make chaos` runs it at full length; `tests/test_make.py` runs a short version.
 """
@@ -192,6 +192,34 @@ class Chaos:
             raise Broken(f"a full disk: exit code {process.returncode}: {errors[-2000:]}")
         return 0
 
+    def store_vanished(self) -> int:
+        """The store is moved away, replaced or emptied, or its folder read-only; perhaps it comes back."""
+        process, store, moved = self.start(), self.results / "runs.db", self.results / "moved.db"
+        self._wait(process)
+        way = str(self.rng.choice(["moved", "replaced", "emptied", "read-only"]))
+        with suppress(FileNotFoundError):  # the driver may not have begun
+            if way == "read-only":
+                self.results.chmod(0o500)
+            elif way == "emptied":
+                os.truncate(store, 0)
+            else:
+                store.rename(moved)
+                if way == "replaced":
+                    store.write_text("another file")
+        _, errors = process.communicate(timeout=600)
+        is_explained = process.returncode == 0 or (process.returncode == 2 and f"error: {store}: " in errors)
+        if "Traceback" in errors or not is_explained:
+            raise Broken(f"a store {way}: exit code {process.returncode}: {errors[-2000:]}")
+        self.results.mkdir(exist_ok=True)
+        self.results.chmod(0o700)
+        if moved.exists() and self.rng.random() < 0.5:
+            moved.replace(store)
+        elif way != "read-only":
+            for path in (store, moved):
+                path.unlink(missing_ok=True)
+            self._kept = set()
+        return 0
+
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.chaos", description=__doc__)
@@ -209,7 +237,7 @@ def main(arguments: list[str] | None = None) -> int:
                 continue
             (Path(folder) / name).mkdir()
             chaos = Chaos(Path(folder) / name, text, options.seed)
-            ways = [chaos.disk_full, chaos.driver_killed, chaos.driver_interrupted]
+            ways = [chaos.disk_full, chaos.store_vanished, chaos.driver_killed, chaos.driver_interrupted]
             ways += [chaos.one_of_two_drivers_killed, chaos.driver_killed]
             if name == "nets":
                 ways = [chaos.worker_killed] * 3 + ways

@@ -7,6 +7,7 @@ Nothing is trained: an experiment that is accepted ends where its runs would beg
 import argparse
 import contextlib
 import copy
+import hashlib
 import io
 import json
 import os
@@ -19,7 +20,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -32,9 +33,12 @@ from benchmark.__main__ import main as benchmark
 from benchmark.commands import watch
 from benchmark.execution import driver
 from benchmark.execution.provenance import peak_memory_mb
+from benchmark.experiments import EXPERIMENT_DIRECTORY, load_experiment
+from benchmark.experiments.choices import digest_of_search
 from envs import OBSERVATIONS, scenario_names
-from envs.inputs import read_toml
+from envs.inputs import InputError, read_toml
 from envs.scenario import SCENARIO_DIRECTORY
+from tests.support import ROOT
 
 LONGEST_LINE: Final = 300 + len("error: \n")
 MOST_LINES: Final = 11  # ten mistakes, and how many more there are
@@ -100,6 +104,17 @@ scenario = { "grid.rows" = 12 }
 """
 # What is left out of it, since a report takes some of it alone, or none.
 WITHOUT: Final = (("readings", "grids"), ("readings",), ("report",), ("report", "readings"))
+SHIPPED: Final = ("when", "when_smoke", "reproduce", "tuning_smoke")  # maps, a replication, a search
+TUNED: Final = """
+description = "With settings from a search."
+scenarios = ["S1"]
+horizon = 50
+evaluation_every = 100
+map_every = 100
+settings = { budget = 100 }
+algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2, first_seed = 900, \
+tuned_by = "@FOLDER@/search.toml:q_learning" }
+"""
 EXTENSION: Final = """
 extends = "reproduce_smoke"
 description = "Another budget."
@@ -123,12 +138,15 @@ WORDS: Final = (
     "math:sqrt", "math:pi", "json:", ":dumps", "film.webp", "film.txt", "/nowhere/film.gif", "/dev/null",
     "..", "~",
 )  # fmt: skip
+MARKING: Final = b"{{ cycler.__init__.__globals__.os.mkdir('@FOLDER@/marker.ran') }}"  # a template
+HOSTILE: Final = ("marker:x", "../marker", "@FOLDER@/marker", "@FOLDER@/marker.toml", MARKING.decode())
 NASTY: Final[tuple[Any, ...]] = (
     0, 1, -1, 2, 3, 7, 50, 1000, 99_999, 100_001, 10**6, 10**9, 10**9 + 1, 2**31, 2**63, -(2**63), 10**400,
     10**4300, 0.5, -0.0, 1e-300, 5e-324, 1e9, 1e308, -1e308, float("inf"), float("nan"), True, False,
     "", " ", "S1", "index", "anywhere", "any", "first", "x" * 5000, "../../x", "/etc/passwd", "...", "con",
     "=1+1", "$x$", "a|b", "a\nb", "\t", "\u0000", "\u001b[31m", "\u202e", "é", "🙂", "a, b", "<script>",
-    "{{ 7 * 7 }}", "%s", "{}", "json:dumps", "math:pi", "nowhere:x", ":", "a:b:c", [], {}, [[]], [[], []],
+    "{{ 7 * 7 }}", *HOSTILE, "%s", "{}", "json:dumps",
+    "math:pi", "nowhere:x", ":", "a:b:c", [], {}, [[]], [[], []],
     [1, 2], [-1, 5], [1.5, 2], [[1, 2], [3, 4]], ["a", "b"], [1, "a"], {"kind": "none"}, {"kind": "x"},
     {"a": {"b": {"c": 1}}}, {"": 1}, {"a.b": 1}, [[[[[[[[1]]]]]]]], list(range(1000)),
 )  # fmt: skip
@@ -138,41 +156,119 @@ class TooLongError(BaseException):
     """An input takes too long."""
 
 
-class AcceptedError(BaseException):
+class AcceptedError(InputError):
     """The runs of an experiment would begin."""
+
+    def __str__(self) -> str:
+        return "the runs would begin"
 
 
 class Input(NamedTuple):
-    """A command line, and the file that it is about."""
+    """A command line, and the files that it is about."""
 
-    arguments: list[str]  # with {} for the folder of the file
-    text: bytes = b""
+    arguments: list[str]  # with {} for the folder of the files
+    files: dict[str, bytes] = {}  # noqa: RUF012
+    is_data: bool = False  # whether the files may not name code that is run
 
 
 def draw(seed: int, number: int) -> Input:
     rng = np.random.default_rng([seed, number])
-    kind = rng.random()
-    if kind < 0.1:
-        return _command_line(rng)
-    if kind < 0.55:
-        data: Any = read_toml(SCENARIO_DIRECTORY / f"{_one(rng, scenario_names())}.toml")
-        if "group" in data:
-            data["issuer"]["places"] = 6  # of thousands
-        observation = _one(rng, OBSERVATIONS)
-        arguments = ["assess", "--agent", "tests.fuzz:up", "--observation", observation]
-        arguments += ["--scenario", "{}/mine.toml", "--results", "{}/results"]
-    else:
-        data = tomllib.loads(EXPERIMENT if rng.random() < 0.8 else EXTENSION)
-        for key in _one(rng, WITHOUT):
-            data.pop(key, None)
-        arguments = [*_one(rng, (["run"], ["run", "--report"], ["report"], ["run", "--seeds", "0-12"]))]
-        arguments += ["{}/mine.toml", "--results", "{}/results"]
+    kinds = (_command_line, _scenario, _experiment, _chosen, _published)
+    kind = kinds[int(rng.choice(len(kinds), p=(0.1, 0.42, 0.38, 0.05, 0.05)))]
+    return kind(rng)
+
+
+def _scenario(rng: np.random.Generator) -> Input:
+    data = read_toml(SCENARIO_DIRECTORY / f"{_one(rng, scenario_names())}.toml")
+    if "group" in data:
+        data["issuer"]["places"] = 6  # of thousands
+    arguments = ["assess", "--agent", "tests.fuzz:up", "--observation", _one(rng, OBSERVATIONS)]
+    arguments += ["--scenario", "{}/mine.toml", "--results", "{}/results"]
+    return Input(arguments, {"mine.toml": _mutated_toml(rng, data)})
+
+
+def _experiment(rng: np.random.Generator) -> Input:
+    path = EXPERIMENT_DIRECTORY / f"{_one(rng, SHIPPED)}.toml"
+    texts = (EXPERIMENT, EXPERIMENT, EXTENSION, path.read_text(encoding="utf-8"))
+    data = tomllib.loads(_one(rng, texts))
+    for key in _one(rng, WITHOUT) if "readings" in data and "grids" in data else ():
+        data.pop(key, None)
+    arguments = [*_one(rng, (["run"], ["run", "--report"], ["report"], ["run", "--seeds", "0-12"]))]
+    arguments += ["{}/mine.toml", "--results", "{}/results"]
+    return Input(arguments, {"mine.toml": _mutated_toml(rng, data)})
+
+
+def _chosen(rng: np.random.Generator) -> Input:
+    """An experiment that takes its settings from a search whose file of chosen settings is mutated."""
+    name, shipped = "search.chosen.json", EXPERIMENT_DIRECTORY / "tuning"
+    files = {f"search{end}": Path(f"{shipped}{end}").read_bytes() for end in (".toml", ".chosen.json")}
+    chosen = json.loads(files[name]) | {"search": _search_digest()}
+    files["mine.toml"] = TUNED.encode()
+    files[name] = _mutated_file(rng, name, json.dumps(chosen).encode())
+    return Input(["run", "{}/mine.toml", "--results", "{}/results"], files, is_data=True)
+
+
+@cache
+def _search_digest() -> str:
+    """Returns the digest of the shipped search under the name of its copy."""
+    declared = load_experiment("tuning").declared
+    return digest_of_search(declared.model_copy(update={"name": "search"}))
+
+
+def _published(rng: np.random.Generator) -> Input:
+    """Published results, some of whose files are mutated, of which the texts and the page are made."""
+    paths = [path for name in ("sb3", "leaderboard") for path in (ROOT / "results" / name).iterdir()]
+    files = {f"results/{path.parent.name}/{path.name}": path.read_bytes() for path in paths}
+    if rng.random() < 0.5:  # what might lead to code
+        manifest = json.loads(files["results/sb3/manifest.json"])
+        table = _one(rng, (manifest, manifest["report"]))
+        table[_one(rng, ("argument", "experiment", "kind"))] = _one(rng, HOSTILE)
+        files["results/sb3/manifest.json"] = json.dumps(manifest).encode()
+    tables = [name for name in files if not name.endswith((".svg", ".md"))]
+    for name in rng.choice([*tables, *["results/sb3/manifest.json"] * len(tables)], 2):
+        files[str(name)] = _mutated_file(rng, str(name), files[str(name)])
+    if rng.random() < 0.5:
+        rehash(files)
+    return Input(["report", "--results", "{}/results"], files, is_data=True)
+
+
+def rehash(files: dict[str, bytes]) -> None:
+    """Writes the digests of published files again, so that it is their content that is refused."""
+    name, sums = "results/sb3/manifest.json", "results/SHA256SUMS"
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        manifest = json.loads(files[name])
+        for file in manifest["files"]:
+            manifest["files"][file] = hashlib.sha256(files[f"results/sb3/{file}"]).hexdigest()
+        files[name] = json.dumps(manifest).encode()
+        files[sums] = f"{hashlib.sha256(files[name]).hexdigest()}  sb3/manifest.json\n".encode()
+
+
+def _mutated_toml(rng: np.random.Generator, data: dict[str, Any]) -> bytes:
     for _ in range(int(rng.integers(1, 4))):
         _mutate(rng, data)
     text = "\n".join(f"{_key(key)} = {_toml(value)}" for key, value in data.items()).encode()
     for _ in range(int(rng.integers(0, 3)) if rng.random() < 0.3 else 0):
         text = _garble(rng, text)
-    return Input(arguments, text)
+    return text
+
+
+def _mutated_file(rng: np.random.Generator, name: str, data: bytes) -> bytes:
+    """Returns a file with other values in it, or other bytes."""
+    with contextlib.suppress(ValueError, RecursionError):  # it is damaged already
+        if rng.random() < 0.8 and name.endswith(".toml"):
+            return _mutated_toml(rng, tomllib.loads(data.decode()))
+        if rng.random() < 0.8 and name.endswith(".json"):
+            content = json.loads(data)
+            for _ in range(int(rng.integers(1, 4))):
+                _mutate(rng, content)
+            return json.dumps(content, ensure_ascii=bool(rng.random() < 0.5)).encode(errors="surrogatepass")
+        if rng.random() < 0.8 and name.endswith(".csv"):
+            rows: list[Any] = [line.split(",") for line in data.decode().splitlines()]
+            for _ in range(int(rng.integers(1, 4))):
+                _mutate(rng, rows[0 if rng.random() < 0.2 else int(rng.integers(len(rows)))])
+            lines = (",".join(f"{cell}" for cell in row) for row in rows)
+            return "\n".join(lines).encode(_one(rng, ("utf-8", "utf-8-sig", "utf-16", "utf-7")))
+    return _garble(rng, data)
 
 
 def up(observation: object) -> int:  # noqa: ARG001
@@ -183,15 +279,21 @@ def up(observation: object) -> int:  # noqa: ARG001
 def check(given: Input) -> tuple[str, str]:
     """Returns whether an input is "accepted", "refused" or "failed"; and what is wrong, or the message."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        (Path(folder) / "mine.toml").write_bytes(given.text)
+        marker = {"marker.py": b"import os; os.mkdir('@FOLDER@/marker.ran')", "marker.md.jinja": MARKING}
+        for name, content in (given.files | marker).items():
+            (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
+            (Path(folder) / name).write_bytes(content.replace(b"@FOLDER@", folder.encode()))
         arguments = [argument.replace("{}", folder) for argument in given.arguments]
         output, errors = io.StringIO(), io.StringIO()
         signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
         try:
-            with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors), _nothing_trained():
+            with (
+                contextlib.redirect_stdout(output),
+                contextlib.redirect_stderr(errors),
+                mock.patch.object(sys, "path", [*sys.path, folder]),
+                _nothing_trained(),
+            ):
                 code = benchmark(arguments)
-        except AcceptedError:
-            code = 0
         except SystemExit as ended:  # of --help
             code = int(ended.code or 0)
         except TooLongError:
@@ -200,14 +302,19 @@ def check(given: Input) -> tuple[str, str]:
             return "failed", traceback.format_exc()
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
+            sys.modules.pop("marker", None)
+        if given.is_data and (Path(folder) / "marker.ran").exists():
+            return "failed", "runs code that data name"
         message = errors.getvalue()
         if (peak_memory_mb() or 0) > MOST_MEMORY_MB:
             return "failed", f"takes more than {MOST_MEMORY_MB} MB"
         lines = message.splitlines(keepends=True)
+        if TooLongError.__name__ in message:
+            return "failed", f"takes more than {LONGEST_S} s"
         is_line = 1 <= len(lines) <= MOST_LINES and all(
             line.startswith("error: ") and line.endswith("\n") and len(line) <= LONGEST_LINE for line in lines
         )
-        if code == 0:
+        if code == 0 or message.endswith(f"error: {AcceptedError()}\n"):
             return "accepted", ""
         return ("refused" if is_line and code == 2 else "failed"), f"exit code {code}: {message}"
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -75,11 +76,13 @@ def test_files_that_are_too_much(
 
 
 def test_module_that_exits_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "exiting.py").write_text("exit()\n")
-    for old, new in (('"q_learning"', '"exiting:a"'), ("\n[alg", '\n[report]\nkind = "exiting:a"\n[alg')):
+    places = (('"q_learning"', '"exiting:a"'), ("\n[alg", '\n[report]\nkind = "exiting:a"\n[alg'))
+    for ending, (old, new) in product(("SystemExit(None)", "GeneratorExit()", "SystemExit('bye')"), places):
+        (tmp_path / "exiting.py").write_text(f"raise {ending}\n")
         (tmp_path / "mine.toml").write_text(EXPERIMENT.replace(old, new, 1))
         line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-        assert "exiting:a cannot be imported: it calls exit" in line
+        reason = f"{tmp_path}/exiting.py, line 1: {ending} would end this process"
+        assert f"exiting:a cannot be imported: {reason}" in line
 
 
 def test_all_mistakes_of_a_file_are_reported_at_once(

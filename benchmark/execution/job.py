@@ -21,6 +21,7 @@ from benchmark.experiments.run import solved
 from benchmark.packages import broken
 from envs import InputError, Model
 from envs.observations import compile_seen
+from envs.packages import contained
 
 LOG: Final = "PROXEMIC_LOG"  # the environment variable that tells workers the folder of logs
 EXPLORED: Final = 0.05  # probability of a random action in the stochastic policy of learners that have none
@@ -37,7 +38,7 @@ def execute_job(job: Job) -> list[Record]:
     try:
         if replace(job[0]).digest != job[0].digest:
             raise InputError("a module that the run depends on has changed; run the experiment again.")
-        columns = recorded(_train_and_evaluate(job))
+        columns = recorded(contained()(_train_and_evaluate)(job))
     except Exception as exception:
         return failures(job, exception, started)
     measured = provenance(job[0].algorithm) | _times(job, started) | {"peak_memory_mb": peak_memory_mb()}

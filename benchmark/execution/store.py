@@ -6,6 +6,7 @@ records. Every record has checksums, which are verified whenever it is read: a d
 
 import fcntl
 import json
+import os
 import shutil
 import sqlite3
 import sys
@@ -53,15 +54,10 @@ INSERT OR REPLACE INTO runs ({_COLUMNS}, arrays)
 WITH new ({_COLUMNS}, arrays) AS (VALUES (?, ?, ?, ?, ?, ?, ?, ?)) SELECT * FROM new
 WHERE status != 'failed' OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = new.digest AND status != 'failed')
 """
-_UNUSABLE: Final = "cannot be used as the store of runs"
 _MOVE: Final = "move it away, or choose another folder with --results"
-# What to do about an error of SQLite, by its code.
-_ADVICE: Final = {
-    sqlite3.SQLITE_FULL: "free some space; the same command continues, and finished runs are kept",
-    sqlite3.SQLITE_IOERR: "check the disk and its free space; the same command continues",
-    sqlite3.SQLITE_CORRUPT: f"it is damaged; {REPAIR_ADVICE}",
-    sqlite3.SQLITE_NOTADB: _MOVE,
-}
+# What to do if SQLite finds that a file is damaged, by the code of its error.
+_DAMAGED: Final = {sqlite3.SQLITE_CORRUPT: f"it is damaged; {REPAIR_ADVICE}", sqlite3.SQLITE_NOTADB: _MOVE}
+_CHECK: Final = "check that its folder is writable and has free space, and try again; what is stored is kept"
 Arrays = Mapping[str, NDArray[Any]]
 Provenance = Mapping[str, Any]  # of a record: versions, commit, machine, times
 _Row = tuple[str | int | bytes | None, ...]  # _COLUMNS, and perhaps arrays
@@ -149,6 +145,7 @@ class Store:
         Raises a NoRunsError, a DamagedError, or another InputError if it cannot be opened.
         """
         self._path, self._read_only = path, read_only
+        self._opened: os.stat_result | None = None  # of the file
         try:
             if not read_only:
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -167,6 +164,7 @@ class Store:
             self._connection = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level="IMMEDIATE")
         try:
             self._set_up()
+            self._opened = self._path.stat()
         except BaseException:
             self._connection.close()
             raise
@@ -221,12 +219,8 @@ class Store:
 
     def ended(self, digests: Iterable[str] | None = None) -> set[str]:
         """Returns which runs, of all or of these, have a valid record: those that are done, or diverged."""
-        query, values = "SELECT digest FROM runs WHERE status != 'failed'", list[str]()
-        if digests is not None:
-            query += " AND digest IN (SELECT value FROM json_each(?))"
-            values = [json.dumps([*digests])]
-        with self._input_errors():
-            return {digest for (digest,) in self._connection.execute(query, values)}
+        ended = {digest for digest, status in self.statuses().items() if status != "failed"}
+        return ended if digests is None else ended.intersection(digests)
 
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""
@@ -324,10 +318,25 @@ class Store:
         try:
             yield
         except sqlite3.Error as error:
-            code = _code(error)
-            advice = _ADVICE.get(code, "try again, or choose another folder with --results")
-            kind = DamagedError if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB) else InputError
-            raise kind(f"{self._path}: {_UNUSABLE}: {error}; {advice}.") from error
+            self._check_place()
+            advice = _DAMAGED.get(_code(error), _CHECK)
+            kind = DamagedError if _code(error) in _DAMAGED else InputError
+            raise kind(f"{self._path}: cannot be used as the store of runs: {error}; {advice}.") from None
+        self._check_place()
+
+    def _check_place(self) -> None:
+        """Refuses to go on if the open file is gone from its path, where SQLite would still use it."""
+        if self._opened is None:
+            return
+        try:
+            now = self._path.stat()
+            if os.path.samestat(now, self._opened) and now.st_size:
+                return
+            happened = "replaced by another file" if now.st_size else "emptied"
+        except OSError as error:
+            happened = f"removed or moved ({error.strerror})"
+        advice = "put it back if you can; 'run EXPERIMENT' trains the runs that it lacks"
+        raise InputError(f"{self._path}: it was {happened} while this command used it; {advice}.") from None
 
 
 def _code(error: sqlite3.Error) -> int:

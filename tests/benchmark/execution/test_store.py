@@ -1,5 +1,6 @@
 """The store gives back what was put into it, whole, or says what is wrong with it."""
 
+import os
 import sqlite3
 import subprocess
 import sys
@@ -229,3 +230,22 @@ def test_interrupted_write_is_put_right_by_whoever_opens_the_file(tmp_path: Path
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert store.damaged("abc") == []
         assert store.statuses() == dict.fromkeys("abc", "done")
+
+
+@pytest.mark.parametrize("happened", ["removed or moved", "replaced by another file", "emptied"])
+def test_a_store_that_vanishes_is_neither_written_nor_read(tmp_path: Path, happened: str) -> None:
+    path = tmp_path / "runs.db"
+    with Store(path) as store, Store(path, read_only=True) as reader:
+        store.add([record("x")])
+        if happened == "emptied":
+            os.truncate(path, 0)
+        else:
+            path.rename(tmp_path / "moved.db")
+        if happened == "replaced by another file":
+            path.write_text("another")
+        for use in (lambda: store.add([record("y")]), store.statuses, reader.statuses):
+            with pytest.raises(InputError, match=f"^{path}: it was {happened}.* while this command"):
+                use()
+    if happened != "emptied":
+        with Store(tmp_path / "moved.db", read_only=True) as moved:
+            assert moved.ended() == {"x"}
