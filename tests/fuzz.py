@@ -35,6 +35,7 @@ from benchmark.execution import driver
 from benchmark.execution.provenance import peak_memory_mb
 from benchmark.experiments import EXPERIMENT_DIRECTORY, load_experiment
 from benchmark.experiments.choices import digest_of_search
+from benchmark.sealed import sealed
 from envs import OBSERVATIONS, scenario_names
 from envs.inputs import InputError, read_toml
 from envs.scenario import SCENARIO_DIRECTORY
@@ -204,7 +205,10 @@ def _chosen(rng: np.random.Generator) -> Input:
     files = {f"search{end}": Path(f"{shipped}{end}").read_bytes() for end in (".toml", ".chosen.json")}
     chosen = json.loads(files[name]) | {"search": _search_digest()}
     files["mine.toml"] = TUNED.encode()
-    files[name] = _mutated_file(rng, name, json.dumps(chosen).encode())
+    files[name] = _mutated_file(rng, name, sealed(chosen, indent=1).encode())
+    with contextlib.suppress(ValueError, TypeError, RecursionError):
+        if rng.random() < 0.8:
+            files[name] = sealed(json.loads(files[name]), indent=1).encode()
     return Input(["run", "{}/mine.toml", "--results", "{}/results"], files, is_data=True)
 
 
@@ -223,7 +227,7 @@ def _published(rng: np.random.Generator) -> Input:
         manifest = json.loads(files["results/sb3/manifest.json"])
         table = _one(rng, (manifest, manifest["report"]))
         table[_one(rng, ("argument", "experiment", "kind"))] = _one(rng, HOSTILE)
-        files["results/sb3/manifest.json"] = json.dumps(manifest).encode()
+        files["results/sb3/manifest.json"] = sealed(manifest, indent=1).encode()
     tables = [name for name in files if not name.endswith((".svg", ".md"))]
     for name in rng.choice([*tables, *["results/sb3/manifest.json"] * len(tables)], 2):
         files[str(name)] = _mutated_file(rng, str(name), files[str(name)])
@@ -234,13 +238,12 @@ def _published(rng: np.random.Generator) -> Input:
 
 def rehash(files: dict[str, bytes]) -> None:
     """Writes the digests of published files again, so that it is their content that is refused."""
-    name, sums = "results/sb3/manifest.json", "results/SHA256SUMS"
-    with contextlib.suppress(ValueError, TypeError, KeyError):
+    name = "results/sb3/manifest.json"
+    with contextlib.suppress(ValueError, TypeError, LookupError, AttributeError, RecursionError):
         manifest = json.loads(files[name])
         for file in manifest["files"]:
             manifest["files"][file] = hashlib.sha256(files[f"results/sb3/{file}"]).hexdigest()
-        files[name] = json.dumps(manifest).encode()
-        files[sums] = f"{hashlib.sha256(files[name]).hexdigest()}  sb3/manifest.json\n".encode()
+        files[name] = sealed(manifest, indent=1).encode()
 
 
 def _mutated_toml(rng: np.random.Generator, data: dict[str, Any]) -> bytes:
