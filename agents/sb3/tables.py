@@ -1,9 +1,13 @@
 """What the net of an agent, of any class like those of Stable-Baselines3, says about all observations."""
 
+import json
+from base64 import b64decode
 from collections.abc import Callable
 from inspect import signature
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, NamedTuple
+from zipfile import ZipFile
 
 import numpy as np
 import torch
@@ -11,6 +15,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from agents.sb3.pickles import unpickled
 from agents.sb3.wrappers import first_line, known_layers, net_inputs
 from envs import Model
 from envs.inputs import InputError
@@ -18,6 +23,8 @@ from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
 from envs.packages import imported
 
+# Of the pickled attributes of a saved agent, those without which its policy cannot be made and checked.
+_NEEDED: Final = ("policy_class", "policy_kwargs", "observation_space", "action_space", "_last_obs")
 # Of the methods that decide. A state is a memory only if a method returns one, too.
 _ARGUMENTS: Final = {"state", "episode_start", "deterministic", "args", "kwargs"}
 
@@ -84,8 +91,9 @@ def saved_table(
 ) -> AgentTable:
     """Reads the policy of a model that was saved by `model.save`, as `agent_table` does.
 
-    Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
-    `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`.
+    `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`. No code from the file
+    is run: of its pickled objects, those that the policy needs are read by `agents.sb3.pickles`, the others
+    not at all. A class of nets must be of Stable-Baselines3, torch, or the module of the algorithm's class.
     """
     cls = imported(algorithm, str(path), "algorithm")
     if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
@@ -95,13 +103,29 @@ def saved_table(
         )
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; accepted: a file written by model.save.")
+    modules = {algorithm.partition(":")[0], *(base.__module__ for base in cls.__mro__)}
     try:
-        # An empty replay buffer as large as the one in training would only take memory.
-        agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects={"buffer_size": 1})
+        agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects=_attributes(path, cls, modules))
     except Exception as error:  # whatever the pickled objects raise
         accepted = f"accepted: what model.save of {algorithm} has written"
         raise InputError(f"{path}: cannot be loaded: {first_line(error)}; {accepted}.") from error
     return agent_table(agent, str(path), model, observation, normalization)
+
+
+def _attributes(path: Path, cls: type[BaseAlgorithm], modules: set[str]) -> dict[str, Any]:
+    """Returns values for all pickled attributes of a saved agent, so that `load` unpickles none."""
+    with ZipFile(path) as archive:
+        saved = json.loads(archive.read("data"))
+    pickles = {key: value for key, value in saved.items() if isinstance(value, dict) and ":serialized:" in value}
+    read = {
+        key: unpickled(BytesIO(b64decode(pickles[key][":serialized:"])), key, modules)
+        for key in _NEEDED
+        if key in pickles
+    }
+    fresh = cls(policy=(saved | read)["policy_class"], env=None, device="cpu", _init_setup_model=False)
+    # An empty replay buffer as large as the one in training would only take memory; the name of an
+    # environment would be imported.
+    return {key: vars(fresh).get(key) for key in pickles} | read | {"buffer_size": 1, "env": None}
 
 
 def agent_table(

@@ -1,6 +1,5 @@
 """What a net is given for an observation, after the wrappers in which it was trained."""
 
-import pickle
 import re
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
+from agents.sb3.pickles import unpickled
 from envs.inputs import InputError
 
 # Where methods are defined that pass on observations and actions as they are, or normalise them.
@@ -62,7 +62,7 @@ def net_inputs(
 def _normalized(agent: BaseAlgorithm, table: NDArray[Any], path: Path) -> NDArray[Any]:
     try:
         with path.open("rb") as file:
-            normalizer: Any = pickle.load(file)
+            normalizer: Any = unpickled(file, "it")
         if normalizer.observation_space != agent.observation_space:
             raise ValueError(f"observation_space = {normalizer.observation_space}")
         inputs = np.asarray(normalizer.normalize_obs(table))
