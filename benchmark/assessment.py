@@ -156,9 +156,11 @@ def assess(
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
-    Loading a saved model, or a normalization, can run any code: load only files that you trust. A file does
-    not say behind which wrappers a model was trained. Its last observation shows most that change
-    observations, but not, for example, `1 - o`, or one that changes actions; assess a function then.
+    No code from the file of a model or of a normalization is run. One that needs objects that could run code,
+    such as a net whose class only the file defines, is refused: if you trust it, load it, and assess the
+    loaded model. A file does not say behind which wrappers a model was trained. Its last observation shows
+    most that change observations, but not, for example, `1 - o`, or one that changes actions; assess a
+    function then.
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`), five

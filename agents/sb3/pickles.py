@@ -18,7 +18,9 @@ _DATA: Final = re.compile(
 )
 # Classes that may be named, and the modules of packages that define some.
 _CLASSES: Final = (spaces.Space, torch.nn.Module, torch.optim.Optimizer)
-_MODULES: Final = re.compile(r"(gymnasium\.spaces|torch\.nn\.modules|torch\.optim|stable_baselines3|sb3_contrib)\.")
+_MODULES: Final = re.compile(
+    r"(gymnasium\.spaces|torch\.nn\.modules|torch\.optim|stable_baselines3|sb3_contrib)\."
+)
 
 
 class _Unpickler(pickle.Unpickler):
@@ -37,8 +39,8 @@ class _Unpickler(pickle.Unpickler):
             if isinstance(found, type) and issubclass(found, _CLASSES) and found.__module__ == module:
                 return found
         raise pickle.UnpicklingError(
-            f"{self.what} names {module}.{name}, and whatever is named may run any code (if you trust the file, "
-            "load it in Python, and assess the model in memory)"
+            f"{self.what} needs {module}.{name}, which could run any code (if you trust the file, load it in "
+            "Python, and assess the loaded model)"
         )
 
 

@@ -106,9 +106,13 @@ def saved_table(
     modules = {algorithm.partition(":")[0], *(base.__module__ for base in cls.__mro__)}
     try:
         agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects=_attributes(path, cls, modules))
-    except Exception as error:  # whatever the pickled objects raise
+    except Exception as error:  # whatever the saved objects raise
+        is_refused = str(error).startswith(
+            "Weights only load failed"
+        )  # with advice on arguments of torch.load
+        reason = "a .pth entry holds more than tensors" if is_refused else first_line(error)
         accepted = f"accepted: what model.save of {algorithm} has written"
-        raise InputError(f"{path}: cannot be loaded: {first_line(error)}; {accepted}.") from error
+        raise InputError(f"{path}: cannot be loaded: {reason}; {accepted}.") from error
     return agent_table(agent, str(path), model, observation, normalization)
 
 
@@ -116,7 +120,9 @@ def _attributes(path: Path, cls: type[BaseAlgorithm], modules: set[str]) -> dict
     """Returns values for all pickled attributes of a saved agent, so that `load` unpickles none."""
     with ZipFile(path) as archive:
         saved = json.loads(archive.read("data"))
-    pickles = {key: value for key, value in saved.items() if isinstance(value, dict) and ":serialized:" in value}
+    pickles = {
+        key: value for key, value in saved.items() if isinstance(value, dict) and ":serialized:" in value
+    }
     read = {
         key: unpickled(BytesIO(b64decode(pickles[key][":serialized:"])), key, modules)
         for key in _NEEDED
@@ -132,20 +138,22 @@ def agent_table(
     agent: BaseAlgorithm, where: str, model: Model, observation: str, normalization: str | Path | None = None
 ) -> AgentTable:
     """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit."""
-    layers = known_layers(agent.get_env(), where)
     observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
-    for kind, space in expected.items():
-        given = getattr(agent, f"{kind}_space")
-        if given != space:
-            raise InputError(
-                f"{where}: {kind}_space = {given}; accepted in {model.scenario.name} with observation = "
-                f'"{observation}": {space}.'
-            )
-    inputs = net_inputs(agent, where, layers, observations, normalization)
     try:
+        layers = known_layers(agent.get_env(), where)
+        for kind, space in expected.items():
+            given = getattr(agent, f"{kind}_space")
+            if given != space:
+                raise InputError(
+                    f"{where}: {kind}_space = {given}; accepted in {model.scenario.name} with observation = "
+                    f'"{observation}": {space}.'
+                )
+        inputs = net_inputs(agent, where, layers, observations, normalization)
         table = readable_table(agent, torch.as_tensor(inputs, device=agent.device))
-    except Exception as error:  # whatever the net raises
+    except InputError:
+        raise
+    except Exception as error:  # whatever the net, or what a file has made of the agent, raises
         accepted = "accepted: a model that decides by the observation alone, or a function of the observation"
         raise InputError(f"{where}: cannot be evaluated: {first_line(error)}; {accepted}.") from error
     return table, output_of(agent).is_value

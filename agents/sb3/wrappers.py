@@ -72,7 +72,7 @@ def _normalized(agent: BaseAlgorithm, table: NDArray[Any], path: Path) -> NDArra
             normalizer.obs_rms.update_from_moments(newest.mean(axis=0), newest.var(axis=0), -len(newest))
             if not _has_rows(np.asarray(normalizer.normalize_obs(table)), agent._last_obs):
                 raise ValueError("these statistics do not give the model's last observation in training")
-    except Exception as error:  # whatever the pickled objects raise
+    except Exception as error:  # whatever the saved object raises
         accepted = "what VecNormalize.save wrote when the model was saved"
         raise InputError(f"{path}: cannot be used: {first_line(error)}; accepted: {accepted}.") from error
     return inputs
