@@ -19,31 +19,25 @@ _DATA: Final = re.compile(
 # Classes that may be named, and the modules of packages that define some.
 _CLASSES: Final = (spaces.Space, torch.nn.Module, torch.optim.Optimizer)
 _MODULES: Final = re.compile(
-    r"(gymnasium\.spaces|torch\.nn\.modules|torch\.optim|stable_baselines3|sb3_contrib)\."
+    r"(gymnasium\.spaces|torch\.(nn\.modules|optim)|stable_baselines3|sb3_contrib)\."
 )
 
 
-class _Unpickler(pickle.Unpickler):
-    """Makes arrays, spaces and classes of nets; whatever else a pickle names is an UnpicklingError."""
-
-    def __init__(self, file: IO[bytes], what: str, modules: Collection[str]) -> None:
-        super().__init__(file)
-        self.what, self.modules = what, modules
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Returns what a pickle names, if that is harmless."""
-        if _DATA.fullmatch(f"{module}.{name}"):
-            return super().find_class(module, name)
-        if _MODULES.match(module) or module in self.modules:
-            found = super().find_class(module, name)
-            if isinstance(found, type) and issubclass(found, _CLASSES) and found.__module__ == module:
-                return found
-        raise pickle.UnpicklingError(
-            f"{self.what} needs {module}.{name}, which could run any code (if you trust the file, load it in "
-            "Python, and assess the loaded model)"
-        )
-
-
 def unpickled(file: IO[bytes], what: str, modules: Collection[str] = ()) -> Any:
-    """Reads a pickle, which messages call `what`; `modules` are the user's, with further classes of nets."""
-    return _Unpickler(file, what, modules).load()
+    """Reads a pickle, which messages call `what`, of arrays, spaces, nets' classes and plain values.
+
+    Whatever else it names is an UnpicklingError. `modules` are the user's own, where nets may be defined.
+    """
+
+    class Unpickler(pickle.Unpickler):
+        def find_class(self, module: str, name: str) -> Any:
+            if _DATA.fullmatch(f"{module}.{name}"):
+                return super().find_class(module, name)
+            if _MODULES.match(module) or module in modules:
+                found = super().find_class(module, name)
+                if isinstance(found, type) and issubclass(found, _CLASSES) and found.__module__ == module:
+                    return found
+            remedy = "if you trust the file, load it in Python, and assess the loaded model"
+            raise pickle.UnpicklingError(f"{what} needs {module}.{name}, which could run any code ({remedy})")
+
+    return Unpickler(file).load()

@@ -107,10 +107,7 @@ def saved_table(
     try:
         agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects=_attributes(path, cls, modules))
     except Exception as error:  # whatever the saved objects raise
-        is_refused = str(error).startswith(
-            "Weights only load failed"
-        )  # with advice on arguments of torch.load
-        reason = "a .pth entry holds more than tensors" if is_refused else first_line(error)
+        reason = first_line(error).partition(". ")[0]  # of torch's, advice on its arguments follows
         accepted = f"accepted: what model.save of {algorithm} has written"
         raise InputError(f"{path}: cannot be loaded: {reason}; {accepted}.") from error
     return agent_table(agent, str(path), model, observation, normalization)
@@ -120,17 +117,11 @@ def _attributes(path: Path, cls: type[BaseAlgorithm], modules: set[str]) -> dict
     """Returns values for all pickled attributes of a saved agent, so that `load` unpickles none."""
     with ZipFile(path) as archive:
         saved = json.loads(archive.read("data"))
-    pickles = {
-        key: value for key, value in saved.items() if isinstance(value, dict) and ":serialized:" in value
-    }
-    read = {
-        key: unpickled(BytesIO(b64decode(pickles[key][":serialized:"])), key, modules)
-        for key in _NEEDED
-        if key in pickles
-    }
+    pickles = {k: v[":serialized:"] for k, v in saved.items() if isinstance(v, dict) and ":serialized:" in v}
+    needed = [key for key in _NEEDED if key in pickles]
+    read = {key: unpickled(BytesIO(b64decode(pickles[key])), key, modules) for key in needed}
     fresh = cls(policy=(saved | read)["policy_class"], env=None, device="cpu", _init_setup_model=False)
-    # An empty replay buffer as large as the one in training would only take memory; the name of an
-    # environment would be imported.
+    # An empty replay buffer would only take memory, and the name of an environment would be imported.
     return {key: vars(fresh).get(key) for key in pickles} | read | {"buffer_size": 1, "env": None}
 
 

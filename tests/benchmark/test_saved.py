@@ -89,8 +89,8 @@ NEEDED = ("policy_class", "policy_kwargs", "observation_space", "action_space", 
     [
         *((f"data/{key}", rf"cannot be loaded: {key} needs pathlib\S+touch, which could") for key in NEEDED),
         *((f"data/{key}", "") for key in ("clip_range", "ep_info_buffer", "env", "more")),
-        ("policy.pth", r"cannot be loaded: a \.pth entry holds more than tensors"),
-        ("policy.optimizer.pth", r"cannot be loaded: a \.pth entry holds more than tensors"),
+        ("policy.pth", r"cannot be loaded: Weights only load failed; "),
+        ("policy.optimizer.pth", r"cannot be loaded: Weights only load failed; "),
         ("normalization", r"n\.pkl: cannot be used: it needs pathlib\S+touch, which could"),
     ],
 )
