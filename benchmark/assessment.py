@@ -156,11 +156,9 @@ def assess(
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
-    No code from the file of a model or of a normalization is run. One that needs objects that could run code,
-    such as a net whose class only the file defines, is refused: if you trust it, load it, and assess the
-    loaded model. A file does not say behind which wrappers a model was trained. Its last observation shows
-    most that change observations, but not, for example, `1 - o`, or one that changes actions; assess a
-    function then.
+    No code from the file of a model or of a normalization is run; one that needs some is refused. A file does
+    not say behind which wrappers a model was trained. Its last observation shows most that change
+    observations, but not, for example, `1 - o`, or one that changes actions; assess a function then.
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`), five
@@ -185,17 +183,16 @@ def assess(
         raise InputError(f"{agent if is_path else 'agent'}: algorithm = {algorithm}: accepted: {accepted}.")
     if getattr(agent, "__name__", "") == "predict" and is_sb3_class(type(getattr(agent, "__self__", None))):
         agent = agent.__self__  # type: ignore[attr-defined]
-    is_function = not (is_path or is_sb3_class(type(agent)))
-    if is_function and not callable(agent):
+    model = compile_seen(loaded, observation)
+    if is_path or is_sb3_class(type(agent)):
+        policy = _policy_of_model(agent, algorithm, model, observation, normalization, stochastic=stochastic)
+    elif not callable(agent):
         accepted = "a function, a model of Stable-Baselines3, or the path of a saved one"
         raise InputError(f"agent = {_shown(agent)}: accepted: {accepted}.")
-    if is_function and (stochastic or normalization is not None):
+    elif stochastic or normalization is not None:
         raise InputError("stochastic, normalization: accepted only with a model of Stable-Baselines3.")
-    model = compile_seen(loaded, observation)
-    if is_function:
-        policy = _policy_of_function(agent, model, observation)
     else:
-        policy = _policy_of_model(agent, algorithm, model, observation, normalization, stochastic=stochastic)
+        policy = _policy_of_function(agent, model, observation)
     check_anchors(model, HORIZON, "start")
     return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
 

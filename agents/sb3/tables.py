@@ -15,8 +15,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from agents.sb3.pickles import unpickled
-from agents.sb3.wrappers import first_line, known_layers, net_inputs
+from agents.sb3.wrappers import first_line, known_layers, net_inputs, unpickled
 from envs import Model
 from envs.inputs import InputError
 from envs.model import ACTIONS
@@ -92,10 +91,10 @@ def saved_table(
     """Reads the policy of a model that was saved by `model.save`, as `agent_table` does.
 
     `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`. No code from the file
-    is run: of its pickled objects, those that the policy needs are read by `agents.sb3.pickles`, the others
+    is run: of its pickled objects, those that the policy needs are read by `unpickled`, the others
     not at all. A class of nets must be of Stable-Baselines3, torch, or the module of the algorithm's class.
     """
-    cls = imported(algorithm, str(path), "algorithm")
+    cls: Any = imported(algorithm, str(path), "algorithm")
     if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
         raise InputError(
             f"{path}: {algorithm} is not a class of saved models; "
@@ -113,7 +112,7 @@ def saved_table(
     return agent_table(agent, str(path), model, observation, normalization)
 
 
-def _attributes(path: Path, cls: type[BaseAlgorithm], modules: set[str]) -> dict[str, Any]:
+def _attributes(path: Path, cls: Any, modules: set[str]) -> dict[str, Any]:
     """Returns values for all pickled attributes of a saved agent, so that `load` unpickles none."""
     with ZipFile(path) as archive:
         saved = json.loads(archive.read("data"))

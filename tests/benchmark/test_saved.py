@@ -4,7 +4,7 @@ import json
 import pickle
 from base64 import b64encode
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import ZipFile
 
 import gymnasium
@@ -34,11 +34,10 @@ class OwnPPO(PPO):
     """An algorithm of a user."""
 
 
-class Payload:
+class Payload(NamedTuple):
     """Leaves a marker when it is unpickled."""
 
-    def __init__(self, marker: Path) -> None:
-        self.marker = marker
+    marker: Path
 
     def __reduce__(self) -> Any:
         return Path.touch, (self.marker,)
@@ -58,11 +57,7 @@ REPLAY = {"learning_starts": 20, "learning_rate": lambda left: 1e-3 * left}
 @pytest.mark.parametrize(
     ("cls", "arguments", "net"),
     [
-        (
-            PPO,
-            ROLLOUT,
-            {"activation_fn": torch.nn.ELU, "net_arch": {"pi": [9], "vf": []}, "ortho_init": False},
-        ),
+        (PPO, ROLLOUT, {"activation_fn": torch.nn.ELU, "net_arch": {"pi": [9], "vf": []}}),
         (A2C, {}, {"optimizer_class": RMSpropTFLike}),
         (DQN, REPLAY, {"net_arch": []}),
         (DQN, REPLAY, {"activation_fn": torch.nn.Tanh, "optimizer_kwargs": {"eps": 1e-3}}),
