@@ -9,6 +9,7 @@ Returns are undiscounted unless a discount is given.
 """
 
 from dataclasses import dataclass
+from functools import reduce
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -242,8 +243,11 @@ def _iterate(model: Model, reward: NDArray[np.float64], discount: float, horizon
     q = np.zeros_like(reward)
     step = 0
     while horizon is None or step < horizon:
-        q = reward + discount * np.where(model.terminated, 0.0, expected(model, value))
-        best = q.max(axis=1)
+        q = expected(model, value)
+        q[model.terminated] = 0.0
+        q *= discount
+        q += reward
+        best = np.asarray(reduce(np.maximum, q.T))  # several times as fast as q.max(axis=1)
         # Rounding may make the last digit alternate for ever, so equality is not required.
         converged = np.abs(best - value).max() <= 1e-15 * max(1.0, np.abs(best).max())
         unchanged = converged and np.array_equal(best, value)  # as it will be from here on

@@ -208,10 +208,10 @@ def _parser() -> argparse.ArgumentParser:
     agent = assess.add_mutually_exclusive_group(required=True)
     about = "a function of the observation that returns an action, five probabilities or what predict returns"
     _add(agent, "--agent", "MODULE:FUNCTION", about)
-    about = "a model saved by Stable-Baselines3; loading it can run any code: load only what you trust"
+    about = "a model saved by Stable-Baselines3; code in the file is not run, and refused where it is needed"
     _add(agent, "--model", "FILE", about, Path)
     _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
-    about = "what VecNormalize.save wrote, if the model was trained with it; loading it can run any code, too"
+    about = "what VecNormalize.save wrote, if the model was trained with it"
     _add(assess, "--normalization", "FILE", about, Path)
     _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
     _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")

@@ -69,7 +69,7 @@ class Assessment:
     @cached_property
     def unbounded_score(self) -> float:
         """The return as a score: 0 for the random policy, 1 for the optimal one; it can be below 0."""
-        random, optimal = anchors(self.model, HORIZON, "start")["grid_return"]
+        random, optimal = anchors(self.model, HORIZON, "start")
         return round((float(self.evaluation.grid_return) - random) / (optimal - random), 9)
 
     @property
@@ -100,7 +100,7 @@ class Assessment:
         exact, name = self.evaluation, self.model.scenario.name
         below = ""
         if self.unbounded_score < 0:
-            random, _ = anchors(self.model, HORIZON, "start")["grid_return"]
+            random, _ = anchors(self.model, HORIZON, "start")
             below = f" (the return, {float(exact.grid_return):g}, is below a random policy's, {random:g})"
         numbers = {
             "success": f"{self.success:g}",
@@ -155,7 +155,7 @@ def assess(
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
-    Loading a saved model, or a normalization, can run any code: load only files that you trust. A file does
+    No code from the file of a model or of a normalization is run; one that needs some is refused. A file does
     not say behind which wrappers a model was trained. Its last observation shows most that change
     observations, but not, for example, `1 - o`, or one that changes actions; assess a function then.
 
@@ -176,14 +176,13 @@ def assess(
         something else, or another answer when it is asked again.
     """
     loaded = load_scenario(scenario)
-    model = compile_seen(loaded, observation)
-    check_anchors(model, HORIZON, "start")
     is_path = isinstance(agent, str | Path)
     if is_path != (algorithm is not None):
         accepted = "module:class, such as stable_baselines3:PPO, only and always with a saved model's path"
         raise InputError(f"{agent if is_path else 'agent'}: algorithm = {algorithm}: accepted: {accepted}.")
     if getattr(agent, "__name__", "") == "predict" and is_sb3_class(type(getattr(agent, "__self__", None))):
         agent = agent.__self__  # type: ignore[attr-defined]
+    model = compile_seen(loaded, observation)
     if is_path or is_sb3_class(type(agent)):
         policy = _policy_of_model(agent, algorithm, model, observation, normalization, stochastic=stochastic)
     elif not callable(agent):
@@ -193,6 +192,7 @@ def assess(
         raise InputError("stochastic, normalization: accepted only with a model of Stable-Baselines3.")
     else:
         policy = _policy_of_function(agent, model, observation)
+    check_anchors(model, HORIZON, "start")
     return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
 
 
@@ -302,10 +302,10 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
         if SCORES not in folder or name.endswith("_smoke"):
             continue
         with folder.reading():
-            runs, manifest = folder.frame(SCORES), folder.manifest
+            manifest = folder.manifest
             is_same = manifest["scenarios"].get(scenario.name) == scenario.model_dump(mode="json")
             is_comparable = is_same and manifest["horizon"] == HORIZON and not manifest["partial"]
-            if is_comparable and {*_RANKED} <= {*runs}:
+            if is_comparable and {*_RANKED} <= {*(runs := folder.frame(SCORES))}:
                 declared = manifest["algorithms"].items()
                 variants = [variant for variant, about in declared if not about["reference_for"]]
                 is_ranked = (runs["scenario"] == scenario.name) & runs["variant"].isin(variants)

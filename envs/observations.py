@@ -55,7 +55,11 @@ def seen_as(scenario: Scenario, observation: str) -> Scenario:
 
 def compile_seen(scenario: Scenario, observation: str) -> Model:
     """Compiles a scenario for agents that are given observations in a form, see `seen_as`."""
-    return compile_scenario(seen_as(scenario, observation))
+    seen = seen_as(scenario, observation)
+    is_exact = seen.observe[0] == "agent" or seen.n_seen == 1  # else only those offsets count that occur
+    if ENCODINGS.get(observation) == "one_hot" and is_exact:
+        check_one_hot(seen.n_observations, sum(width for _, width in seen.observed_sizes.values()))
+    return compile_scenario(seen)
 
 
 def observation_blocks(model: Model) -> NDArray[np.int64]:

@@ -1,9 +1,13 @@
 """What the net of an agent, of any class like those of Stable-Baselines3, says about all observations."""
 
+import json
+from base64 import b64decode
 from collections.abc import Callable
 from inspect import signature
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, NamedTuple
+from zipfile import ZipFile
 
 import numpy as np
 import torch
@@ -11,13 +15,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from agents.sb3.wrappers import first_line, known_layers, net_inputs
+from agents.sb3.wrappers import first_line, known_layers, net_inputs, unpickled
 from envs import Model
 from envs.inputs import InputError
 from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
 from envs.packages import imported
 
+# Of the pickled attributes of a saved agent, those without which its policy cannot be made and checked.
+_NEEDED: Final = ("policy_class", "policy_kwargs", "observation_space", "action_space", "_last_obs")
 # Of the methods that decide. A state is a memory only if a method returns one, too.
 _ARGUMENTS: Final = {"state", "episode_start", "deterministic", "args", "kwargs"}
 
@@ -84,10 +90,11 @@ def saved_table(
 ) -> AgentTable:
     """Reads the policy of a model that was saved by `model.save`, as `agent_table` does.
 
-    Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
-    `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`.
+    `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`. No code from the file
+    is run: of its pickled objects, those that the policy needs are read by `unpickled`, the others
+    not at all. A class of nets must be of Stable-Baselines3, torch, or the module of the algorithm's class.
     """
-    cls = imported(algorithm, str(path), "algorithm")
+    cls: Any = imported(algorithm, str(path), "algorithm")
     if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
         raise InputError(
             f"{path}: {algorithm} is not a class of saved models; "
@@ -95,33 +102,48 @@ def saved_table(
         )
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; accepted: a file written by model.save.")
+    modules = {algorithm.partition(":")[0], *(base.__module__ for base in cls.__mro__)}
     try:
-        # An empty replay buffer as large as the one in training would only take memory.
-        agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects={"buffer_size": 1})
-    except Exception as error:  # whatever the pickled objects raise
+        agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects=_attributes(path, cls, modules))
+    except Exception as error:  # whatever the saved objects raise
+        reason = first_line(error).partition(". ")[0]  # of torch's, advice on its arguments follows
         accepted = f"accepted: what model.save of {algorithm} has written"
-        raise InputError(f"{path}: cannot be loaded: {first_line(error)}; {accepted}.") from error
+        raise InputError(f"{path}: cannot be loaded: {reason}; {accepted}.") from error
     return agent_table(agent, str(path), model, observation, normalization)
+
+
+def _attributes(path: Path, cls: Any, modules: set[str]) -> dict[str, Any]:
+    """Returns values for all pickled attributes of a saved agent, so that `load` unpickles none."""
+    with ZipFile(path) as archive:
+        saved = json.loads(archive.read("data"))
+    pickles = {k: v[":serialized:"] for k, v in saved.items() if isinstance(v, dict) and ":serialized:" in v}
+    needed = [key for key in _NEEDED if key in pickles]
+    read = {key: unpickled(BytesIO(b64decode(pickles[key])), key, modules) for key in needed}
+    fresh = cls(policy=(saved | read)["policy_class"], env=None, device="cpu", _init_setup_model=False)
+    # An empty replay buffer would only take memory, and the name of an environment would be imported.
+    return {key: vars(fresh).get(key) for key in pickles} | read | {"buffer_size": 1, "env": None}
 
 
 def agent_table(
     agent: BaseAlgorithm, where: str, model: Model, observation: str, normalization: str | Path | None = None
 ) -> AgentTable:
     """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit."""
-    layers = known_layers(agent.get_env(), where)
     observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
-    for kind, space in expected.items():
-        given = getattr(agent, f"{kind}_space")
-        if given != space:
-            raise InputError(
-                f"{where}: {kind}_space = {given}; accepted in {model.scenario.name} with observation = "
-                f'"{observation}": {space}.'
-            )
-    inputs = net_inputs(agent, where, layers, observations, normalization)
     try:
+        layers = known_layers(agent.get_env(), where)
+        for kind, space in expected.items():
+            given = getattr(agent, f"{kind}_space")
+            if given != space:
+                raise InputError(
+                    f"{where}: {kind}_space = {given}; accepted in {model.scenario.name} with observation = "
+                    f'"{observation}": {space}.'
+                )
+        inputs = net_inputs(agent, where, layers, observations, normalization)
         table = readable_table(agent, torch.as_tensor(inputs, device=agent.device))
-    except Exception as error:  # whatever the net raises
+    except InputError:
+        raise
+    except Exception as error:  # whatever the net, or what a file has made of the agent, raises
         accepted = "accepted: a model that decides by the observation alone, or a function of the observation"
         raise InputError(f"{where}: cannot be evaluated: {first_line(error)}; {accepted}.") from error
     return table, output_of(agent).is_value

@@ -1,12 +1,15 @@
-"""What a net is given for an observation, after the wrappers in which it was trained."""
+"""What a net is given for an observation, after its wrappers, and how what was pickled of both is read."""
 
 import pickle
 import re
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import gymnasium
 import numpy as np
+import torch
+from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
@@ -21,6 +24,18 @@ _UNCHANGING: Final = re.compile(
 )
 _PRECISION: Final = 1e-5  # of observations, which are of single precision
 _FUNCTION: Final = "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
+
+# What arrays, generators of random numbers and VecNormalize are made of.
+_DATA: Final = re.compile(
+    r"collections\.OrderedDict|numpy\.(ndarray|dtype)"
+    r"|numpy\._?core\.(multiarray\.(_reconstruct|scalar)|numeric\._frombuffer)"
+    r"|numpy\.random\.(_pickle\.__(bit_)?generator_ctor|_pcg64\.PCG64)"
+    r"|numpy\.random\.bit_generator\.(__pyx_unpickle_)?SeedSequence"
+    r"|stable_baselines3\.common\.(running_mean_std\.RunningMeanStd|vec_env\.vec_normalize\.VecNormalize)"
+)
+# Classes that may be named, and the modules of packages that define some.
+_CLASSES: Final = (spaces.Space, torch.nn.Module, torch.optim.Optimizer)
+_MODULES: Final = re.compile(r"(gymnasium|torch\.(nn\.modules|optim)|stable_baselines3|sb3_contrib)\.")
 
 
 def known_layers(env: Any, where: str) -> list[Any]:
@@ -62,7 +77,7 @@ def net_inputs(
 def _normalized(agent: BaseAlgorithm, table: NDArray[Any], path: Path) -> NDArray[Any]:
     try:
         with path.open("rb") as file:
-            normalizer: Any = pickle.load(file)
+            normalizer: Any = unpickled(file, "it")
         if normalizer.observation_space != agent.observation_space:
             raise ValueError(f"observation_space = {normalizer.observation_space}")
         inputs = np.asarray(normalizer.normalize_obs(table))
@@ -72,7 +87,7 @@ def _normalized(agent: BaseAlgorithm, table: NDArray[Any], path: Path) -> NDArra
             normalizer.obs_rms.update_from_moments(newest.mean(axis=0), newest.var(axis=0), -len(newest))
             if not _has_rows(np.asarray(normalizer.normalize_obs(table)), agent._last_obs):
                 raise ValueError("these statistics do not give the model's last observation in training")
-    except Exception as error:  # whatever the pickled objects raise
+    except Exception as error:  # whatever the saved object raises
         accepted = "what VecNormalize.save wrote when the model was saved"
         raise InputError(f"{path}: cannot be used: {first_line(error)}; accepted: {accepted}.") from error
     return inputs
@@ -83,6 +98,26 @@ def _has_rows(table: NDArray[Any], rows: Any) -> bool:
     flat = table.reshape(len(table), -1)
     each = np.unique(np.reshape([] if rows is None else rows, (-1, flat.shape[1])), axis=0)
     return all(np.isclose(flat, row, _PRECISION, _PRECISION).all(axis=1).any() for row in each)
+
+
+def unpickled(file: IO[bytes], what: str, modules: Collection[str] = ()) -> Any:
+    """Reads a pickle, which messages call `what`, of arrays, spaces, nets' classes and plain values.
+
+    Whatever else it names is an UnpicklingError. `modules` are the user's own, where nets may be defined.
+    """
+
+    class Unpickler(pickle.Unpickler):
+        def find_class(self, module: str, name: str) -> Any:
+            if _DATA.fullmatch(f"{module}.{name}"):
+                return super().find_class(module, name)
+            if _MODULES.match(module) or module in modules:
+                found = super().find_class(module, name)
+                if isinstance(found, type) and issubclass(found, _CLASSES) and found.__module__ == module:
+                    return found
+            remedy = "if you trust the file, load it in Python, and assess the loaded model"
+            raise pickle.UnpicklingError(f"{what} needs {module}.{name}, which could run any code ({remedy})")
+
+    return Unpickler(file).load()
 
 
 def first_line(error: Exception) -> str:

@@ -63,7 +63,7 @@ class Records:
 
         Those of a stochastic policy are (N, 0) if the learner has none.
         """
-        random, optimal = anchors(self.model, self.run.horizon, start)["grid_return"]
+        random, optimal = anchors(self.model, self.run.horizon, start)
         returns = self.arrays[evaluated("grid_return", policy, start)]
         return np.asarray((returns - random) / (optimal - random))
 
@@ -130,22 +130,19 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
 
 
 @kept_with_model
-def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float, float]]:
+def anchors(model: Model, horizon: int, start: str, returns: str = "grid_return") -> tuple[float, float]:
     """Computes the exact returns of the random and of the optimal policy, from `"start"` or `"every_cell"`.
 
     `"grid_return"` is the sum of the grid's rewards alone, and `"scenario_return"` that with the issuer's.
     """
-    starts, random = from_starts(model, start), evaluate(model, uniform_policy(model), horizon, start)
-    grid, both = (starts @ solve(model, 1.0, horizon, issuer_rewards=added).value for added in (False, True))
-    return {
-        "grid_return": (float(random.grid_return), float(grid)),
-        "scenario_return": (float(random.scenario_return), float(both)),
-    }
+    random = getattr(evaluate(model, uniform_policy(model), horizon, start), returns)
+    values = solve(model, 1.0, horizon, issuer_rewards=returns == "scenario_return").value
+    return float(random), float(from_starts(model, start) @ values)
 
 
 def check_anchors(model: Model, horizon: int, start: str) -> None:
     """Raises an InputError if the optimal policy earns no more than the random one: scores are undefined."""
-    random, optimal = anchors(model, horizon, start)["grid_return"]
+    random, optimal = anchors(model, horizon, start)
     if optimal - random <= OPTIMUM_TOLERANCE:
         raise InputError(
             f"{model.scenario.name}: within {horizon} steps the random policy earns as much as the optimal "

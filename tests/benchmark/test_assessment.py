@@ -140,6 +140,14 @@ def test_mistakes_get_one_sentence(agent: Any, options: dict[str, Any], expected
         assess(agent, **{"scenario": "S1", "observation": "index", **options})
 
 
+def test_tables_that_are_too_large_are_refused_before_anything_is_compiled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("envs.observations.compile_scenario", lambda _: pytest.fail("compiled"))
+    with pytest.raises(InputError, match="one_hot: 236,280 observations of 236 numbers"):
+        assess(lambda _: 0, scenario="ThreeTalking", observation="one_hot")
+
+
 def towards(offset: int) -> int:
     """Walks to a cell at Chebyshev distance 2 from the issuer, columns first, and PINGs there."""
     row, column = divmod(offset, 23)

@@ -38,7 +38,7 @@ def scenarios(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) ->
     searches = runs[runs["learner"].isin(planners)]
     for name in experiment.scenarios:
         model = models[name]
-        random, optimal = anchors(model, experiment.declared.horizon, "start")["grid_return"]
+        random, optimal = anchors(model, experiment.declared.horizon, "start")
         row: Row = {
             "scenario": name,
             "description": model.scenario.description,

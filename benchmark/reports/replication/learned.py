@@ -160,7 +160,8 @@ def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, ob
         row |= {"first_seed": seeds[0], "last_seed": seeds[-1]}
         row["success"] = proportion(agents.arrays["success"][:, -1])
         row["optimal_share"] = proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM)
-        for name, (random, best) in anchors(model, agents.run.horizon, "start").items():
+        for name in ("grid_return", "scenario_return"):
+            random, best = anchors(model, agents.run.horizon, "start", name)
             learned = agents.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
             row[f"{name}_regret"] = best - learned

@@ -57,7 +57,7 @@ def test_tables_have_what_records_hold(tmp_path: Path) -> None:
             for name, array in (("success", f"{prefix}success"), ("training_wrong_pings", "disagreements")):
                 assert np.array_equal(by_step(own, name), [arrays[array] for arrays in records])
             model = compile_seen(group.population.scenario, keys["observation"])
-            low, high = anchors(model, 100, "start")["grid_return"]
+            low, high = anchors(model, 100, "start")
             returns = np.array([arrays[prefix + "grid_return"] for arrays in records])
             scores = np.round((returns - low) / (high - low), 9)
             assert scores.min() < 0

@@ -36,7 +36,7 @@ def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
 
 
 def test_scores_lie_between_the_exact_anchors() -> None:
-    random, optimal = anchors(population().model, population().run.horizon, "start")["grid_return"]
+    random, optimal = anchors(population().model, population().run.horizon, "start")
     assert optimal == pytest.approx(0.0, abs=1e-12)
     returns = np.array([[optimal, random, (optimal + random) / 2, random - (optimal - random)]])
     assert population(n=1, grid_return=returns).unbounded_scores()[0] == pytest.approx([1, 0, 0.5, -1])

@@ -181,7 +181,7 @@ def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
     for name in scenarios:
         scenario = load_scenario(name)
         run = SimpleNamespace(scenario=scenario, observation="index", horizon=200, variant="search")
-        random, optimal = anchors(compile_scenario(run.scenario), 200, "start")["grid_return"]
+        random, optimal = anchors(compile_scenario(run.scenario), 200, "start")
         found = [
             {"stochastic_grid_return": np.array([random + score * (optimal - random)]),
              "stochastic_success": np.array([success])}

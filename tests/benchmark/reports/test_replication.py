@@ -44,7 +44,7 @@ def table(item: Item, few: int | None = None, n: int = 4, **arrays: Any) -> pd.D
 
 
 def test_learning_table_by_hand() -> None:
-    random, optimal = anchors(population().model, population().run.horizon, "start")["grid_return"]
+    random, optimal = anchors(population().model, population().run.horizon, "start")
     scores = np.array([[0, -9, 0, 1.0], [0, 0.2, 0, 1], [0, 0.4, 0, 1], [0, 0.9, 1, 1]])
     frame = table(learned.learning, grid_return=random + scores * (optimal - random))[:4]
     assert frame["step"].tolist() == [0, 200, 400, 600]
