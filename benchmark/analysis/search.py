@@ -9,6 +9,7 @@ area under its curve of exact success or, with `[solved]`, how early it has lear
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import islice, product
 from math import comb, nan
@@ -21,7 +22,7 @@ from benchmark.analysis.frames import Floats, Group, tables
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Learner, Population
 from benchmark.experiments.search import Chosen, Finalist, Search
-from envs.inputs import override, parse
+from envs.inputs import InputError, override, parse
 from envs.scenario import RELATIVE
 
 Fresh = Mapping[tuple[int, str], Floats]  # (N,) on fresh seeds, by trial and scenario
@@ -163,11 +164,10 @@ def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
     """Yields runs with the chosen settings in every scenario, and with one of them at another value."""
     learner, settings = chosen[0].learner, chosen[0].first.settings
     changed = {("", ""): settings}
-    for key, axis in learner.declared.search.items():
-        for value in axis.marks:
-            content = override(settings.model_dump(mode="json"), {key: value}, learner.name)
-            other = parse(type(settings), content, f"{learner.name}: {key} = {value}")
-            if other != settings:
+    for key, value in learner.declared.marks:
+        content = override(settings.model_dump(mode="json"), {key: value}, learner.name)
+        with suppress(InputError):  # of settings that are not accepted together
+            if (other := parse(type(settings), content, learner.name)) != settings:
                 changed[key, json.dumps(value)] = other
     for ((key, value), other), population in product(changed.items(), chosen):
         first = replace(population.first, settings=other)

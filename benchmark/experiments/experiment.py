@@ -26,11 +26,11 @@ from benchmark.experiments.schema import (
 )
 from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
-from envs.inputs import check_all, override, parse, unknown_name
+from envs.inputs import check_all, override, parse, seen, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
 from envs.sources import digest_of_source
 
-MOST_RUNS: Final = 500_000  # of an experiment
+MOST_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
 
 
@@ -190,6 +190,7 @@ class _Loading:
     def experiment(self) -> Experiment:
         """Returns the experiment; raises an InputError with all mistakes at once."""
         declared, variants = self.declared, self.declared.algorithms
+        _check_number(declared.most_runs, str(self.path))
         sources = dict.fromkeys(
             (name, search)
             for condition in declared.conditions.values()
@@ -208,6 +209,12 @@ class _Loading:
             for condition in declared.conditions.values()
             for population in self.populations(condition, learners.values())
         ]
+        first = next(iter(declared.conditions.values()))
+        for learner in learners.values():
+            for key, value in learner.declared.marks:  # as around the chosen settings of a search
+                at = replace(first, name=f"{key} = {value}", of_variants={learner.variant: {key: value}})
+                with self.noted(common=f"{self._where(learner, at)}: "):
+                    self._settings(learner, at)
         for name, other in sources:
             with self.noted():
                 choices.check_seeds(declared, name, self.path, other)
@@ -365,7 +372,7 @@ def _check_scenarios(declared: Declaration, path: Path) -> None:
 def _check_titles(learners: Iterable[Learner], where: str) -> None:
     first: dict[str, str] = {}
     for learner in learners:
-        other = first.setdefault(learner.title, learner.name)
+        other = first.setdefault(seen(learner.title), learner.name)
         if other != learner.name:
             raise InputError(
                 f'{where}: algorithms: "{learner.title}" is the name of {other} and of {learner.name}; '
@@ -400,9 +407,14 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
     """Lists every run of an experiment once, see `interleaved`; of one with stages, those of the first."""
     populations = experiment.populations
     n_runs = sum(len(population.taken(seeds)) for population in populations)
-    if n_runs > MOST_RUNS:
-        raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
+    _check_number(n_runs, experiment.argument)
     return interleaved([(population, population.runs(population.taken(seeds))) for population in populations])
+
+
+def _check_number(n_runs: int, where: str) -> None:
+    if n_runs > MOST_RUNS:
+        found = f"up to {n_runs:,} runs, which take {n_runs // 86_400:,} days at a second each"
+        raise InputError(f"{where}: {found}; accepted: at most {MOST_RUNS:,}.")
 
 
 def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]]) -> list[RunSpecification]:

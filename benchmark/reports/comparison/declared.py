@@ -1,7 +1,7 @@
 """What a comparison decides, as its experiment declares it."""
 
 from collections.abc import Mapping
-from itertools import product
+from itertools import chain, product
 from typing import Final, NamedTuple
 
 from benchmark.experiments import Experiment, Reporting
@@ -87,8 +87,10 @@ def check(experiment: Experiment) -> None:
         are not in steps.
     """
     source, reporting = experiment.argument, reporting_of(experiment)
-    contrasts_of(experiment)
-    effects_of(experiment)
+    for x, y in (*contrasts_of(experiment), *(pair for _, pair in effects_of(experiment))):
+        if not _elsewhere(experiment, x) & _elsewhere(experiment, y):
+            sides = f"{side_name(x)} and {side_name(y)}"
+            raise InputError(f"{source}: report: {sides}: accepted: two that have runs to compare.")
     accepted = own_learners(experiment)
     for y in reporting.baseline:
         if y not in accepted:
@@ -113,21 +115,30 @@ def check(experiment: Experiment) -> None:
 def _pair(experiment: Experiment, key: str, x: str, y: str) -> Pair:
     where = f"{experiment.argument}: report.{key}"
     pair = Pair(_side(experiment, where, x), _side(experiment, where, y))
-    if pair.x == pair.y or pair.x.keys() != pair.y.keys():
+    if pair.x.keys() != pair.y.keys():
         raise InputError(f"{where} = {[x, y]}: accepted: two different names of the same kind.")
     return pair
+
+
+def _elsewhere(experiment: Experiment, side: Side) -> set[frozenset[tuple[str, str]]]:
+    """Returns what else names the populations of a side, which both sides vary together."""
+    names = ((each.learner.name, each.scenario.name, each.condition.name) for each in experiment.populations)
+    columns = [dict(zip(AXES, name, strict=True)).items() for name in names]
+    return {frozenset(column - side.items()) for column in columns if side.items() <= column}
 
 
 def _side(experiment: Experiment, where: str, text: str) -> Side:
     """Returns the columns that a side names: learner, scenario and condition, joined by " @ "."""
     names = (experiment.learners, experiment.scenarios, experiment.conditions)
     axis_of = {name: axis for axis, of_axis in zip(AXES, names, strict=True) for name in of_axis}
-    side: dict[str, str] = {}
+    side, every = dict[str, str](), [*chain(*names)]
     for part in text.split(" @ "):
         if part not in axis_of:
             accepted = [f'"{name}"' for name in axis_of]
             unknown_name(where, "learner, scenario or condition", f'"{part}"', accepted)
         axis = axis_of[part]
+        if every.count(part) > 1:
+            raise InputError(f'{where} = "{text}": {part} is a scenario and a condition; rename one.')
         if axis in side:
             raise InputError(f'{where} = "{text}": accepted: at most one {axis} on a side.')
         if axis == "learner" and experiment.learners[part].family == "planner":
