@@ -152,11 +152,7 @@ def _in_one_line(text: str) -> str:
 
 
 def seen(text: str) -> str:
-    r"""Returns what readers see of a text: nothing of a blank one, and the same of two that look alike.
-
-    >>> seen(" a\u200b  b\u00a0"), seen("\u3164")
-    ('a b', '')
-    """
+    """Returns what readers see of a text: nothing of a blank one, and the same of two that look alike."""
     normal = _BLANK.sub("", unicodedata.normalize("NFKC", text))
     return " ".join("".join(c for c in normal if unicodedata.category(c) != "Cf").split())
 
@@ -165,7 +161,7 @@ def distinct(values: ValuesT, where: str = "") -> ValuesT:
     """Refuses, by a ValueError, values of which two are equal, or texts of which two look alike."""
     known = [seen(value) if isinstance(value, str) else value for value in values]
     for i, value in enumerate(known):
-        require(value not in known[:i], f"{where}{json.dumps(value)} is there twice", "each once")
+        require(value not in known[:i], f"{where}{shortened(str(value))} is named twice", "each once")
     return values
 
 
@@ -179,7 +175,7 @@ Name = Annotated[str, AfterValidator(_named)]
 Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
 Line = Annotated[str, AfterValidator(_in_one_line)]
 # What readers see: something that labels, and paragraphs. Empty ones say that there is none.
-Label = Annotated[Line, Field(max_length=200), AfterValidator(_visible)]
+Label = Annotated[str, Field(max_length=200), AfterValidator(_in_one_line), AfterValidator(_visible)]
 Text = Annotated[str, Field(max_length=10_000), AfterValidator(_visible)]
 
 

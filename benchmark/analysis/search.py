@@ -3,8 +3,8 @@
 First, every trial of every learner, in all scenarios. Then, with fresh seeds, the trials of the largest mean
 and trial 0; that with the largest mean on these seeds is chosen, so one that was merely lucky is not. Beside
 them, in each scenario, the trial that is best there. Last, unless the search leaves it out, with other seeds
-the chosen settings, and the same with one of them at other values. Means are of a measure of each run: the
-area under its curve of exact success or, with `[solved]`, how early it has learned.
+the chosen settings, and the same with one of them at other values, if these are accepted. Means are of a
+measure of each run: the area under its curve of exact success or, with `[solved]`, how early it has learned.
 """
 
 import json
@@ -164,11 +164,12 @@ def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
     """Yields runs with the chosen settings in every scenario, and with one of them at another value."""
     learner, settings = chosen[0].learner, chosen[0].first.settings
     changed = {("", ""): settings}
-    for key, value in learner.declared.marks:
-        content = override(settings.model_dump(mode="json"), {key: value}, learner.name)
-        with suppress(InputError):  # of settings that are not accepted together
-            if (other := parse(type(settings), content, learner.name)) != settings:
-                changed[key, json.dumps(value)] = other
+    for key, axis in learner.declared.search.items():
+        for value in axis.marks:
+            content = override(settings.model_dump(mode="json"), {key: value}, learner.name)
+            with suppress(InputError):  # of settings that are not accepted, or not together
+                if (other := parse(type(settings), content, learner.name)) != settings:
+                    changed[key, json.dumps(value)] = other
     for ((key, value), other), population in product(changed.items(), chosen):
         first = replace(population.first, settings=other)
         runs = [first.with_seed(seed) for seed in search.seeds_around(len(population.seeds))]

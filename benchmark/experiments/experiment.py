@@ -209,12 +209,6 @@ class _Loading:
             for condition in declared.conditions.values()
             for population in self.populations(condition, learners.values())
         ]
-        first = next(iter(declared.conditions.values()))
-        for learner in learners.values():
-            for key, value in learner.declared.marks:  # as around the chosen settings of a search
-                at = replace(first, name=f"{key} = {value}", of_variants={learner.variant: {key: value}})
-                with self.noted(common=f"{self._where(learner, at)}: "):
-                    self._settings(learner, at)
         for name, other in sources:
             with self.noted():
                 choices.check_seeds(declared, name, self.path, other)
@@ -364,9 +358,6 @@ def _check_scenarios(declared: Declaration, path: Path) -> None:
         check_all(*(partial(load_scenario, scenario) for scenario in declared.scenarios))
     except InputError as error:
         raise InputError(*(f"{path}: {line}" for line in error.args)) from error
-    names = [Path(scenario).stem for scenario in declared.scenarios]
-    if repeated := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"{path}: scenarios: {repeated[0]} is named twice.")
 
 
 def _check_titles(learners: Iterable[Learner], where: str) -> None:

@@ -45,11 +45,11 @@ DEFAULT_CONDITION: Final = "default"
 MOST_POINTS: Final = 10_000  # of a grid
 
 # Columns of the tables of runs, see `benchmark.analysis.frames`; there, an axis is a further one.
-COLUMNS: Final = frozenset(
-    "scenario condition reading grid trial variant observation learner seed policy budget step stage setting "
-    "value success score unbounded_score steps wrong_pings uncomfortable_steps area earliness greedy_success "
-    "random_success target_cells_marked cells_marked region_overlap training_wrong_pings diverged_at updates "
-    "parameters cpu_time_s peak_memory_mb".split()
+_COLUMN: Final = re.compile(
+    "scenario|condition|reading|grid|trial|variant|observation|learner|seed|policy|budget|step|stage|setting|"
+    "value|success|score|unbounded_score|steps|wrong_pings|uncomfortable_steps|area|earliness|greedy_success|"
+    "random_success|target_cells_marked|cells_marked|region_overlap|training_wrong_pings|diverged_at|updates|"
+    "parameters|cpu_time_s|peak_memory_mb|(every_cell|unseen)_.*"
 )
 
 # Folders of results that are not those of an experiment, or not of its declared seeds
@@ -93,11 +93,6 @@ class Variant(Table):
     """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own settings."""
     rank: Annotated[int, Field(ge=1, le=3)] = 1
     """Which of the search's settings it takes: the best, the second or the third best on fresh runs."""
-
-    @property
-    def marks(self) -> list[tuple[str, object]]:
-        """Settings that a search varies, with values all over their ranges."""
-        return [(key, value) for key, axis in self.search.items() for value in axis.marks]
 
     @model_validator(mode="after")
     def _has_a_search(self) -> Self:
@@ -193,8 +188,8 @@ class Grid(Changes):
     def _is_sound(self) -> Self:
         axis_of_key: dict[str, str] = {}
         for axis, values in self.axes.items():
-            is_column = axis in COLUMNS or axis.startswith(("every_cell_", "unseen_"))
-            require(not is_column, f"axes.{axis}: a column of the tables of runs", "another name")
+            is_column = _COLUMN.fullmatch(axis) is not None
+            require(not is_column, f"axes.{axis}, a column of the tables of runs", "another name")
             numbers = [[float(part) for part in value.split("x")] for value in values if is_number(value)]
             distinct(tuple(numbers), f"axes.{axis}: ")
             for key in chain(*(changes.keys for changes in values.values())):
@@ -354,7 +349,7 @@ class Declaration(Table):
 
     name: Name
     """The stem of the file."""
-    description: Annotated[Text, Field(min_length=1)]
+    description: Text
     """What the experiment is about, for readers."""
     report: Reporting | None = None
     """What is drawn; its kind alone as a text, too. Without it, runs are stored and not drawn."""
@@ -439,7 +434,9 @@ class Declaration(Table):
             require(is_used, f"grids.{name}.tuned_by = {grid.tuned_by}", "variants with a key tuned_by, too")
 
     def _check_report(self) -> None:
-        """Refuses labels that look alike, and pairs of a side with itself or that are there twice."""
+        """Refuses labels that look alike, and pairs that are declared twice, either way round."""
+        names = tuple(Path(name).stem for name in self.scenarios), self._learners, self.readings
+        distinct(names[0], "scenarios: ")
         distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
         distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
         if (report := self.report) is None:
@@ -447,13 +444,12 @@ class Declaration(Table):
         distinct(tuple(panel.title for panel in report.panels), "report.panels: title ")
         distinct(tuple(name for *_, name in report.effects), "report.effects: ")
         distinct(tuple(report.answer.learners.values() if report.answer else ()), "report.answer: ")
-        names = [Path(scenario).stem for scenario in self.scenarios], self._learners, self.readings
         shared = {name for each in names if len(each) == 1 for name in each}  # whether a side names it or not
         for key, pairs in {"contrasts": report.contrasts, "effects": report.effects}.items():
-            sides = [sorted(sorted({*side.split(" @ ")} - shared) for side in pair[:2]) for pair in pairs]
-            for i, pair in enumerate(sides):
-                distinct(tuple(pair), f"report.{key}.{i}: ")
-            distinct(tuple(sides), f"report.{key}: ")
+            sides = [
+                [" @ ".join(sorted({*each.split(" @ ")} - shared)) for each in pair[:2]] for pair in pairs
+            ]
+            distinct(tuple(" and ".join(sorted(pair)) for pair in sides), f"report.{key}: ")
 
     @property
     def _learners(self) -> dict[str, str]:
@@ -493,8 +489,8 @@ class Declaration(Table):
             if condition.has(variant, learner.removeprefix(f"{variant}, ")):
                 n += max([len(self.seeds_of(variant, condition)), *(looks if learner in compared else ())])
         for variant in self._learners.values() if (search := self.search) else ():
-            declared = self.algorithms[variant]
-            n += (1 + len(declared.marks)) * len(search.seeds_around(declared.seeds))
+            n_around = 1 + sum(len(axis.marks) for axis in self.algorithms[variant].search.values())
+            n += n_around * len(search.seeds_around(self.algorithms[variant].seeds))
             n += (search.finalists + 2) * search.seeds  # trial 0, too, and the best one of a scenario
         return n * len(self.scenarios)
 

@@ -79,18 +79,16 @@ def drawn_learners(experiment: Experiment) -> list[str]:
 
 
 def check(experiment: Experiment) -> None:
-    """Checks what an experiment declares to be compared.
-
-    Raises:
-      InputError: A side of a contrast or effect is wrong, a baseline is a planner or a reference, or
-        is not compared with every deep learner of these contrasts, all algorithms are planners, or budgets
-        are not in steps.
-    """
+    """Refuses, by an InputError, what cannot be compared, and baselines that deep learners need not beat."""
     source, reporting = experiment.argument, reporting_of(experiment)
-    for x, y in (*contrasts_of(experiment), *(pair for _, pair in effects_of(experiment))):
-        if not _elsewhere(experiment, x) & _elsewhere(experiment, y):
-            sides = f"{side_name(x)} and {side_name(y)}"
-            raise InputError(f"{source}: report: {sides}: accepted: two that have runs to compare.")
+    names = ((each.learner.name, each.scenario.name, each.condition.name) for each in experiment.populations)
+    populations = [dict(zip(AXES, name, strict=True)).items() for name in names]
+    for sides in (*contrasts_of(experiment), *(pair for _, pair in effects_of(experiment))):
+        # What else names the populations of a side, which is the same of both sides
+        x, y = ({frozenset(p - side.items()) for p in populations if p >= side.items()} for side in sides)
+        if x.isdisjoint(y):
+            found = " and ".join(map(side_name, sides))
+            raise InputError(f"{source}: report: {found}: accepted: two that have runs to compare.")
     accepted = own_learners(experiment)
     for y in reporting.baseline:
         if y not in accepted:
@@ -115,16 +113,9 @@ def check(experiment: Experiment) -> None:
 def _pair(experiment: Experiment, key: str, x: str, y: str) -> Pair:
     where = f"{experiment.argument}: report.{key}"
     pair = Pair(_side(experiment, where, x), _side(experiment, where, y))
-    if pair.x.keys() != pair.y.keys():
+    if pair.x == pair.y or pair.x.keys() != pair.y.keys():
         raise InputError(f"{where} = {[x, y]}: accepted: two different names of the same kind.")
     return pair
-
-
-def _elsewhere(experiment: Experiment, side: Side) -> set[frozenset[tuple[str, str]]]:
-    """Returns what else names the populations of a side, which both sides vary together."""
-    names = ((each.learner.name, each.scenario.name, each.condition.name) for each in experiment.populations)
-    columns = [dict(zip(AXES, name, strict=True)).items() for name in names]
-    return {frozenset(column - side.items()) for column in columns if side.items() <= column}
 
 
 def _side(experiment: Experiment, where: str, text: str) -> Side:

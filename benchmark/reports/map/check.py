@@ -84,6 +84,8 @@ def _mistakes_of_sides(
 ) -> Iterator[str]:
     for name in (name for name in contrast if name not in known):
         yield f"report.contrasts: {name}: accepted: {', '.join(known)}."
+    if contrast[0] == contrast[1]:
+        yield f"report.contrasts: {' and '.join(contrast)}: accepted: two different learners."
     sides = [known[name] for name in contrast if name in known]
     for side in sides:
         if looks and side.declared.seeds != min(looks):
@@ -94,11 +96,13 @@ def _mistakes_of_sides(
 
 
 def _unreachable(experiment: Experiment) -> Iterator[str]:
-    """Yields contrasts that are nowhere compared, and the first point at which no policy succeeds often enough."""
+    """Yields contrasts that no grid has, and the first point at which no policy succeeds often enough."""
     report, declared, pairs = experiment.report, experiment.declared, compared(experiment)
     assert report is not None
     assert declared.solved is not None
-    for contrast in {*report.contrasts}.difference((x.learner.name, y.learner.name) for x, y in pairs):
+    for contrast in sorted(
+        {*report.contrasts}.difference((x.learner.name, y.learner.name) for x, y in pairs)
+    ):
         yield f"report.contrasts: {' and '.join(contrast)}: accepted: two that are both in a compared grid."
     for population in {x.condition.name: x for x, _ in pairs}.values():
         random, most = _success_range(population.first.drawn_scenario, declared.horizon)

@@ -15,11 +15,7 @@ Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has the paper's scenarios, and a single table that records the maximum Q.
-
-    Raises:
-      InputError: It has something else.
-    """
+    """Refuses, by an InputError, all but the paper's scenarios and one table that records the maximum Q."""
     source = experiment.argument
     first, *others = experiment.learners.values()
     if others or first.family != "tabular" or "record_every" not in first.algorithm.settings.model_fields:

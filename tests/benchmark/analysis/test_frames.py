@@ -38,7 +38,7 @@ settings = { n_steps = 100, batch_size = 50, n_epochs = 1 }
 def test_tables_have_what_records_hold(tmp_path: Path) -> None:
     experiment = experiment_of(
         tmp_path / "mine.toml",
-        EXPERIMENT + "[grids.all.axes.seed]\nlow.settings.time_limit = 50\nhigh = {}\n",
+        EXPERIMENT + "[grids.all.axes.length]\nlow.settings.time_limit = 50\nhigh = {}\n",
     )
     groups = [Group(population, population.runs()) for population in experiment.populations]
     with Store(tmp_path / "runs.db") as store:
