@@ -158,10 +158,11 @@ def seen(text: str) -> str:
 
 
 def distinct(values: ValuesT, where: str = "") -> ValuesT:
-    """Refuses, by a ValueError, values of which two are equal, or texts of which two look alike."""
-    known = [seen(value) if isinstance(value, str) else value for value in values]
-    for i, value in enumerate(known):
-        require(value not in known[:i], f"{where}{shortened(str(value))} is named twice", "each once")
+    """Refuses, by a ValueError, values of which two look alike."""
+    known = set[str]()
+    for text in (seen(str(value)) for value in values):
+        require(text not in known, f"{where}{shortened(text)} is named twice", "each once")
+        known.add(text)
     return values
 
 

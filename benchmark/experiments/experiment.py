@@ -404,7 +404,7 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
 
 def _check_number(n_runs: int, where: str) -> None:
     if n_runs > MOST_RUNS:
-        found = f"up to {n_runs:,} runs, which take {n_runs // 86_400:,} days at a second each"
+        found = f"up to {n_runs:,} runs, which take {n_runs / 86_400:,.1f} days at a second each"
         raise InputError(f"{where}: {found}; accepted: at most {MOST_RUNS:,}.")
 
 

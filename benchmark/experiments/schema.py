@@ -190,7 +190,7 @@ class Grid(Changes):
         for axis, values in self.axes.items():
             is_column = _COLUMN.fullmatch(axis) is not None
             require(not is_column, f"axes.{axis}, a column of the tables of runs", "another name")
-            numbers = [[float(part) for part in value.split("x")] for value in values if is_number(value)]
+            numbers = ([*map(float, value.split("x"))] for value in values if is_number(value))
             distinct(tuple(numbers), f"axes.{axis}: ")
             for key in chain(*(changes.keys for changes in values.values())):
                 other = axis_of_key.setdefault(key, axis)

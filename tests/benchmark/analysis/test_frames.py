@@ -45,6 +45,9 @@ def test_tables_have_what_records_hold(tmp_path: Path) -> None:
         assert run([run for group in groups for run in group.runs], store, 1, executor=Threads(1)) == []
         runs, curves = tables(groups, store)
         assert len(runs) == 2 * 2 * (3 + 2)
+        for column in {*runs, *curves} - {"length"}:
+            with pytest.raises(InputError, match=f"axes.{column}, a column of the tables of runs"):
+                experiment_of(tmp_path / "other.toml", f"{EXPERIMENT}[grids.all.axes.{column}]\nlow = {{}}\n")
         assert len(curves) == 5 * len(runs)
         for group, (keys, rows) in zip(groups, by_population(runs), strict=True):
             assert keys["learner"] == group.population.learner.name
