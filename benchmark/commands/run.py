@@ -40,12 +40,11 @@ def main(options: argparse.Namespace) -> int:
     if options.log is not None:
         _check_log(options)
     with Store(options.results / "runs.db") as store:
-        later = experiment.declared.most_runs * experiment.has_stages
+        if experiment.has_stages:
+            print(f"{name}: up to {experiment.declared.most_runs:,} runs in all stages.", file=sys.stderr)
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)
             label = f"{name}, stage {stage}" if experiment.has_stages else name
-            if (later := later - sum(len(group.runs) for group in groups)) > 0:
-                print(f"{label}: up to {later:,} more runs may follow in later stages.", file=sys.stderr)
             if code := _execute(label, runs, store, options):
                 return code
             if options.log is not None:

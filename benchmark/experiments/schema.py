@@ -488,10 +488,11 @@ class Declaration(Table):
         for condition, (learner, variant) in product(self.conditions.values(), self._learners.items()):
             if condition.has(variant, learner.removeprefix(f"{variant}, ")):
                 n += max([len(self.seeds_of(variant, condition)), *(looks if learner in compared else ())])
-        for variant in self._learners.values() if (search := self.search) else ():
-            n_around = 1 + sum(len(axis.marks) for axis in self.algorithms[variant].search.values())
-            n += n_around * len(search.seeds_around(self.algorithms[variant].seeds))
-            n += (search.finalists + 2) * search.seeds  # trial 0, too, and the best one of a scenario
+        if (search := self.search) is not None:
+            for variant in self._learners.values():
+                n_around = 1 + sum(len(axis.marks) for axis in self.algorithms[variant].search.values())
+                n += n_around * len(search.seeds_around(self.algorithms[variant].seeds))
+                n += (search.finalists + 2) * search.seeds  # trial 0, too, and the best one of a scenario
         return n * len(self.scenarios)
 
     @cached_property

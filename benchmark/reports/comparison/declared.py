@@ -85,8 +85,10 @@ def check(experiment: Experiment) -> None:
     populations = [dict(zip(AXES, name, strict=True)).items() for name in names]
     for sides in (*contrasts_of(experiment), *(pair for _, pair in effects_of(experiment))):
         # What else names the populations of a side, which is the same of both sides
-        x, y = ({frozenset(p - side.items()) for p in populations if p >= side.items()} for side in sides)
-        if x.isdisjoint(y):
+        first, second = (
+            {frozenset(p - side.items()) for p in populations if p >= side.items()} for side in sides
+        )
+        if first.isdisjoint(second):
             found = " and ".join(map(side_name, sides))
             raise InputError(f"{source}: report: {found}: accepted: two that have runs to compare.")
     accepted = own_learners(experiment)

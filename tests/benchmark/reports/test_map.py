@@ -530,8 +530,8 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
          "grids: accepted: at least one that has one axis"),
         ("axes.places.16", "axes.places.04", "axes.places: [4.0] is named twice"),
         ("axes.places.16", f'axes.places.{"9" * 400}', "a number of at most 15 characters"),
-        # By hand: 3 + 3 + 2 + 1 points, at each of which two learners are looked at, and the reference runs twice.
-        ("looks = [12, 16]", "looks = [12, 1_000_000_000]", "18,000,000,018 runs, which take 208,333.3 days at"),
+        # By hand: at 3 + 3 + 2 + 1 points, two learners are looked at, and their reference has two runs.
+        ("looks = [12, 16]", "looks = [12, 1_000_000_000]", "18,000,000,018 runs, which take 208,333.3 days"),
         ('"table, index"]]', '"shared, offset"]]', "shared, offset and shared, offset: accepted: two"),
         ('"table, index"]]', '"table, index"], ["table, index", "shared, offset"]]', "index is named twice"),
         ('"mine"', '"shared\N{ZERO WIDTH SPACE}"', "report.answer: shared is named twice"),
