@@ -8,6 +8,7 @@ import difflib
 import json
 import re
 import tomllib
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Set
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, NoReturn, Self, TypeVar, get_args
@@ -16,6 +17,7 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
+    Field,
     SerializerFunctionWrapHandler,
     ValidationError,
     model_serializer,
@@ -36,6 +38,10 @@ _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 _VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
 # Control characters, among them line separators and those of writing direction.
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+# Letters, marks and signs without ink; those of formatting have a category of their own.
+_BLANK: Final = re.compile(
+    r"[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\ufe00-\ufe0f\U000e0100-\U000e01ef]"
+)
 
 
 class InputError(ValueError):
@@ -97,6 +103,7 @@ class Table(BaseModel):
 
 
 TableT = TypeVar("TableT", bound=Table)
+ValuesT = TypeVar("ValuesT", bound=tuple[object, ...])
 
 
 def require(is_met: bool, found: str, accepted: str) -> None:
@@ -144,8 +151,33 @@ def _in_one_line(text: str) -> str:
     return text
 
 
+def seen(text: str) -> str:
+    """Returns what readers see of a text: nothing of a blank one, and the same of two that look alike."""
+    normal = _BLANK.sub("", unicodedata.normalize("NFKC", text))
+    return " ".join("".join(c for c in normal if unicodedata.category(c) != "Cf").split())
+
+
+def distinct(values: ValuesT, where: str = "") -> ValuesT:
+    """Refuses, by a ValueError, values of which two look alike."""
+    known = set[str]()
+    for text in (seen(str(value)) for value in values):
+        require(text not in known, f"{where}{shortened(text)} is named twice", "each once")
+        known.add(text)
+    return values
+
+
+def _visible(text: str) -> str:
+    if (text and not seen(text)) or _CONTROL.search(" ".join(text.split())):
+        raise ValueError("accepted: visible text, without control characters")
+    return text
+
+
 Name = Annotated[str, AfterValidator(_named)]
-Line = Annotated[str, AfterValidator(_in_one_line)]  # free text that labels something
+Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
+Line = Annotated[str, AfterValidator(_in_one_line)]
+# What readers see: something that labels, and paragraphs. Empty ones say that there is none.
+Label = Annotated[str, Field(max_length=200), AfterValidator(_in_one_line), AfterValidator(_visible)]
+Text = Annotated[str, Field(max_length=10_000), AfterValidator(_visible)]
 
 
 def check_file_name(path: Path, what: str) -> None:

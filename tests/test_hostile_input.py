@@ -65,6 +65,11 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
             LONG.replace(", record_every = 1000", "").replace("500", "1_000_000_000"),
             "record_every = 1 with budget = 1000000000: ",
         ),
+        # By hand: 100,000 for each of two forms; the days are 200,000 / (24 * 60 * 60).
+        (
+            EXPERIMENT.replace("= 3", "= 100_000").replace('["index"]', '["index", "offset"]'),
+            "up to 200,000 runs, which take 2.3 days at a second each; accepted: at most 100,000.",
+        ),
         (LARGE, "algorithms.table: observation one_hot: 100,000 observations of 100,000 numbers each"),
     ],
 )

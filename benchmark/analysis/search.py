@@ -3,12 +3,13 @@
 First, every trial of every learner, in all scenarios. Then, with fresh seeds, the trials of the largest mean
 and trial 0; that with the largest mean on these seeds is chosen, so one that was merely lucky is not. Beside
 them, in each scenario, the trial that is best there. Last, unless the search leaves it out, with other seeds
-the chosen settings, and the same with one of them at other values. Means are of a measure of each run: the
-area under its curve of exact success or, with `[solved]`, how early it has learned.
+the chosen settings, and the same with one of them at other values, if these are accepted. Means are of a
+measure of each run: the area under its curve of exact success or, with `[solved]`, how early it has learned.
 """
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import islice, product
 from math import comb, nan
@@ -21,7 +22,7 @@ from benchmark.analysis.frames import Floats, Group, tables
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Learner, Population
 from benchmark.experiments.search import Chosen, Finalist, Search
-from envs.inputs import override, parse
+from envs.inputs import InputError, override, parse
 from envs.scenario import RELATIVE
 
 Fresh = Mapping[tuple[int, str], Floats]  # (N,) on fresh seeds, by trial and scenario
@@ -166,9 +167,9 @@ def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
     for key, axis in learner.declared.search.items():
         for value in axis.marks:
             content = override(settings.model_dump(mode="json"), {key: value}, learner.name)
-            other = parse(type(settings), content, f"{learner.name}: {key} = {value}")
-            if other != settings:
-                changed[key, json.dumps(value)] = other
+            with suppress(InputError):  # of settings that are not accepted, or not together
+                if (other := parse(type(settings), content, learner.name)) != settings:
+                    changed[key, json.dumps(value)] = other
     for ((key, value), other), population in product(changed.items(), chosen):
         first = replace(population.first, settings=other)
         runs = [first.with_seed(seed) for seed in search.seeds_around(len(population.seeds))]

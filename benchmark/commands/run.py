@@ -40,6 +40,8 @@ def main(options: argparse.Namespace) -> int:
     if options.log is not None:
         _check_log(options)
     with Store(options.results / "runs.db") as store:
+        if experiment.has_stages:
+            print(f"{name}: up to {experiment.declared.most_runs:,} runs in all stages.", file=sys.stderr)
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)
             label = f"{name}, stage {stage}" if experiment.has_stages else name

@@ -26,11 +26,11 @@ from benchmark.experiments.schema import (
 )
 from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
-from envs.inputs import check_all, override, parse, unknown_name
+from envs.inputs import check_all, override, parse, seen, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
 from envs.sources import digest_of_source
 
-MOST_RUNS: Final = 500_000  # of an experiment
+MOST_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
 
 
@@ -190,6 +190,7 @@ class _Loading:
     def experiment(self) -> Experiment:
         """Returns the experiment; raises an InputError with all mistakes at once."""
         declared, variants = self.declared, self.declared.algorithms
+        _check_number(declared.most_runs, str(self.path))
         sources = dict.fromkeys(
             (name, search)
             for condition in declared.conditions.values()
@@ -357,15 +358,12 @@ def _check_scenarios(declared: Declaration, path: Path) -> None:
         check_all(*(partial(load_scenario, scenario) for scenario in declared.scenarios))
     except InputError as error:
         raise InputError(*(f"{path}: {line}" for line in error.args)) from error
-    names = [Path(scenario).stem for scenario in declared.scenarios]
-    if repeated := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"{path}: scenarios: {repeated[0]} is named twice.")
 
 
 def _check_titles(learners: Iterable[Learner], where: str) -> None:
     first: dict[str, str] = {}
     for learner in learners:
-        other = first.setdefault(learner.title, learner.name)
+        other = first.setdefault(seen(learner.title), learner.name)
         if other != learner.name:
             raise InputError(
                 f'{where}: algorithms: "{learner.title}" is the name of {other} and of {learner.name}; '
@@ -400,9 +398,14 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
     """Lists every run of an experiment once, see `interleaved`; of one with stages, those of the first."""
     populations = experiment.populations
     n_runs = sum(len(population.taken(seeds)) for population in populations)
-    if n_runs > MOST_RUNS:
-        raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
+    _check_number(n_runs, experiment.argument)
     return interleaved([(population, population.runs(population.taken(seeds))) for population in populations])
+
+
+def _check_number(n_runs: int, where: str) -> None:
+    if n_runs > MOST_RUNS:
+        found = f"up to {n_runs:,} runs, which take {n_runs / 86_400:,.1f} days at a second each"
+        raise InputError(f"{where}: {found}; accepted: at most {MOST_RUNS:,}.")
 
 
 def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]]) -> list[RunSpecification]:

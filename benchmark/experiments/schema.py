@@ -22,11 +22,15 @@ from pydantic import AfterValidator, Field, model_validator
 from benchmark.experiments.search import Search, Space, trials
 from envs import InputError
 from envs.inputs import (
+    Label,
     Line,
     Name,
+    Names,
     Table,
+    Text,
     check_all,
     check_file_name,
+    distinct,
     is_name,
     override,
     parse,
@@ -39,6 +43,14 @@ from envs.sources import find_modules_in
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
 MOST_POINTS: Final = 10_000  # of a grid
+
+# Columns of the tables of runs, see `benchmark.analysis.frames`; there, an axis is a further one.
+_COLUMN: Final = re.compile(
+    "scenario|condition|reading|grid|trial|variant|observation|learner|seed|policy|budget|step|stage|setting|"
+    "value|success|score|unbounded_score|steps|wrong_pings|uncomfortable_steps|area|earliness|greedy_success|"
+    "random_success|target_cells_marked|cells_marked|region_overlap|training_wrong_pings|diverged_at|updates|"
+    "parameters|cpu_time_s|peak_memory_mb|(every_cell|unseen)_.*"
+)
 
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = ("leaderboard", "speed", "speed_smoke", "*_partial", "*_seeds_*")
@@ -57,9 +69,9 @@ class Variant(Table):
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
-    title: Annotated[Line, Field(max_length=60)] = ""
+    title: Annotated[Label, Field(max_length=60)] = ""
     """What readers call it; by default its name."""
-    observations: Annotated[tuple[str, ...], Field(min_length=1)]
+    observations: Annotated[Names, Field(min_length=1)]
     """Forms of observation; each makes a learner."""
     seeds: Annotated[int, Field(ge=1, le=100_000)]
     """Runs per scenario and condition."""
@@ -93,7 +105,7 @@ class Changes(Table):
 
     scenario: dict[str, object] = Field(default_factory=dict)
     """Changes of scenarios, as dotted keys."""
-    scenarios: tuple[str, ...] | None = None
+    scenarios: Names | None = None
     """Names of the scenarios that it changes; all by default."""
     settings: dict[str, object] = Field(default_factory=dict)
     """Changes of the settings of every variant, as dotted keys."""
@@ -109,11 +121,11 @@ class Reading(Changes):
 
     omitted_at_default: ClassVar[Set[str]] = {"title"}
 
-    title: Annotated[Line, Field(max_length=60)] = ""
+    title: Annotated[Label, Field(max_length=60)] = ""
     """What a figure calls it; by default its name."""
-    question: Annotated[str, Field(min_length=1)]
+    question: Annotated[Text, Field(min_length=1)]
     """What the paper leaves open."""
-    answer: Annotated[str, Field(min_length=1)]
+    answer: Annotated[Text, Field(min_length=1)]
     """How this reading answers it."""
     curve: Literal["visited", "table"] = "visited"
     """Which maximum Q the claims are about: of the visited observations, or of the whole table."""
@@ -121,7 +133,8 @@ class Reading(Changes):
     """Runs per scenario and learner; by default the variant's."""
 
 
-_NUMBER: Final = re.compile(r"[0-9]+(\.[0-9]+)?(x[0-9]+)?")
+# Fifteen digits are as many as tell numbers apart.
+_NUMBER: Final = re.compile(r"(?=.{1,15}$)[0-9]+(\.[0-9]+)?(x[0-9]+)?")
 
 
 def is_number(value: str) -> bool:
@@ -131,7 +144,7 @@ def is_number(value: str) -> bool:
 
 def _is_value(value: str) -> str:
     if not (is_name(value) or is_number(value)):
-        raise ValueError("accepted: a name or a number, such as high, 0.5 or 5x6")
+        raise ValueError("accepted: a name or a number of at most 15 characters, such as high, 0.5 or 5x6")
     return value
 
 
@@ -151,9 +164,9 @@ def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
 class Grid(Changes):
     """Conditions that are the product of axes, with changes at all its points. A map draws grids."""
 
-    question: Line = ""
+    question: Label = ""
     """What the grid is to answer, for readers; required in a map."""
-    learners: tuple[str, ...] = ()
+    learners: Names = ()
     """Names of learners, or of variants with all their observations; all by default. A learner that no grid
     names is in all grids."""
     axes: Annotated[dict[Name, Annotated[dict[Value, Changes], Field(min_length=1)]], Field(min_length=1)]
@@ -175,6 +188,10 @@ class Grid(Changes):
     def _is_sound(self) -> Self:
         axis_of_key: dict[str, str] = {}
         for axis, values in self.axes.items():
+            is_column = _COLUMN.fullmatch(axis) is not None
+            require(not is_column, f"axes.{axis}, a column of the tables of runs", "another name")
+            numbers = ([*map(float, value.split("x"))] for value in values if is_number(value))
+            distinct(tuple(numbers), f"axes.{axis}: ")
             for key in chain(*(changes.keys for changes in values.values())):
                 other = axis_of_key.setdefault(key, axis)
                 require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
@@ -208,6 +225,7 @@ class Solved(Table):
     def _has_levels(self) -> Self:
         accepted = f"numbers up to success = {self.success:g}, above which runs may have ended"
         require(max(self.levels, default=0.0) <= self.success, f"levels = {[*self.levels]}", accepted)
+        distinct(tuple(f"{level:g}" for level in self.levels), "levels: ")  # as tables name them
         return self
 
     @property
@@ -237,9 +255,9 @@ class Panel(Table):
 
     grid: str = ""
     """The grid with one axis that it shows; by default the first."""
-    title: Annotated[Line, Field(min_length=1)]
+    title: Annotated[Label, Field(min_length=1)]
     """Its heading."""
-    learners: Annotated[tuple[str, ...], Field(min_length=1)]
+    learners: Annotated[Names, Field(min_length=1)]
     """Names of the learners that it shows."""
 
 
@@ -250,7 +268,7 @@ class Answer(Table):
     """The grid with the point."""
     point: str
     """The point, as in tables: "places 64". The person must have unseen places there."""
-    learners: Annotated[dict[str, Line], Field(min_length=1)]
+    learners: Annotated[dict[str, Annotated[Label, Field(min_length=1)]], Field(min_length=1)]
     """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
 
 
@@ -265,13 +283,13 @@ class Reporting(Table):
 
     kind: str
     """What kind of report: one of those below, or `module:attribute` of any other."""
-    question: Line = ""
+    question: Label = ""
     """The heading; by default that of the kind."""
-    items: tuple[str, ...] = ()
+    items: Names = ()
     """Further tables and figures, each as `module:attribute`."""
-    omit: tuple[str, ...] = ()
+    omit: Names = ()
     """Names of the kind's items that are left out."""
-    baseline: tuple[str, ...] = ()
+    baseline: Names = ()
     """The learners, of any family, that deep ones have to beat; none if the question is another."""
     pool: Literal["scenarios", "none"] = "scenarios"
     """Whether verdicts are on means over scenarios."""
@@ -279,13 +297,13 @@ class Reporting(Table):
     """Differences between x and y that are too small to matter."""
     contrasts: tuple[tuple[str, str], ...] = ()
     """Pairs x, y that are compared, with verdicts."""
-    looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
+    looks: tuple[Annotated[int, Field(ge=2, le=10**12)], ...] = ()
     """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
     panels: tuple[Panel, ...] = ()
     """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
     answer: Answer | None = None
     """What the figure of a map's answer shows; without it, there is none."""
-    effects: tuple[tuple[str, str, Annotated[Line, Field(min_length=1)]], ...] = ()
+    effects: tuple[tuple[str, str, Annotated[Label, Field(min_length=1)]], ...] = ()
     """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
 
 
@@ -331,11 +349,11 @@ class Declaration(Table):
 
     name: Name
     """The stem of the file."""
-    description: str
+    description: Text
     """What the experiment is about, for readers."""
     report: Reporting | None = None
     """What is drawn; its kind alone as a text, too. Without it, runs are stored and not drawn."""
-    note: str = ""
+    note: Text = ""
     """For readers of the results, for example how settings were chosen."""
     stream: Name = ""
     """Experiments with the same stream share runs; by default, the experiment's name."""
@@ -368,7 +386,7 @@ class Declaration(Table):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        check_all(self._check_schedules, self._check_search, self._check_grids)
+        check_all(self._check_schedules, self._check_search, self._check_grids, self._check_report)
         return self
 
     def _check_schedules(self) -> None:
@@ -415,6 +433,24 @@ class Declaration(Table):
             is_used = not grid.tuned_by or any(variant.tuned_by for variant in self.algorithms.values())
             require(is_used, f"grids.{name}.tuned_by = {grid.tuned_by}", "variants with a key tuned_by, too")
 
+    def _check_report(self) -> None:
+        """Refuses labels that look alike, and pairs that are declared twice, either way round."""
+        names = tuple(Path(name).stem for name in self.scenarios), self._learners, self.readings
+        distinct(names[0], "scenarios: ")
+        distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
+        distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
+        if (report := self.report) is None:
+            return
+        distinct(tuple(panel.title for panel in report.panels), "report.panels: title ")
+        distinct(tuple(name for *_, name in report.effects), "report.effects: ")
+        distinct(tuple(report.answer.learners.values() if report.answer else ()), "report.answer: ")
+        shared = {name for each in names if len(each) == 1 for name in each}  # whether a side names it or not
+        for key, pairs in {"contrasts": report.contrasts, "effects": report.effects}.items():
+            sides = [
+                [" @ ".join(sorted({*each.split(" @ ")} - shared)) for each in pair[:2]] for pair in pairs
+            ]
+            distinct(tuple(" and ".join(sorted(pair)) for pair in sides), f"report.{key}: ")
+
     @property
     def _learners(self) -> dict[str, str]:
         """The variant of every learner."""
@@ -443,6 +479,21 @@ class Declaration(Table):
         assert self.search is not None
         first, n = self.algorithms[variant].first_seed, self.algorithms[variant].seeds
         return range(first, first + n), range(self.search.first_seed, self.search.seeds_around(n).stop)
+
+    @property
+    def most_runs(self) -> int:
+        """The number of runs, at most, over all stages; one that several conditions share counts for each."""
+        looks, contrasts = (self.report.looks, self.report.contrasts) if self.report else ((), ())
+        n, compared = 0, {*chain(*contrasts)}
+        for condition, (learner, variant) in product(self.conditions.values(), self._learners.items()):
+            if condition.has(variant, learner.removeprefix(f"{variant}, ")):
+                n += max([len(self.seeds_of(variant, condition)), *(looks if learner in compared else ())])
+        if (search := self.search) is not None:
+            for variant in self._learners.values():
+                n_around = 1 + sum(len(axis.marks) for axis in self.algorithms[variant].search.values())
+                n += n_around * len(search.seeds_around(self.algorithms[variant].seeds))
+                n += (search.finalists + 2) * search.seeds  # trial 0, too, and the best one of a scenario
+        return n * len(self.scenarios)
 
     @cached_property
     def conditions(self) -> dict[str, Condition]:

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from benchmark.sealed import unsealed
 from envs import InputError
-from envs.inputs import Line, Table, require
+from envs.inputs import Label, Table, distinct, require
 
 _DIGITS: Final = 3  # significant ones, of numbers that are drawn
 
@@ -31,12 +31,13 @@ class Span(Table):
     """On which scale values are even."""
     whole: bool = False
     """Whether it is a whole number."""
-    why: Annotated[Line, Field(min_length=1)]
+    why: Annotated[Label, Field(min_length=1)]
     """The reason for this range, for readers."""
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
         require(self.low < self.high, f"low = {self.low}", f"less than high = {self.high}")
+        require(math.isfinite(self.high - self.low), f"low = {self.low}, high = {self.high}", "nearer ones")
         require(self.low > 0 or self.scale == "linear", f"low = {self.low}", 'above 0, or scale = "linear"')
         is_whole = self.low.is_integer() and self.high.is_integer()
         require(is_whole or not self.whole, f"low = {self.low}, high = {self.high}", "whole numbers, both")
@@ -68,9 +69,9 @@ class Span(Table):
 class Choice(Table):
     """A setting that is drawn from a few values."""
 
-    values: Annotated[tuple[object, ...], Field(min_length=2)]
+    values: Annotated[tuple[object, ...], Field(min_length=2), AfterValidator(distinct)]
     """All values, each equally likely."""
-    why: Annotated[Line, Field(min_length=1)]
+    why: Annotated[Label, Field(min_length=1)]
     """The reason for these values, for readers."""
 
     def at(self, share: float) -> object:

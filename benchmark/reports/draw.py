@@ -91,6 +91,9 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
         raise InputError(f"{where}: report is missing; add a [report] table.")
     report = load_report(declared.kind, where)
     items = load_items(report, declared.model_dump(), where)
+    for name in report.needed:
+        if name in declared.omit:
+            raise InputError(f"{where}: report.omit: {name}: other parts of this report need it; remove it.")
     missing = [package for package in report.packages if find_spec(package) is None]
     if is_drawn and missing:
         raise missing_package(f"{experiment.name}: its report", missing[0])

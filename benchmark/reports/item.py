@@ -240,3 +240,4 @@ class Report:
     reads_curves: bool = False  # whether curves alone are enough, see `Solved` in the experiments' schema
     can_be_partial: bool = False  # whether it can be drawn if runs are missing
     columns: Sequence[str] = ()  # results that it needs of runs; by default all
+    needed: Sequence[str] = ()  # items that others are made from, so that no experiment can omit them

@@ -1,7 +1,7 @@
 """What a comparison decides, as its experiment declares it."""
 
 from collections.abc import Mapping
-from itertools import product
+from itertools import chain, product
 from typing import Final, NamedTuple
 
 from benchmark.experiments import Experiment, Reporting
@@ -79,16 +79,18 @@ def drawn_learners(experiment: Experiment) -> list[str]:
 
 
 def check(experiment: Experiment) -> None:
-    """Checks what an experiment declares to be compared.
-
-    Raises:
-      InputError: A side of a contrast or effect is wrong, a baseline is a planner or a reference, or
-        is not compared with every deep learner of these contrasts, all algorithms are planners, or budgets
-        are not in steps.
-    """
+    """Refuses, by an InputError, what cannot be compared, and baselines that deep learners need not beat."""
     source, reporting = experiment.argument, reporting_of(experiment)
-    contrasts_of(experiment)
-    effects_of(experiment)
+    names = ((each.learner.name, each.scenario.name, each.condition.name) for each in experiment.populations)
+    populations = [dict(zip(AXES, name, strict=True)).items() for name in names]
+    for sides in (*contrasts_of(experiment), *(pair for _, pair in effects_of(experiment))):
+        # What else names the populations of a side, which is the same of both sides
+        first, second = (
+            {frozenset(p - side.items()) for p in populations if p >= side.items()} for side in sides
+        )
+        if first.isdisjoint(second):
+            found = " and ".join(map(side_name, sides))
+            raise InputError(f"{source}: report: {found}: accepted: two that have runs to compare.")
     accepted = own_learners(experiment)
     for y in reporting.baseline:
         if y not in accepted:
@@ -122,12 +124,14 @@ def _side(experiment: Experiment, where: str, text: str) -> Side:
     """Returns the columns that a side names: learner, scenario and condition, joined by " @ "."""
     names = (experiment.learners, experiment.scenarios, experiment.conditions)
     axis_of = {name: axis for axis, of_axis in zip(AXES, names, strict=True) for name in of_axis}
-    side: dict[str, str] = {}
+    side, every = dict[str, str](), [*chain(*names)]
     for part in text.split(" @ "):
         if part not in axis_of:
             accepted = [f'"{name}"' for name in axis_of]
             unknown_name(where, "learner, scenario or condition", f'"{part}"', accepted)
         axis = axis_of[part]
+        if every.count(part) > 1:
+            raise InputError(f'{where} = "{text}": {part} is a scenario and a condition; rename one.')
         if axis in side:
             raise InputError(f'{where} = "{text}": accepted: at most one {axis} on a side.')
         if axis == "learner" and experiment.learners[part].family == "planner":

@@ -58,4 +58,5 @@ REPORT: Final = Report(
     lead="answer",
     reads_curves=True,
     can_be_partial=True,
+    needed=("cells", "contrasts", "verdicts", "looks", "pairs"),
 )

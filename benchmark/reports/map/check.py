@@ -30,6 +30,9 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
     for key, names in {"scenarios": experiment.scenarios, "readings": declared.readings}.items():
         if len(names) > 1:
             yield f"{key}: {len(names)}: accepted: exactly one."
+    if declared.grids and not leading(experiment):
+        accepted = "at least one that has one axis, but permuted, and a point without unseen places"
+        yield f"grids: accepted: {accepted}, which the figure of the map draws."
     for name, grid in declared.grids.items():
         if not grid.question:
             yield f"grids.{name}.question is missing; this report needs it."
@@ -48,11 +51,10 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
             yield f"algorithms.{population.learner.variant}: budget = {budget} at {where}: {accepted}."
             break
     first, about_steps = leading(experiment), [*steps_grids(experiment)]
-    for panel in report.panels:
+    for panel in report.panels if first else ():
         where = panel.grid or first
         if where not in about_steps:
-            accepted = ", ".join(about_steps) or "no panels, since no grid has one axis and is about steps"
-            yield f"report.panels: grid = {where or 'the first'}: accepted: {accepted}."
+            yield f"report.panels: grid = {where}: accepted: {', '.join(about_steps)}."
             continue
         ran = {it.learner.name for it in experiment.populations if it.condition.axes.get("grid") == where}
         shown = [name for name in ranked(experiment) if name in ran]
@@ -82,6 +84,8 @@ def _mistakes_of_sides(
 ) -> Iterator[str]:
     for name in (name for name in contrast if name not in known):
         yield f"report.contrasts: {name}: accepted: {', '.join(known)}."
+    if contrast[0] == contrast[1]:
+        yield f"report.contrasts: {' and '.join(contrast)}: accepted: two different learners."
     sides = [known[name] for name in contrast if name in known]
     for side in sides:
         if looks and side.declared.seeds != min(looks):
@@ -92,11 +96,14 @@ def _mistakes_of_sides(
 
 
 def _unreachable(experiment: Experiment) -> Iterator[str]:
-    """Yields that nothing is compared, or the first point at which no policy succeeds often enough."""
-    declared, pairs = experiment.declared, compared(experiment)
+    """Yields contrasts that no grid has, and the first point at which no policy succeeds often enough."""
+    report, declared, pairs = experiment.report, experiment.declared, compared(experiment)
+    assert report is not None
     assert declared.solved is not None
-    if not pairs:
-        yield "report.contrasts: no compared grid has both learners of a contrast; accepted: one or more."
+    for contrast in sorted(
+        {*report.contrasts}.difference((x.learner.name, y.learner.name) for x, y in pairs)
+    ):
+        yield f"report.contrasts: {' and '.join(contrast)}: accepted: two that are both in a compared grid."
     for population in {x.condition.name: x for x, _ in pairs}.values():
         random, most = _success_range(population.first.drawn_scenario, declared.horizon)
         where = f"in {population.scenario.name} at {population.condition.name.partition('/')[2]}"

@@ -15,20 +15,22 @@ Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has the paper's scenarios, and a single table that records the maximum Q.
-
-    Raises:
-      InputError: It has something else.
-    """
+    """Refuses, by an InputError, all but the paper's scenarios and one table that records the maximum Q."""
     source = experiment.argument
     first, *others = experiment.learners.values()
     if others or first.family != "tabular" or "record_every" not in first.algorithm.settings.model_fields:
         raise InputError(
             f"{source}: algorithms: a replication takes one: a table that records the maximum Q."
         )
+    if experiment.declared.grids:
+        raise InputError(f"{source}: grids: a replication takes readings alone.")
     if {*experiment.scenarios} != {*SCENARIOS}:
         raise InputError(f"{source}: scenarios: a replication takes the paper's: {listed(SCENARIOS)}.")
     for population in experiment.populations:
+        settings = population.first.settings.model_dump()
+        if settings["budget"] <= settings["record_every"]:
+            found = f"algorithms.{first.variant}: record_every = {settings['record_every']}"
+            raise InputError(f"{source}: {found}: accepted: less than budget = {settings['budget']}.")
         model, name = compile_scenario(population.scenario), population.scenario.name
         is_square = model.scenario.regions.target_radius is not None
         if not (model.has_cell_maps and len(model.starts) == 1 and is_square):

@@ -62,4 +62,5 @@ REPORT: Final = Report(
     lead="picks",
     reads_curves=True,
     columns=COLUMNS,
+    needed=("chosen",),
 )

@@ -301,6 +301,21 @@ def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
         extended(tmp_path, stem)
 
 
+@pytest.mark.parametrize("text", [" ", "\u200b", "\u3164", "\u2800 \ufeff", "x" * 10_001], ids=ascii)
+@pytest.mark.parametrize("key", ["description", "report__question", "readings__ties__answer", "note"])
+def test_blank_and_endless_texts_are_refused(tmp_path: Path, key: str, text: str) -> None:
+    with pytest.raises(InputError, match=r"visible text|at most (200|10000) characters"):
+        extended(tmp_path, "mine", **{key: text})
+
+
+@pytest.mark.parametrize(
+    "title", ["max Q of the table", "max\u00a0Q of the ta\u00adble", "max Q of  the table"]
+)
+def test_titles_that_look_alike_are_refused(tmp_path: Path, title: str) -> None:
+    with pytest.raises(InputError, match="readings: title max Q of the table is named twice"):
+        extended(tmp_path, "mine", readings__ties__title=title)
+
+
 def test_control_characters_are_refused_in_labels(tmp_path: Path) -> None:
     for text in ("\x1b[31mred", "a\rb", "\x00", "\x9b1m", "a\u202eb"):
         with pytest.raises(

@@ -290,6 +290,8 @@ def test_missing_and_changed_choices_are_refused(
     [
         ("low = 0.03", "low = 3.0", "low = 3.0: accepted: less than high = 1.0"),
         ("low = 0.03", "low = 0.0", "low = 0.0: accepted: above 0, or scale"),
+        ('low = 0.03, high = 1.0, scale = "log"', "values = [0.5, 0.5]", "0.5 is named twice"),
+        ('low = 0.03, high = 1.0, scale = "log"', "low = -1e308, high = 1e308", "nearer ones"),
         ("low = 0.03", "whole = true, low = 0.03", "accepted: whole numbers, both"),
         ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),
         ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
@@ -303,3 +305,8 @@ def test_searches_that_are_refused(tmp_path: Path, old: str, new: str, reason: s
     assert old in SEARCH
     with pytest.raises(InputError, match=reason):
         experiment_of(tmp_path / "search.toml", SEARCH.replace(old, new))
+
+
+def test_the_runs_of_all_stages_are_counted(search: Experiment) -> None:
+    """By hand, of each of two learners: 5 trials by 2, 4 by 3 again, and around the chosen 1 + 3 by 2."""
+    assert search.declared.most_runs == 2 * (5 * 2 + 4 * 3 + 4 * 2)

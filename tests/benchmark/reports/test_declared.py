@@ -151,6 +151,13 @@ def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
             ["report.contrasts", "net, one_hot", "other, index"],
         ),
         ("margins = { success = 0.0 }", ["report.margins.success", "0.0"]),
+        (
+            'effects = [["net, one_hot @ S1", "table, index @ S1", "a"], '
+            '["S1 @ table, index", "S1 @ net, one_hot", "b"]]',
+            ["report.effects: ", "S1 @ net, one_hot and S1 @ table, index is named twice"],
+        ),
+        ('effects = [["S1", "S2", "a"], ["net, one_hot", "table, index", " a"]]', ["a is named twice"]),
+        (f'baseline = ["table, index", "table, index"]\ncontrasts = [{CONTRAST}]', ["index is named twice"]),
     ],
 )
 def test_mistakes_get_one_sentence_before_any_run(tmp_path: Path, reporting: str, names: list[str]) -> None:

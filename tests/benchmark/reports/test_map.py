@@ -526,6 +526,16 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ('"table, index" = "m', '"dqn, index" = "m', "report.answer.learners: dqn, index: accepted: sha"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["check, index"] }]',
          "report.panels: check, index: accepted: learners of the grid places"),
+        ("axes.places.1.scenario", "axes.rate.1 = {}\naxes.places.1.scenario",
+         "grids: accepted: at least one that has one axis"),
+        ("axes.places.16", "axes.places.04", "axes.places: [4.0] is named twice"),
+        ("axes.places.16", f'axes.places.{"9" * 400}', "a number of at most 15 characters"),
+        # By hand: at 3 + 3 + 2 + 1 points, two learners are looked at, and their reference has two runs.
+        ("looks = [12, 16]", "looks = [12, 1_000_000_000]", "18,000,000,018 runs, which take 208,333.3 days"),
+        ('"table, index"]]', '"shared, offset"]]', "shared, offset and shared, offset: accepted: two"),
+        ('"table, index"]]', '"table, index"], ["table, index", "shared, offset"]]', "index is named twice"),
+        ('"mine"', '"shared\N{ZERO WIDTH SPACE}"', "report.answer: shared is named twice"),
+        ("looks = ", 'omit = ["cells"]\nlooks = ', "report.omit: cells: other parts of this report need it"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(
