@@ -173,6 +173,28 @@ def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float6
     return np.asarray(distance <= shape.radius + TOLERANCE)
 
 
+def connected(cells: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Returns from which free cells moves through free cells lead to one of `cells`, in each of some grids.
+
+    All three are (grids, rows, columns), and `cells` are free.
+    """
+    is_first = free.copy()  # of a run of free cells in a row
+    is_first[:, :, 1:] &= ~free[:, :, :-1]
+    run = np.cumsum(is_first, dtype=np.int32).reshape(free.shape)  # 1 for the first
+    # Where two runs meet, one of them begins.
+    meet = free[:, 1:] & free[:, :-1] & (is_first[:, 1:] | is_first[:, :-1])
+    above, below = run[:, :-1][meet], run[:, 1:][meet]
+    part = np.arange(1 + np.count_nonzero(is_first))  # the first run of the part of each run, as far as is known
+    while (part[above] != part[below]).any():
+        pair = part[above], part[below]
+        np.minimum.at(part, np.maximum(*pair), np.minimum(*pair))
+        while (part != part[part]).any():
+            part = part[part]
+    is_met = np.zeros(len(part), dtype=np.bool_)
+    is_met[part[run[cells]]] = True
+    return free & is_met[part][run]
+
+
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:
     """Returns the Chebyshev distance of every cell from the target region around a person, (C,).
 

@@ -20,13 +20,14 @@ from pydantic import AfterValidator, Field, model_validator
 from envs import inputs
 from envs.inputs import InputError, Line, Name, Table, require
 from envs.people import MAX_STATES, Group, Issuer, OwnFeedback, Person, Place, Reward, Steps, Walk
-from envs.regions import TOLERANCE, ZONES, AnyShape, Cell, Egg, Heading, Regions, Ring, ring_zones, zones
+from envs.regions import TOLERANCE, ZONES, AnyShape, Cell, Egg, Heading, Regions, Ring, connected, ring_zones, zones
 from envs.sources import find_modules_in
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_CELLS: Final = 100_000
 _MOST_STATES_OF_PLACE: Final = 100_000  # which are compiled together
 _MOST_ZONES: Final = 100_000_000  # of cells, over all ways in which people may stand, and phases
+_AT_ONCE: Final = 1_000_000  # of them, to save memory
 # What can be seen of where people stand relative to the agent, see `envs.observations`.
 RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 # What can be observed, in the order of an observation.
@@ -414,25 +415,30 @@ class Scenario(Table):
     @cached_property
     def _ways(self) -> NDArray[np.int_]:
         """(G, people) all ways in which the issuer and its group may stand, as cells; rising in a group."""
-        free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in self._taken]
-        cells = np.array([cell @ np.array([self.grid.columns, 1]) for cell in free], dtype=np.int_)
-        cells = cells[~self.grid.is_wall[cells]]
+        grid, group = self.grid, self.group
+        free = [cell for cell in _cells(self.issuer.position, grid) if cell not in self._taken]
+        cells = np.array(free, dtype=np.int_).reshape(-1, 2) @ (grid.columns, 1)
+        cells = cells[~grid.is_wall[cells]]
         self._check_ways(len(cells), 1)
-        if self.group is None:
+        if group is None:
             return cells[:, None]
         cells = np.sort(cells)
-        apart = np.hypot(*np.moveaxis(self.grid.position[cells] - self.grid.position[cells][:, None], 2, 0))
-        low, high = self.group.apart
+        # The difference of two of these numbers says how many rows and columns two cells are apart.
+        number = grid.position[cells] @ (2 * grid.columns - 1, 1)
+        apart = np.hypot(*np.ix_(*(np.arange(1 - n, n) for n in grid.size))).ravel()
         if self.regions.unit == "metres":
-            apart = apart * (self.grid.metres_per_cell or 1.0)
+            apart = apart * (grid.metres_per_cell or 1.0)
         # As in regions, rounding must not decide.
-        may_join = np.triu((apart >= low - TOLERANCE) & (apart <= high + TOLERANCE), 1)  # those that follow
+        may_join = (apart >= group.apart[0] - TOLERANCE) & (apart <= group.apart[1] + TOLERANCE)
         groups = np.arange(len(cells))[:, None]
-        for n_placed in range(2, self.group.people + 1):
-            is_next = may_join[groups].all(axis=1)
-            self._check_ways(int(is_next.sum()), n_placed)
-            before, joining = np.nonzero(is_next)
-            groups = np.column_stack([groups[before], joining])
+        for n_placed in range(2, group.people + 1):
+            found: list[NDArray[np.int_]] = []
+            for some in np.array_split(groups, 1 + groups.size * len(cells) // _AT_ONCE):
+                is_next = may_join[number - number[some][:, :, None] + len(apart) // 2].all(axis=1)
+                before, joining = np.nonzero(is_next & (np.arange(len(cells)) > some[:, -1:]))
+                found.append(np.column_stack([some[before], joining]))
+                self._check_ways(sum(map(len, found)), n_placed)
+            groups = np.concatenate(found)
         return np.asarray(cells[groups])
 
     @cached_property
@@ -448,7 +454,7 @@ class Scenario(Table):
         who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the person"
         narrower = ", or a narrower range of group.apart" if self.group else ""
         accepted = f"at most {most:,} with so many cells and phases; list fewer cells{narrower}"
-        require(n <= most, f"issuer.position: {who} can stand in {n:,} ways", accepted)
+        require(n <= most, f"issuer.position: {who} can stand in {n:,} ways or more", accepted)
 
     @cached_property
     def _zones(self) -> NDArray[np.int8]:
@@ -460,15 +466,17 @@ class Scenario(Table):
             cells, member = np.unique(placed, return_inverse=True)
             own = [divmod(cell, grid.columns) for cell in cells.tolist()]
             spots = [stage.position] if stage.position else own
-            windows = [zones(regions, heading, spot, grid.size, width) for spot in spots]
-            around = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
-            for column in member.reshape(placed.shape).T:  # uncomfortable if it is so to anyone
-                zone[:, p] = np.maximum(zone[:, p], around[column if stage.position is None else 0 * column])
-            if isinstance(regions.target, Ring):
-                unit = width if regions.unit == "metres" else 1.0
-                for some in np.array_split(np.arange(len(placed)), 1 + zone.size // 10**6):  # saves memory
-                    ring = ring_zones(regions.target, grid.position[placed[some]], grid.position, unit)
-                    zone[some, p] = np.maximum(zone[some, p], ring)
+            around = np.empty((len(spots), zone.shape[2]), dtype=np.int8)
+            for i, spot in enumerate(spots):
+                around[i] = zones(regions, heading, spot, grid.size, width)
+            member = member.reshape(placed.shape) if stage.position is None else 0 * placed
+            for some, people, its in _blocks(zone, placed, member):
+                for column in its.T:  # uncomfortable if it is so to anyone
+                    some[:, p] = np.maximum(some[:, p], around[column])
+                if isinstance(regions.target, Ring):
+                    unit = width if regions.unit == "metres" else 1.0
+                    ring = ring_zones(regions.target, grid.position[people], grid.position, unit)
+                    some[:, p] = np.maximum(some[:, p], ring)
             for person in self.others_at[p]:
                 zone[:, p, person.position @ np.array([grid.columns, 1])] = ZONES.index("issuer")
                 if person.regions is not None:
@@ -479,18 +487,24 @@ class Scenario(Table):
 
     @cached_property
     def _is_start(self) -> NDArray[np.bool_]:
-        """(G, first ticks, C) where episodes may start, for ways to stand whose target can be entered."""
-        grid = self.grid
-        allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
-        allowed[[row * grid.columns + column for row, column in _cells(grid.start, grid)]] = True
-        zone = self._zones[:, self._first_phases]
-        is_free = (zone == ZONES.index("outside")) & (allowed & ~grid.is_wall)
-        return np.asarray(is_free & self._has_target[:, None, None])
+        """(G, first ticks, C) where episodes may start: outside every region, with a way to a target region.
+
+        The way may be open in some phases only. Nobody walks through walls, or someone who never moves.
+        """
+        n_ways, first, size = len(self._zones), self._first_phases, self.grid.size
+        is_start = np.zeros((n_ways, len(first), self._zones.shape[2]), dtype=np.bool_)
+        allowed = np.array(_cells(self.grid.start, self.grid)) @ (self.grid.columns, 1)
+        for zone, starts in _blocks(self._zones, is_start):
+            is_target = (zone == ZONES.index("target")).any(axis=1)
+            is_free = (zone != ZONES.index("issuer")).any(axis=1) & ~self.grid.is_wall
+            has_way = connected(is_target.reshape(-1, *size), is_free.reshape(-1, *size))
+            is_outside = zone[:, first[:, None], allowed] == ZONES.index("outside")
+            starts[:, :, allowed] = is_outside & has_way.reshape(is_free.shape)[:, None, allowed]
+        return is_start
 
     @property
-    def _has_target(self) -> NDArray[np.bool_]:  # (G,) that the agent can enter in some phase
-        is_target = (self._zones == ZONES.index("target")) & ~self.grid.is_wall
-        return np.asarray(is_target.any(axis=(1, 2)))
+    def _has_target(self) -> NDArray[np.bool_]:  # (G,) in some phase
+        return np.asarray((self._zones == ZONES.index("target")).any(axis=(1, 2)))
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -627,23 +641,30 @@ class Scenario(Table):
             where = f"regions: with the person at {json.dumps(place)}, the agent can enter no target region"
             accepted = "a target shape that reaches beyond the uncomfortable one"
             require(has_target, where, accepted)
-        is_used = np.asarray(self._is_start.any(axis=(0, 1)))
+        is_used = self._is_start.any(axis=(0, 1))
         whose = f"the person at {position}{' or another person' * bool(self.others)}"
         for cell in _listed(self.grid.start):
-            where = f"grid.start = {json.dumps(cell)} lies inside a region of {whose}"
-            is_outside = bool(is_used[cell[0] * self.grid.columns + cell[1]])
-            require(is_outside, where, "a cell outside every region")
+            where, index = f"grid.start = {json.dumps(cell)}", cell[0] * self.grid.columns + cell[1]
+            is_outside = bool((self._zones[:, self._first_phases, index] == ZONES.index("outside")).any())
+            require(is_outside, f"{where} lies inside a region of {whose}", "a cell outside every region")
+            accepted = "a cell that walls and people do not cut off"
+            require(bool(is_used[index]), f"{where}: no way leads from there to a target region", accepted)
         is_free = np.asarray(self._is_start.any(axis=(1, 2)))
         unused = [place for place, free in zip(listed, is_free.tolist(), strict=False) if not free]
         where = f"issuer.position = {json.dumps(unused[0] if unused else self.issuer.position)}"
-        accepted = "other cells, smaller regions, or another grid.start"
-        is_startable = bool(is_free.any()) and not unused
-        require(is_startable, f"{where} leaves no start outside every region", accepted)
+        where += " leaves no start outside every region with a way to a target region"
+        accepted = "other cells, smaller regions, fewer walls, or another grid.start"
+        require(bool(is_free.any()) and not unused, where, accepted)
         n, unseen, most = self.issuer.places, self.issuer.unseen, int(is_free.sum())
         require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
         where = f"issuer.places = {n} with issuer.unseen = {unseen}"
         can = "the group can stand in so many ways" if group else "the person can stand in so many cells"
         require((n or 0) + unseen <= most, where, f"at most {most} together: {can}")
+
+
+def _blocks(*arrays: NDArray[Any]) -> Iterator[tuple[NDArray[Any], ...]]:
+    """Yields some rows after others of arrays of equal lengths, the first of which is large."""
+    return zip(*(np.array_split(each, 1 + arrays[0].size // _AT_ONCE) for each in arrays), strict=True)
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, object]
