@@ -7,7 +7,7 @@ there say what each is about, and in S1 to S3 which term of the paper a value ha
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
@@ -20,7 +20,7 @@ from pydantic import AfterValidator, Field, model_validator
 from envs import inputs
 from envs.inputs import InputError, Line, Name, Table, require
 from envs.people import MAX_STATES, Group, Issuer, OwnFeedback, Person, Place, Reward, Steps, Walk
-from envs.regions import TOLERANCE, ZONES, AnyShape, Cell, Egg, Heading, Regions, Ring, connected, ring_zones, zones
+from envs.regions import TOLERANCE, ZONES, Cell, Heading, Regions, Ring, connected, ring_zones, zones
 from envs.sources import find_modules_in
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
@@ -49,7 +49,7 @@ class Grid(Table):
     columns: Annotated[int, Field(ge=1, le=1000)]
     """Number of columns."""
     start: Place
-    """Where the agent starts, outside every region."""
+    """Where the agent starts, outside every region, and with a way to a target region."""
     walls: str = ""
     """A line of text per row: "#" is a wall, "." floor. Nobody can enter a wall."""
     metres_per_cell: Annotated[float, Field(gt=0, le=100)] | None = None
@@ -145,12 +145,12 @@ class Scenario(Table):
 
     name: Name
     """The stem of the file."""
-    description: str
+    description: Annotated[str, Field(max_length=1000)]
     """What the scenario is about, for readers."""
     grid: Grid
     issuer: Issuer
     regions: Regions
-    ping_limit: Annotated[int, Field(ge=1)]
+    ping_limit: Annotated[int, Field(ge=1, le=10**9)]
     """Which wrong PING ends the episode."""
     rewards: Rewards
     observe: tuple[Observed, ...] = ("agent",)
@@ -388,12 +388,12 @@ class Scenario(Table):
     @property
     def has_front(self) -> bool:
         """Whether it matters where someone looks."""
-        return any(isinstance(shape, Egg) for shape in self._shapes)
+        return any(shape.kind == "egg" for regions in self._regions for shape in regions.shapes)
 
     @property
-    def _shapes(self) -> Iterator[AnyShape]:
+    def _regions(self) -> list[Regions]:  # of all people, in all phases
         further = chain((person.regions for person in self.others), (phase.regions for phase in self.phases))
-        return chain.from_iterable(regions.shapes for regions in (self.regions, *further) if regions)
+        return [regions for regions in (self.regions, *further) if regions]
 
     @property
     def moves(self) -> bool:
@@ -452,9 +452,10 @@ class Scenario(Table):
     def _check_ways(self, n: int, n_placed: int) -> None:
         most = _MOST_ZONES // (len(self.grid.position) * max(len(self.stages), len(self._first_phases)))
         who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the person"
+        ways = f"{n:,} ways{' or more' * (n_placed > 1)}"  # all of them are not counted then
         narrower = ", or a narrower range of group.apart" if self.group else ""
         accepted = f"at most {most:,} with so many cells and phases; list fewer cells{narrower}"
-        require(n <= most, f"issuer.position: {who} can stand in {n:,} ways or more", accepted)
+        require(n <= most, f"issuer.position: {who} can stand in {ways}", accepted)
 
     @cached_property
     def _zones(self) -> NDArray[np.int8]:
@@ -466,17 +467,16 @@ class Scenario(Table):
             cells, member = np.unique(placed, return_inverse=True)
             own = [divmod(cell, grid.columns) for cell in cells.tolist()]
             spots = [stage.position] if stage.position else own
-            around = np.empty((len(spots), zone.shape[2]), dtype=np.int8)
-            for i, spot in enumerate(spots):
-                around[i] = zones(regions, heading, spot, grid.size, width)
+            windows = (zones(regions, heading, spot, grid.size, width) for spot in spots)
+            around = np.array([*windows], dtype=np.int8).reshape(-1, zone.shape[2])
             member = member.reshape(placed.shape) if stage.position is None else 0 * placed
-            for some, people, its in _blocks(zone, placed, member):
-                for column in its.T:  # uncomfortable if it is so to anyone
-                    some[:, p] = np.maximum(some[:, p], around[column])
+            for some in np.array_split(np.arange(len(placed)), 1 + zone.size // _AT_ONCE):
+                for column in member[some].T:  # uncomfortable if it is so to anyone
+                    zone[some, p] = np.maximum(zone[some, p], around[column])
                 if isinstance(regions.target, Ring):
                     unit = width if regions.unit == "metres" else 1.0
-                    ring = ring_zones(regions.target, grid.position[people], grid.position, unit)
-                    some[:, p] = np.maximum(some[:, p], ring)
+                    ring = ring_zones(regions.target, grid.position[placed[some]], grid.position, unit)
+                    zone[some, p] = np.maximum(zone[some, p], ring)
             for person in self.others_at[p]:
                 zone[:, p, person.position @ np.array([grid.columns, 1])] = ZONES.index("issuer")
                 if person.regions is not None:
@@ -491,20 +491,18 @@ class Scenario(Table):
 
         The way may be open in some phases only. Nobody walks through walls, or someone who never moves.
         """
-        n_ways, first, size = len(self._zones), self._first_phases, self.grid.size
-        is_start = np.zeros((n_ways, len(first), self._zones.shape[2]), dtype=np.bool_)
-        allowed = np.array(_cells(self.grid.start, self.grid)) @ (self.grid.columns, 1)
-        for zone, starts in _blocks(self._zones, is_start):
+        grid, n_ways, first = self.grid, len(self._ways), self._first_phases
+        allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
+        allowed[np.array(_cells(grid.start, grid)) @ (grid.columns, 1)] = True
+        is_start = np.zeros((n_ways, len(first), len(allowed)), dtype=np.bool_)
+        for some in np.array_split(np.arange(n_ways), 1 + self._zones.size // _AT_ONCE):
+            zone = self._zones[some]
             is_target = (zone == ZONES.index("target")).any(axis=1)
-            is_free = (zone != ZONES.index("issuer")).any(axis=1) & ~self.grid.is_wall
-            has_way = connected(is_target.reshape(-1, *size), is_free.reshape(-1, *size))
-            is_outside = zone[:, first[:, None], allowed] == ZONES.index("outside")
-            starts[:, :, allowed] = is_outside & has_way.reshape(is_free.shape)[:, None, allowed]
+            is_free = (zone != ZONES.index("issuer")).any(axis=1) & ~grid.is_wall
+            has_way = connected(*(cells.reshape(-1, *grid.size) for cells in (is_target, is_free)))
+            is_allowed = (has_way.reshape(is_free.shape) & allowed)[:, None]
+            is_start[some] = (zone[:, first] == ZONES.index("outside")) & is_allowed
         return is_start
-
-    @property
-    def _has_target(self) -> NDArray[np.bool_]:  # (G,) in some phase
-        return np.asarray((self._zones == ZONES.index("target")).any(axis=(1, 2)))
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -514,11 +512,10 @@ class Scenario(Table):
         accepted = f"one of {', '.join(first)}, and others at most once each, in the order {list(COMPONENTS)}"
         has_one = len({*ordered} & {*first}) == 1
         require(has_one and self.observe == ordered, observe, accepted)
-        regions = [*(person.regions for person in self.others), *(phase.regions for phase in self.phases)]
-        is_in_cells = all(region is None or region.unit == "cells" for region in [self.regions, *regions])
+        is_in_cells = all(regions.unit == "cells" for regions in self._regions)
         accepted = '"cells", unless grid.metres_per_cell is given'
         require(is_in_cells or self.grid.metres_per_cell is not None, 'regions.unit = "metres"', accepted)
-        is_ring = any(isinstance(shape, Ring) for shape in self._shapes)
+        is_ring = any(isinstance(regions.target, Ring) for regions in self._regions)
         require(not is_ring or self.group is not None, 'target.kind = "ring"', "a ring around a [group]")
         self._check_phases()
         self._check_walks()
@@ -577,14 +574,11 @@ class Scenario(Table):
             "grid.start": _listed(self.grid.start),
             **{f"others.{i}.position": [person.position] for i, person in enumerate(self.others)},
             **{f"phases.{i}.position": _listed(phase.position) for i, phase in enumerate(self.phases)},
-            **{f"{key}.walk.corners": walk.corners for key, (_, walk) in self._walkers.items()},
+            **{f"{key}.walk.corners": [cell for cell, _ in spots] for key, spots in self._walks.items()},
         }
         for key, cells in positions.items():
             for cell in cells:
                 self._check_cell(key, cell)
-        for key, spots in self._walks.items():
-            for cell, _ in spots:
-                self._check_cell(f"{key}.walk.corners", cell)
         for stage, others in zip(self.stages, self.others_at, strict=True):
             own = _listed(stage.position or self.issuer.position)
             cells = [*(own if len(own) == 1 else ()), *(person.position for person in others)]
@@ -633,14 +627,13 @@ class Scenario(Table):
         if group is not None:
             where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
             require(len(self._ways) > 0, where, "another range of group.apart, or more cells")
-            where = "regions: wherever the group stands, the agent can enter no target region"
-            accepted = "a wider target shape, or a smaller uncomfortable one"
-            require(bool(self._has_target.any()), where, accepted)
         listed = [] if group else _listed(self.issuer.position)
-        for place, has_target in zip(listed, self._has_target.tolist(), strict=False):
-            where = f"regions: with the person at {json.dumps(place)}, the agent can enter no target region"
-            accepted = "a target shape that reaches beyond the uncomfortable one"
-            require(has_target, where, accepted)
+        has_target = (self._zones == ZONES.index("target")).any(axis=(1, 2))  # in some phase
+        without = [place for place, has in zip(listed, has_target.tolist(), strict=False) if not has]
+        where = f"with the person at {json.dumps(without[0])}" if without else "wherever people stand"
+        accepted = "a target shape that reaches beyond the uncomfortable one"
+        is_met = bool(has_target.any()) and not without
+        require(is_met, f"regions: {where}, the agent can enter no target region", accepted)
         is_used = self._is_start.any(axis=(0, 1))
         whose = f"the person at {position}{' or another person' * bool(self.others)}"
         for cell in _listed(self.grid.start):
@@ -660,11 +653,6 @@ class Scenario(Table):
         where = f"issuer.places = {n} with issuer.unseen = {unseen}"
         can = "the group can stand in so many ways" if group else "the person can stand in so many cells"
         require((n or 0) + unseen <= most, where, f"at most {most} together: {can}")
-
-
-def _blocks(*arrays: NDArray[Any]) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Yields some rows after others of arrays of equal lengths, the first of which is large."""
-    return zip(*(np.array_split(each, 1 + arrays[0].size // _AT_ONCE) for each in arrays), strict=True)
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, object]
