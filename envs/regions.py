@@ -174,7 +174,7 @@ def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float6
 
 
 def connected(cells: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Returns which free cells are connected with one of `cells` by free ones; (grids, rows, columns) each."""
+    """Returns which free cells are connected with one of `cells`; all are (grids, rows, columns)."""
     is_first = free & ~np.pad(free, ((0, 0), (0, 0), (1, 0)))[:, :, :-1]  # of a run of free cells in a row
     run = np.cumsum(is_first, dtype=np.int32).reshape(free.shape)  # 1 for the first
     # Where two runs meet, one of them begins.

@@ -7,6 +7,7 @@ there say what each is about, and in S1 to S3 which term of the paper a value ha
 import hashlib
 import json
 import math
+import unicodedata
 from collections.abc import Mapping, Sequence, Set
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
@@ -34,6 +35,8 @@ RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
 
 _LONGEST_ROUND: Final = 10_000  # steps until all who walk are back
+
+_BLANK: Final = " \u034f\u115f\u1160\u2800\ufe0e\ufe0f"  # printable, but nothing that can be seen
 
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
 Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
@@ -416,9 +419,9 @@ class Scenario(Table):
     def _ways(self) -> NDArray[np.int_]:
         """(G, people) all ways in which the issuer and its group may stand, as cells; rising in a group."""
         grid, group = self.grid, self.group
-        free = [cell for cell in _cells(self.issuer.position, grid) if cell not in self._taken]
-        cells = np.array(free, dtype=np.int_).reshape(-1, 2) @ (grid.columns, 1)
-        cells = cells[~grid.is_wall[cells]]
+        cells = _cells(self.issuer.position, grid)
+        taken = [row * grid.columns + column for row, column in self._taken]
+        cells = cells[~(grid.is_wall[cells] | np.isin(cells, taken))]
         self._check_ways(len(cells), 1)
         if group is None:
             return cells[:, None]
@@ -492,8 +495,7 @@ class Scenario(Table):
         The way may be open in some phases only. Nobody walks through walls, or someone who never moves.
         """
         grid, n_ways, first = self.grid, len(self._ways), self._first_phases
-        allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
-        allowed[np.array(_cells(grid.start, grid)) @ (grid.columns, 1)] = True
+        allowed = np.isin(np.arange(len(grid.position)), _cells(grid.start, grid))
         is_start = np.zeros((n_ways, len(first), len(allowed)), dtype=np.bool_)
         for some in np.array_split(np.arange(n_ways), 1 + self._zones.size // _AT_ONCE):
             zone = self._zones[some]
@@ -530,13 +532,16 @@ class Scenario(Table):
         require(n <= MAX_STATES, f"observe = {list(self.observe)}: {n} observations", accepted)
 
     def _check_phases(self) -> None:
+        texts = [unicodedata.normalize("NFKC", phase.name) for phase in self.phases]
+        seen = ["".join(c for c in text if c.isprintable() and c not in _BLANK) for text in texts]
         for i, phase in enumerate(self.phases):
             where, chances, is_timed = f"phases.{i}", phase.next or {}, phase.next is None
             is_alike = (phase.steps is not None) == is_timed == (self.phases[0].next is None)
             require(is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase")
             others = [other.name for other in self.phases if other is not phase]
-            is_unique = phase.name not in others
-            require(is_unique, f"{where}.name = {phase.name}", "another name, since it is taken")
+            accepted = "a name that can be seen, and differs from the others by more than spaces"
+            is_unique = seen[i] != "" and seen.count(seen[i]) == 1
+            require(is_unique, f"{where}.name = {json.dumps(phase.name)}", accepted)
             for name in chances:
                 accepted = ", ".join(others) or "no phase"
                 require(name in others, f"{where}.next: {name} is not another phase", accepted)
@@ -554,9 +559,8 @@ class Scenario(Table):
             require(isinstance(self.issuer.position[0], int), where, "a cell")
         for key, (position, walk) in walkers.items():
             self._check_inside(f"{key}.position", position)
-            for corner in walk.corners:
-                self._check_inside(f"{key}.walk.corners", corner)
             for first, last in pairwise([position, *walk.corners, position]):
+                self._check_inside(f"{key}.walk.corners", last)
                 is_straight = (first[0] == last[0]) != (first[1] == last[1])
                 where = f"{key}.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
                 require(is_straight, where, "another cell of the same row or column, also on the way back")
@@ -658,10 +662,10 @@ class Scenario(Table):
 ScenarioLike = str | Path | Scenario | Mapping[str, object]
 
 
-def _cells(place: Place, grid: Grid) -> list[Cell]:
+def _cells(place: Place, grid: Grid) -> NDArray[np.int_]:
     if place == "anywhere":
-        return [divmod(cell, grid.columns) for cell in range(grid.rows * grid.columns)]
-    return _listed(place)
+        return np.arange(grid.rows * grid.columns)
+    return np.array(_listed(place)) @ (grid.columns, 1)
 
 
 def _listed(place: Place | None) -> list[Cell]:

@@ -81,7 +81,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     # Phases
     ({"phases": [phase()]}, "phases.0 (a)"),
     ({"phases": [phase(steps=1), phase("b", next={"a": 0.5})]}, "phases.1 (b)"),
-    ({"phases": [phase(steps=1)] * 2}, "phases.0.name = a"),
+    ({"phases": [phase(steps=1)] * 2}, 'phases.0.name = "a"'),
     ({"phases": [phase(stepps=3)]}, "[phases.0]: unknown key stepps (did you mean steps?)"),
     ({"phases": [phase(next={"c": 0.5}), phase("b", next={})]}, "phases.0.next: c"),
     ({"phases": [phase(n, next={o: 0.6 for o in "abc" if o != n}) for n in "abc"]}, "phases.0.next"),
