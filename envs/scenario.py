@@ -37,7 +37,6 @@ COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
 _LONGEST_ROUND: Final = 10_000  # steps until all who walk are back
 
 _BLANK: Final = " \u034f\u115f\u1160\u2800\ufe0e\ufe0f"  # printable, but nothing that can be seen
-
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
 Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
 
@@ -148,7 +147,7 @@ class Scenario(Table):
 
     name: Name
     """The stem of the file."""
-    description: Annotated[str, Field(max_length=1000)]
+    description: Annotated[str, Field(max_length=10_000)]
     """What the scenario is about, for readers."""
     grid: Grid
     issuer: Issuer
@@ -241,12 +240,13 @@ class Scenario(Table):
     @cached_property
     def places(self) -> tuple[tuple[Cell, ...], ...]:
         """(J,) where the issuer and its group may stand when an episode starts, unseen places included."""
-        return tuple(tuple(map(tuple, cells)) for cells in self.grid.position[self._drawn_ways].tolist())
+        cells = self.grid.position[self._ways[self._drawn_indices]]
+        return tuple(tuple(map(tuple, place)) for place in cells.tolist())
 
     @cached_property
     def standing(self) -> NDArray[np.int_]:
         """(J, P, people) the cells of the issuer and its group, in each place and phase."""
-        standing = np.repeat(self._drawn_ways[:, None], len(self.stages), axis=1)
+        standing = np.repeat(self._ways[self._drawn_indices, None], len(self.stages), axis=1)
         for p, stage in enumerate(self.stages):
             if stage.position is not None:
                 standing[:, p] = stage.position @ np.array([self.grid.columns, 1])
@@ -300,10 +300,6 @@ class Scenario(Table):
             return free
         ranks = [*map(self._rank, self.grid.position[self._ways[free]].tolist())]
         return free[sorted(range(len(free)), key=ranks.__getitem__)[: n + self.issuer.unseen]]
-
-    @property
-    def _drawn_ways(self) -> NDArray[np.int_]:  # (J, people) cells
-        return self._ways[self._drawn_indices]
 
     def _rank(self, place: Sequence[object]) -> bytes:
         """Returns what a cell, or a group's cells, are drawn by; the same in all rooms."""
@@ -490,15 +486,13 @@ class Scenario(Table):
 
     @cached_property
     def _is_start(self) -> NDArray[np.bool_]:
-        """(G, first ticks, C) where episodes may start: outside every region, with a way to a target region.
-
-        The way may be open in some phases only. Nobody walks through walls, or someone who never moves.
-        """
+        """(G, first ticks, C) where episodes may start: outside regions, with a way to a target region."""
         grid, n_ways, first = self.grid, len(self._ways), self._first_phases
         allowed = np.isin(np.arange(len(grid.position)), _cells(grid.start, grid))
         is_start = np.zeros((n_ways, len(first), len(allowed)), dtype=np.bool_)
         for some in np.array_split(np.arange(n_ways), 1 + self._zones.size // _AT_ONCE):
             zone = self._zones[some]
+            # In some phase. Nobody passes walls, or someone who never moves.
             is_target = (zone == ZONES.index("target")).any(axis=1)
             is_free = (zone != ZONES.index("issuer")).any(axis=1) & ~grid.is_wall
             has_way = connected(*(cells.reshape(-1, *grid.size) for cells in (is_target, is_free)))
@@ -608,13 +602,12 @@ class Scenario(Table):
         require(is_inside, f"{key} = {json.dumps(cell)} is off the grid", accepted)
 
     def _check_sizes(self) -> None:
-        issuer, n_cells = self.issuer, self.grid.rows * self.grid.columns
-        n_ticks = sum(stage.steps or 1 for stage in self.stages)
-        n_states, whose = n_cells * self.ping_limit * n_ticks, "the group" if self.group else "the person"
-        twice, n_states = " x 2 for delayed feedback" * self.is_delayed, n_states * (1 + self.is_delayed)
+        issuer, whose = self.issuer, "the group" if self.group else "the person"
+        n_states = len(self.grid.position) * self.ping_limit * len(self.ticks) * (1 + self.is_delayed)
+        twice = " x 2 for delayed feedback" * self.is_delayed
         where = f"cells x ping_limit x ticks of the phases{twice} = {n_states} states for each position"
         require(n_states <= _MOST_STATES_OF_PLACE, f"{where} of {whose}", f"at most {_MOST_STATES_OF_PLACE}")
-        n_positions = n_cells if issuer.position == "anywhere" else len(_listed(issuer.position))
+        n_positions = len(_cells(issuer.position, self.grid))
         if self.group is not None:
             n_positions = int(self._is_start.any(axis=(1, 2)).sum())
         if issuer.places is not None:
@@ -638,14 +631,14 @@ class Scenario(Table):
         accepted = "a target shape that reaches beyond the uncomfortable one"
         is_met = bool(has_target.any()) and not without
         require(is_met, f"regions: {where}, the agent can enter no target region", accepted)
-        is_used = self._is_start.any(axis=(0, 1))
         whose = f"the person at {position}{' or another person' * bool(self.others)}"
         for cell in _listed(self.grid.start):
             where, index = f"grid.start = {json.dumps(cell)}", cell[0] * self.grid.columns + cell[1]
             is_outside = bool((self._zones[:, self._first_phases, index] == ZONES.index("outside")).any())
             require(is_outside, f"{where} lies inside a region of {whose}", "a cell outside every region")
             accepted = "a cell that walls and people do not cut off"
-            require(bool(is_used[index]), f"{where}: no way leads from there to a target region", accepted)
+            is_start = bool(self._is_start[:, :, index].any())
+            require(is_start, f"{where}: no way leads from there to a target region", accepted)
         is_free = np.asarray(self._is_start.any(axis=(1, 2)))
         unused = [place for place, free in zip(listed, is_free.tolist(), strict=False) if not free]
         where = f"issuer.position = {json.dumps(unused[0] if unused else self.issuer.position)}"
