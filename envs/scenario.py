@@ -34,8 +34,6 @@ RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 # What can be observed, in the order of an observation.
 COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
 
-_LONGEST_ROUND: Final = 10_000  # steps until all who walk are back
-
 _BLANK: Final = " \u034f\u115f\u1160\u2800\ufe0e\ufe0f"  # printable, but nothing that can be seen
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
 Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
@@ -564,7 +562,8 @@ class Scenario(Table):
         if walkers:
             n, whose = self._round, ", ".join(f"{key}.walk" for key in walkers)
             where = f"{whose}: it takes {n:,} steps until everybody is back"
-            require(n <= _LONGEST_ROUND, where, f"at most {_LONGEST_ROUND:,}")
+            most = _MOST_STATES_OF_PLACE // (len(self.grid.position) * self.ping_limit)
+            require(n <= most, where, f"at most {most:,}, with so many cells and so large a ping_limit")
 
     def _check_cells(self) -> None:
         positions = {
