@@ -193,8 +193,8 @@ class Issuer(Table):
 class Group(Table):
     """People who are drawn together with the person of `issuer`, and have the same regions and feedback.
 
-    Each set of cells of `issuer.position` at these distances is a place, if it leaves a start and a target
-    region. The nearest of them answers a PING. Strangers have a region each; people who talk have a ring.
+    Each set of cells of `issuer.position` at these distances is a place, if it leaves a start and a way to a
+    target region. The nearest answers a PING. Strangers have a region each; people who talk have a ring.
     """
 
     people: Annotated[int, Field(ge=2, le=6)]

@@ -51,7 +51,7 @@ class Egg(Table):
 
     kind: Literal["egg"]
     """This shape."""
-    front: Annotated[float, Field(gt=0, le=1000)]
+    front: Annotated[float, Field(ge=1e-9, le=1000)]
     """How far it reaches ahead."""
 
 
@@ -83,9 +83,9 @@ class Regions(Table):
         "uncomfortable_radius", "target_radius", "unit", "uncomfortable", "target",
     }  # fmt: skip
 
-    uncomfortable_radius: Annotated[int, Field(ge=0)] | None = None
+    uncomfortable_radius: Annotated[int, Field(ge=0, le=1000)] | None = None
     """Of a square; together with `target_radius`, in place of shapes."""
-    target_radius: Annotated[int, Field(ge=1)] | None = None
+    target_radius: Annotated[int, Field(ge=1, le=1000)] | None = None
     """Of the square around both regions; more than `uncomfortable_radius`."""
     unit: Literal["cells", "metres"] = "cells"
     """Of the lengths of shapes; metres need `grid.metres_per_cell`."""
@@ -171,6 +171,21 @@ def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float6
     is_square = shape.kind == "square"
     distance = np.maximum(abs(ahead), abs(aside)) if is_square else np.hypot(ahead, aside)
     return np.asarray(distance <= shape.radius + TOLERANCE)
+
+
+def connected(cells: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Returns which free cells are connected with one of `cells`; all are (grids, rows, columns)."""
+    is_first = free & ~np.pad(free, ((0, 0), (0, 0), (1, 0)))[:, :, :-1]  # of a run of free cells in a row
+    run = np.cumsum(is_first, dtype=np.int32).reshape(free.shape)  # 1 for the first
+    # Where two runs meet, one of them begins.
+    meet = free[:, 1:] & free[:, :-1] & (is_first[:, 1:] | is_first[:, :-1])
+    above, below = run[:, :-1][meet], run[:, 1:][meet]
+    part = np.arange(1 + np.count_nonzero(is_first))  # the first run that each is known to be joined with
+    while (part[above] != part[below]).any():
+        pair = part[above], part[below]
+        np.minimum.at(part, np.maximum(*pair), np.minimum(*pair))
+        part = part[part]
+    return free & np.isin(part, part[run[cells]])[run]
 
 
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:

@@ -7,7 +7,8 @@ there say what each is about, and in S1 to S3 which term of the paper a value ha
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence, Set
+import unicodedata
+from collections.abc import Mapping, Sequence, Set
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
@@ -20,20 +21,20 @@ from pydantic import AfterValidator, Field, model_validator
 from envs import inputs
 from envs.inputs import InputError, Line, Name, Table, require
 from envs.people import MAX_STATES, Group, Issuer, OwnFeedback, Person, Place, Reward, Steps, Walk
-from envs.regions import TOLERANCE, ZONES, AnyShape, Cell, Egg, Heading, Regions, Ring, ring_zones, zones
+from envs.regions import TOLERANCE, ZONES, Cell, Heading, Regions, Ring, connected, ring_zones, zones
 from envs.sources import find_modules_in
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_CELLS: Final = 100_000
 _MOST_STATES_OF_PLACE: Final = 100_000  # which are compiled together
 _MOST_ZONES: Final = 100_000_000  # of cells, over all ways in which people may stand, and phases
+_AT_ONCE: Final = 1_000_000  # of them, to save memory
 # What can be seen of where people stand relative to the agent, see `envs.observations`.
 RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 # What can be observed, in the order of an observation.
 COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
 
-_LONGEST_ROUND: Final = 10_000  # steps until all who walk are back
-
+_BLANK: Final = " \u034f\u115f\u1160\u2800\ufe0e\ufe0f"  # printable, but nothing that can be seen
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
 Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
 
@@ -48,7 +49,7 @@ class Grid(Table):
     columns: Annotated[int, Field(ge=1, le=1000)]
     """Number of columns."""
     start: Place
-    """Where the agent starts, outside every region."""
+    """Where the agent starts, outside every region, and with a way to a target region."""
     walls: str = ""
     """A line of text per row: "#" is a wall, "." floor. Nobody can enter a wall."""
     metres_per_cell: Annotated[float, Field(gt=0, le=100)] | None = None
@@ -144,12 +145,12 @@ class Scenario(Table):
 
     name: Name
     """The stem of the file."""
-    description: str
+    description: Annotated[str, Field(max_length=10_000)]
     """What the scenario is about, for readers."""
     grid: Grid
     issuer: Issuer
     regions: Regions
-    ping_limit: Annotated[int, Field(ge=1)]
+    ping_limit: Annotated[int, Field(ge=1, le=10**9)]
     """Which wrong PING ends the episode."""
     rewards: Rewards
     observe: tuple[Observed, ...] = ("agent",)
@@ -237,12 +238,13 @@ class Scenario(Table):
     @cached_property
     def places(self) -> tuple[tuple[Cell, ...], ...]:
         """(J,) where the issuer and its group may stand when an episode starts, unseen places included."""
-        return tuple(tuple(map(tuple, cells)) for cells in self.grid.position[self._drawn_ways].tolist())
+        cells = self.grid.position[self._ways[self._drawn_indices]]
+        return tuple(tuple(map(tuple, place)) for place in cells.tolist())
 
     @cached_property
     def standing(self) -> NDArray[np.int_]:
         """(J, P, people) the cells of the issuer and its group, in each place and phase."""
-        standing = np.repeat(self._drawn_ways[:, None], len(self.stages), axis=1)
+        standing = np.repeat(self._ways[self._drawn_indices, None], len(self.stages), axis=1)
         for p, stage in enumerate(self.stages):
             if stage.position is not None:
                 standing[:, p] = stage.position @ np.array([self.grid.columns, 1])
@@ -296,10 +298,6 @@ class Scenario(Table):
             return free
         ranks = [*map(self._rank, self.grid.position[self._ways[free]].tolist())]
         return free[sorted(range(len(free)), key=ranks.__getitem__)[: n + self.issuer.unseen]]
-
-    @property
-    def _drawn_ways(self) -> NDArray[np.int_]:  # (J, people) cells
-        return self._ways[self._drawn_indices]
 
     def _rank(self, place: Sequence[object]) -> bytes:
         """Returns what a cell, or a group's cells, are drawn by; the same in all rooms."""
@@ -387,12 +385,12 @@ class Scenario(Table):
     @property
     def has_front(self) -> bool:
         """Whether it matters where someone looks."""
-        return any(isinstance(shape, Egg) for shape in self._shapes)
+        return any(shape.kind == "egg" for regions in self._regions for shape in regions.shapes)
 
     @property
-    def _shapes(self) -> Iterator[AnyShape]:
+    def _regions(self) -> list[Regions]:  # of all people, in all phases
         further = chain((person.regions for person in self.others), (phase.regions for phase in self.phases))
-        return chain.from_iterable(regions.shapes for regions in (self.regions, *further) if regions)
+        return [regions for regions in (self.regions, *further) if regions]
 
     @property
     def moves(self) -> bool:
@@ -414,25 +412,30 @@ class Scenario(Table):
     @cached_property
     def _ways(self) -> NDArray[np.int_]:
         """(G, people) all ways in which the issuer and its group may stand, as cells; rising in a group."""
-        free = [cell for cell in _cells(self.issuer.position, self.grid) if cell not in self._taken]
-        cells = np.array([cell @ np.array([self.grid.columns, 1]) for cell in free], dtype=np.int_)
-        cells = cells[~self.grid.is_wall[cells]]
+        grid, group = self.grid, self.group
+        cells = _cells(self.issuer.position, grid)
+        taken = [row * grid.columns + column for row, column in self._taken]
+        cells = cells[~(grid.is_wall[cells] | np.isin(cells, taken))]
         self._check_ways(len(cells), 1)
-        if self.group is None:
+        if group is None:
             return cells[:, None]
         cells = np.sort(cells)
-        apart = np.hypot(*np.moveaxis(self.grid.position[cells] - self.grid.position[cells][:, None], 2, 0))
-        low, high = self.group.apart
+        # The difference of two of these numbers says how many rows and columns two cells are apart.
+        number = grid.position[cells] @ (2 * grid.columns - 1, 1)
+        apart = np.hypot(*np.ix_(*(np.arange(1 - n, n) for n in grid.size))).ravel()
         if self.regions.unit == "metres":
-            apart = apart * (self.grid.metres_per_cell or 1.0)
+            apart = apart * (grid.metres_per_cell or 1.0)
         # As in regions, rounding must not decide.
-        may_join = np.triu((apart >= low - TOLERANCE) & (apart <= high + TOLERANCE), 1)  # those that follow
+        may_join = (apart >= group.apart[0] - TOLERANCE) & (apart <= group.apart[1] + TOLERANCE)
         groups = np.arange(len(cells))[:, None]
-        for n_placed in range(2, self.group.people + 1):
-            is_next = may_join[groups].all(axis=1)
-            self._check_ways(int(is_next.sum()), n_placed)
-            before, joining = np.nonzero(is_next)
-            groups = np.column_stack([groups[before], joining])
+        for n_placed in range(2, group.people + 1):
+            found: list[NDArray[np.int_]] = []
+            for some in np.array_split(groups, 1 + groups.size * len(cells) // _AT_ONCE):
+                is_next = may_join[number - number[some][:, :, None] + len(apart) // 2].all(axis=1)
+                before, joining = np.nonzero(is_next & (np.arange(len(cells)) > some[:, -1:]))
+                found.append(np.column_stack([some[before], joining]))
+                self._check_ways(sum(map(len, found)), n_placed)
+            groups = np.concatenate(found)
         return np.asarray(cells[groups])
 
     @cached_property
@@ -446,9 +449,10 @@ class Scenario(Table):
     def _check_ways(self, n: int, n_placed: int) -> None:
         most = _MOST_ZONES // (len(self.grid.position) * max(len(self.stages), len(self._first_phases)))
         who = f"{n_placed} of the {self.n_people} people of the group" if self.group else "the person"
+        ways = f"{n:,} ways{' or more' * (n_placed > 1)}"  # all of them are not counted then
         narrower = ", or a narrower range of group.apart" if self.group else ""
         accepted = f"at most {most:,} with so many cells and phases; list fewer cells{narrower}"
-        require(n <= most, f"issuer.position: {who} can stand in {n:,} ways", accepted)
+        require(n <= most, f"issuer.position: {who} can stand in {ways}", accepted)
 
     @cached_property
     def _zones(self) -> NDArray[np.int8]:
@@ -460,13 +464,14 @@ class Scenario(Table):
             cells, member = np.unique(placed, return_inverse=True)
             own = [divmod(cell, grid.columns) for cell in cells.tolist()]
             spots = [stage.position] if stage.position else own
-            windows = [zones(regions, heading, spot, grid.size, width) for spot in spots]
-            around = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
-            for column in member.reshape(placed.shape).T:  # uncomfortable if it is so to anyone
-                zone[:, p] = np.maximum(zone[:, p], around[column if stage.position is None else 0 * column])
-            if isinstance(regions.target, Ring):
-                unit = width if regions.unit == "metres" else 1.0
-                for some in np.array_split(np.arange(len(placed)), 1 + zone.size // 10**6):  # saves memory
+            windows = (zones(regions, heading, spot, grid.size, width) for spot in spots)
+            around = np.array([*windows], dtype=np.int8).reshape(-1, zone.shape[2])
+            member = member.reshape(placed.shape) if stage.position is None else 0 * placed
+            for some in np.array_split(np.arange(len(placed)), 1 + zone.size // _AT_ONCE):
+                for column in member[some].T:  # uncomfortable if it is so to anyone
+                    zone[some, p] = np.maximum(zone[some, p], around[column])
+                if isinstance(regions.target, Ring):
+                    unit = width if regions.unit == "metres" else 1.0
                     ring = ring_zones(regions.target, grid.position[placed[some]], grid.position, unit)
                     zone[some, p] = np.maximum(zone[some, p], ring)
             for person in self.others_at[p]:
@@ -479,18 +484,19 @@ class Scenario(Table):
 
     @cached_property
     def _is_start(self) -> NDArray[np.bool_]:
-        """(G, first ticks, C) where episodes may start, for ways to stand whose target can be entered."""
-        grid = self.grid
-        allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
-        allowed[[row * grid.columns + column for row, column in _cells(grid.start, grid)]] = True
-        zone = self._zones[:, self._first_phases]
-        is_free = (zone == ZONES.index("outside")) & (allowed & ~grid.is_wall)
-        return np.asarray(is_free & self._has_target[:, None, None])
-
-    @property
-    def _has_target(self) -> NDArray[np.bool_]:  # (G,) that the agent can enter in some phase
-        is_target = (self._zones == ZONES.index("target")) & ~self.grid.is_wall
-        return np.asarray(is_target.any(axis=(1, 2)))
+        """(G, first ticks, C) where episodes may start: outside regions, with a way to a target region."""
+        grid, n_ways, first = self.grid, len(self._ways), self._first_phases
+        allowed = np.isin(np.arange(len(grid.position)), _cells(grid.start, grid))
+        is_start = np.zeros((n_ways, len(first), len(allowed)), dtype=np.bool_)
+        for some in np.array_split(np.arange(n_ways), 1 + self._zones.size // _AT_ONCE):
+            zone = self._zones[some]
+            # In some phase. Nobody passes walls, or someone who never moves.
+            is_target = (zone == ZONES.index("target")).any(axis=1)
+            is_free = (zone != ZONES.index("issuer")).any(axis=1) & ~grid.is_wall
+            has_way = connected(*(cells.reshape(-1, *grid.size) for cells in (is_target, is_free)))
+            is_allowed = (has_way.reshape(is_free.shape) & allowed)[:, None]
+            is_start[some] = (zone[:, first] == ZONES.index("outside")) & is_allowed
+        return is_start
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -500,11 +506,10 @@ class Scenario(Table):
         accepted = f"one of {', '.join(first)}, and others at most once each, in the order {list(COMPONENTS)}"
         has_one = len({*ordered} & {*first}) == 1
         require(has_one and self.observe == ordered, observe, accepted)
-        regions = [*(person.regions for person in self.others), *(phase.regions for phase in self.phases)]
-        is_in_cells = all(region is None or region.unit == "cells" for region in [self.regions, *regions])
+        is_in_cells = all(regions.unit == "cells" for regions in self._regions)
         accepted = '"cells", unless grid.metres_per_cell is given'
         require(is_in_cells or self.grid.metres_per_cell is not None, 'regions.unit = "metres"', accepted)
-        is_ring = any(isinstance(shape, Ring) for shape in self._shapes)
+        is_ring = any(isinstance(regions.target, Ring) for regions in self._regions)
         require(not is_ring or self.group is not None, 'target.kind = "ring"', "a ring around a [group]")
         self._check_phases()
         self._check_walks()
@@ -519,13 +524,16 @@ class Scenario(Table):
         require(n <= MAX_STATES, f"observe = {list(self.observe)}: {n} observations", accepted)
 
     def _check_phases(self) -> None:
+        texts = [unicodedata.normalize("NFKC", phase.name) for phase in self.phases]
+        seen = ["".join(c for c in text if c.isprintable() and c not in _BLANK) for text in texts]
         for i, phase in enumerate(self.phases):
             where, chances, is_timed = f"phases.{i}", phase.next or {}, phase.next is None
             is_alike = (phase.steps is not None) == is_timed == (self.phases[0].next is None)
             require(is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase")
             others = [other.name for other in self.phases if other is not phase]
-            is_unique = phase.name not in others
-            require(is_unique, f"{where}.name = {phase.name}", "another name, since it is taken")
+            accepted = "a name that can be seen, and differs from the others by more than spaces"
+            is_unique = seen[i] != "" and seen.count(seen[i]) == 1
+            require(is_unique, f"{where}.name = {json.dumps(phase.name)}", accepted)
             for name in chances:
                 accepted = ", ".join(others) or "no phase"
                 require(name in others, f"{where}.next: {name} is not another phase", accepted)
@@ -543,9 +551,8 @@ class Scenario(Table):
             require(isinstance(self.issuer.position[0], int), where, "a cell")
         for key, (position, walk) in walkers.items():
             self._check_inside(f"{key}.position", position)
-            for corner in walk.corners:
-                self._check_inside(f"{key}.walk.corners", corner)
             for first, last in pairwise([position, *walk.corners, position]):
+                self._check_inside(f"{key}.walk.corners", last)
                 is_straight = (first[0] == last[0]) != (first[1] == last[1])
                 where = f"{key}.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
                 require(is_straight, where, "another cell of the same row or column, also on the way back")
@@ -555,7 +562,8 @@ class Scenario(Table):
         if walkers:
             n, whose = self._round, ", ".join(f"{key}.walk" for key in walkers)
             where = f"{whose}: it takes {n:,} steps until everybody is back"
-            require(n <= _LONGEST_ROUND, where, f"at most {_LONGEST_ROUND:,}")
+            most = _MOST_STATES_OF_PLACE // (len(self.grid.position) * self.ping_limit)
+            require(n <= most, where, f"at most {most:,}, with so many cells and so large a ping_limit")
 
     def _check_cells(self) -> None:
         positions = {
@@ -563,14 +571,11 @@ class Scenario(Table):
             "grid.start": _listed(self.grid.start),
             **{f"others.{i}.position": [person.position] for i, person in enumerate(self.others)},
             **{f"phases.{i}.position": _listed(phase.position) for i, phase in enumerate(self.phases)},
-            **{f"{key}.walk.corners": walk.corners for key, (_, walk) in self._walkers.items()},
+            **{f"{key}.walk.corners": [cell for cell, _ in spots] for key, spots in self._walks.items()},
         }
         for key, cells in positions.items():
             for cell in cells:
                 self._check_cell(key, cell)
-        for key, spots in self._walks.items():
-            for cell, _ in spots:
-                self._check_cell(f"{key}.walk.corners", cell)
         for stage, others in zip(self.stages, self.others_at, strict=True):
             own = _listed(stage.position or self.issuer.position)
             cells = [*(own if len(own) == 1 else ()), *(person.position for person in others)]
@@ -596,13 +601,12 @@ class Scenario(Table):
         require(is_inside, f"{key} = {json.dumps(cell)} is off the grid", accepted)
 
     def _check_sizes(self) -> None:
-        issuer, n_cells = self.issuer, self.grid.rows * self.grid.columns
-        n_ticks = sum(stage.steps or 1 for stage in self.stages)
-        n_states, whose = n_cells * self.ping_limit * n_ticks, "the group" if self.group else "the person"
-        twice, n_states = " x 2 for delayed feedback" * self.is_delayed, n_states * (1 + self.is_delayed)
+        issuer, whose = self.issuer, "the group" if self.group else "the person"
+        n_states = len(self.grid.position) * self.ping_limit * len(self.ticks) * (1 + self.is_delayed)
+        twice = " x 2 for delayed feedback" * self.is_delayed
         where = f"cells x ping_limit x ticks of the phases{twice} = {n_states} states for each position"
         require(n_states <= _MOST_STATES_OF_PLACE, f"{where} of {whose}", f"at most {_MOST_STATES_OF_PLACE}")
-        n_positions = n_cells if issuer.position == "anywhere" else len(_listed(issuer.position))
+        n_positions = len(_cells(issuer.position, self.grid))
         if self.group is not None:
             n_positions = int(self._is_start.any(axis=(1, 2)).sum())
         if issuer.places is not None:
@@ -619,26 +623,27 @@ class Scenario(Table):
         if group is not None:
             where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
             require(len(self._ways) > 0, where, "another range of group.apart, or more cells")
-            where = "regions: wherever the group stands, the agent can enter no target region"
-            accepted = "a wider target shape, or a smaller uncomfortable one"
-            require(bool(self._has_target.any()), where, accepted)
         listed = [] if group else _listed(self.issuer.position)
-        for place, has_target in zip(listed, self._has_target.tolist(), strict=False):
-            where = f"regions: with the person at {json.dumps(place)}, the agent can enter no target region"
-            accepted = "a target shape that reaches beyond the uncomfortable one"
-            require(has_target, where, accepted)
-        is_used = np.asarray(self._is_start.any(axis=(0, 1)))
+        has_target = (self._zones == ZONES.index("target")).any(axis=(1, 2))  # in some phase
+        without = [place for place, has in zip(listed, has_target.tolist(), strict=False) if not has]
+        where = f"with the person at {json.dumps(without[0])}" if without else "wherever people stand"
+        accepted = "a target shape that reaches beyond the uncomfortable one"
+        is_met = bool(has_target.any()) and not without
+        require(is_met, f"regions: {where}, the agent can enter no target region", accepted)
         whose = f"the person at {position}{' or another person' * bool(self.others)}"
         for cell in _listed(self.grid.start):
-            where = f"grid.start = {json.dumps(cell)} lies inside a region of {whose}"
-            is_outside = bool(is_used[cell[0] * self.grid.columns + cell[1]])
-            require(is_outside, where, "a cell outside every region")
+            where, index = f"grid.start = {json.dumps(cell)}", cell[0] * self.grid.columns + cell[1]
+            is_outside = bool((self._zones[:, self._first_phases, index] == ZONES.index("outside")).any())
+            require(is_outside, f"{where} lies inside a region of {whose}", "a cell outside every region")
+            accepted = "a cell that walls and people do not cut off"
+            is_start = bool(self._is_start[:, :, index].any())
+            require(is_start, f"{where}: no way leads from there to a target region", accepted)
         is_free = np.asarray(self._is_start.any(axis=(1, 2)))
         unused = [place for place, free in zip(listed, is_free.tolist(), strict=False) if not free]
         where = f"issuer.position = {json.dumps(unused[0] if unused else self.issuer.position)}"
-        accepted = "other cells, smaller regions, or another grid.start"
-        is_startable = bool(is_free.any()) and not unused
-        require(is_startable, f"{where} leaves no start outside every region", accepted)
+        where += " leaves no start outside every region with a way to a target region"
+        accepted = "other cells, smaller regions, fewer walls, or another grid.start"
+        require(bool(is_free.any()) and not unused, where, accepted)
         n, unseen, most = self.issuer.places, self.issuer.unseen, int(is_free.sum())
         require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
         where = f"issuer.places = {n} with issuer.unseen = {unseen}"
@@ -649,10 +654,10 @@ class Scenario(Table):
 ScenarioLike = str | Path | Scenario | Mapping[str, object]
 
 
-def _cells(place: Place, grid: Grid) -> list[Cell]:
+def _cells(place: Place, grid: Grid) -> NDArray[np.int_]:
     if place == "anywhere":
-        return [divmod(cell, grid.columns) for cell in range(grid.rows * grid.columns)]
-    return _listed(place)
+        return np.arange(grid.rows * grid.columns)
+    return np.array(_listed(place)) @ (grid.columns, 1)
 
 
 def _listed(place: Place | None) -> list[Cell]:

@@ -42,14 +42,20 @@ class Reference:
                 continue
             floor = [cell for cell in self.cells if cell not in self.walls]
             stages = range(len(self.phases))
-            has_target = any(self.zone(place, p, cell) == "target" for p in stages for cell in floor)
+            zones = {cell: {self.zone(place, p, cell) for p in stages} for cell in floor}
+            open_to = {cell for cell in floor if "target" in zones[cell]}  # the target region, at some time
+            closed = {cell for cell in floor if zones[cell] == {"issuer"}}  # always
+            while beside := {(r + i, c + k) for r, c in open_to for i, k in WAYS.values()} & {*floor} - (
+                open_to | closed
+            ):
+                open_to |= beside
             free = [
                 (tick, cell)
                 for tick in first_ticks
                 for cell in sorted(self._cells(self.grid["start"]))
-                if cell in floor and self.zone(place, self.clock[tick], cell) == "outside"
+                if cell in open_to and self.zone(place, self.clock[tick], cell) == "outside"
             ]
-            if free and has_target:
+            if free:
                 self.starts += [(len(self.places), tick, False, 0, cell) for tick, cell in free]
                 self.places.append(place)
 
