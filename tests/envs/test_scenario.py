@@ -95,7 +95,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     # Phases
     ({"phases": [phase()]}, "phases.0 (a)"),
     ({"phases": [phase(steps=1), phase("b", next={"a": 0.5})]}, "phases.1 (b)"),
-    ({"phases": [phase(steps=1)] * 2}, 'phases.0.name = "a"'),
+    ({"phases": [phase(steps=1)] * 2}, "phases: name a is named twice"),
     ({"phases": [phase(stepps=3)]}, "[phases.0]: unknown key stepps (did you mean steps?)"),
     ({"phases": [phase(next={"c": 0.5}), phase("b", next={})]}, "phases.0.next: c"),
     ({"phases": [phase(n, next={o: 0.6 for o in "abc" if o != n}) for n in "abc"]}, "phases.0.next"),
@@ -156,10 +156,10 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"regions.target_radius": 10**30}, "regions.target_radius = 1000000000000000000000000000000: input"),
     ({"regions": shapes(CIRCLE, {"kind": "egg", "front": 5e-324})}, "regions.target.egg.front = 5e-324"),
     # Names that are blank or look alike
-    ({"phases": [phase(" ", steps=1)]}, 'phases.0.name = " ": accepted: a name that can be seen'),
+    ({"phases": [phase(" ", steps=1)]}, 'phases.0.name = " ": accepted: visible text'),
     ({"phases": [phase("\u200b\u3164", steps=1)]}, "phases.0.name"),
-    ({"phases": [phase("a b", steps=1), phase("a  b ", steps=1)]}, 'phases.0.name = "a b"'),
-    ({"phases": [phase("é", steps=1), phase("e\u0301", steps=1)]}, "phases.0.name"),
+    ({"phases": [phase("a b", steps=1), phase("a  b ", steps=1)]}, "phases: name a b is named twice"),
+    ({"phases": [phase("é", steps=1), phase("e\u0301", steps=1)]}, "phases: name é is named twice"),
     # Texts that could take over a terminal
     ({"phases": [phase("\x1b]0;x", steps=1)]}, 'phases.0.name = "\\u001b]0;x"'),
     ({"phases": [phase("a\nb", steps=1)]}, 'phases.0.name = "a\\nb"'),
