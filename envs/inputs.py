@@ -13,15 +13,8 @@ from collections.abc import Callable, Iterable, Mapping, Set
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, NoReturn, Self, TypeVar, get_args
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    model_serializer,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_serializer
+from pydantic import SerializerFunctionWrapHandler as Handler
 from pydantic_core import ErrorDetails
 
 _LONGEST_MESSAGE: Final = 300  # characters
@@ -94,7 +87,7 @@ class Table(BaseModel):
         return super().__getstate__() | {"__dict__": self._given()}
 
     @model_serializer(mode="wrap")
-    def _without_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_defaults(self, handler: Handler) -> dict[str, Any]:
         written: dict[str, Any] = handler(self)
         for key in self.omitted_at_default & written.keys():
             if getattr(self, key) == type(self).model_fields[key].get_default(call_default_factory=True):

@@ -204,14 +204,10 @@ def gallery(models: Sequence[Model]) -> Figure:
                 _which(group[0], context), (0, 0), (0, -3), xycoords="axes fraction",
                 textcoords="offset points", va="top", size=_POINTS,
             )  # fmt: skip
-        region_legend(
-            figure,
-            [scene_of(group[0], context) for group, context in maps],
-            Line2D([], [], **_ONE_OF_MANY, label="one of many starts"),
-            Patch(**_WALL, label="wall"),
-            Line2D([], [], ls="", marker="^", color="black", ms=4, label="where a person looks"),
-            columns=3,
-        )
+        scenes, wall = [scene_of(group[0], context) for group, context in maps], Patch(**_WALL, label="wall")
+        start = Line2D([], [], **_ONE_OF_MANY, label="one of many starts")
+        nose = Line2D([], [], ls="", marker="^", color="black", ms=4, label="where a person looks")
+        region_legend(figure, scenes, start, wall, nose, columns=3)
     return figure
 
 

@@ -13,17 +13,8 @@ from typing import Final
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from agents.linear.tiles import check_tiles
-from benchmark.experiments import choices
+from benchmark.experiments import choices, schema
 from benchmark.experiments.run import RunSpecification
-from benchmark.experiments.schema import (
-    DEFAULT_CONDITION,
-    Condition,
-    Declaration,
-    Reporting,
-    Variant,
-    experiment_names,
-    read_experiment,
-)
 from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
 from envs.inputs import check_all, override, parse, seen, unknown_name
@@ -40,7 +31,7 @@ class Learner:
 
     variant: str
     observation: str
-    declared: Variant
+    declared: schema.Variant
     algorithm: Algorithm
     family: str
     """What its variant counts as, see `_Loading.learners` and `Algorithm.family`."""
@@ -102,7 +93,7 @@ def title_of(variant: str, observation: str, family: str) -> str:
 class Population:
     """The runs of a learner in a scenario under a condition, which differ by their seed alone."""
 
-    condition: Condition
+    condition: schema.Condition
     scenario: Scenario  # as it is under the condition
     learner: Learner
     first: RunSpecification
@@ -122,7 +113,7 @@ class Population:
 class Experiment:
     """A declared set of runs: populations of every condition, scenario and learner, each with its seeds."""
 
-    declared: Declaration
+    declared: schema.Declaration
     path: Path
     learners: Mapping[str, Learner]  # by name
     scenarios: Mapping[str, Scenario]  # by name, without any change
@@ -136,10 +127,10 @@ class Experiment:
     @property
     def argument(self) -> str:
         """How it is given on the command line here: the name of a shipped one, else a path."""
-        return self.name if self.name in experiment_names() else str(self.path)
+        return self.name if self.name in schema.experiment_names() else str(self.path)
 
     @property
-    def report(self) -> Reporting | None:
+    def report(self) -> schema.Reporting | None:
         """What is drawn of it."""
         return self.declared.report
 
@@ -149,7 +140,7 @@ class Experiment:
         return self.declared.search is not None or bool(self.report and self.report.looks)
 
     @property
-    def conditions(self) -> Mapping[str, Condition]:
+    def conditions(self) -> Mapping[str, schema.Condition]:
         """All conditions, by name."""
         return self.declared.conditions
 
@@ -172,7 +163,7 @@ def load_experiment(experiment: str | Path) -> Experiment:
     It is the name of a shipped experiment, or the path of a TOML file. Mistakes are an InputError with a
     sentence for each. Its report checks what it demands.
     """
-    loaded = _Loading(*read_experiment(experiment)).experiment()
+    loaded = _Loading(*schema.read_experiment(experiment)).experiment()
     code = {each for population in loaded.populations for each in population.first.code.items()}
     for name in sorted(name for name, digest in code if digest_of_source(name) != digest):
         what = f"the module {name}, or one that it imports, has changed since it was loaded"
@@ -183,7 +174,7 @@ def load_experiment(experiment: str | Path) -> Experiment:
 class _Loading:
     """Resolves what a file declares, and collects its mistakes."""
 
-    def __init__(self, declared: Declaration, path: Path) -> None:
+    def __init__(self, declared: schema.Declaration, path: Path) -> None:
         self.declared, self.path = declared, path
         self.mistakes: dict[str, str] = {}  # by what tells them apart
 
@@ -248,7 +239,7 @@ class _Loading:
         family = families.pop() if len(families) == 1 else algorithm.family
         yield from (replace(learner, family=family) for learner in learners)
 
-    def populations(self, condition: Condition, learners: Iterable[Learner]) -> Iterator[Population]:
+    def populations(self, condition: schema.Condition, learners: Iterable[Learner]) -> Iterator[Population]:
         """Yields the populations of a condition whose scenario, settings and sizes are accepted."""
         names = [Path(scenario).stem for scenario in self.declared.scenarios]
         for table, change in condition.changes.items():
@@ -268,7 +259,7 @@ class _Loading:
                     yield self._population(condition, scenario, learner, settings)
 
     def _population(
-        self, condition: Condition, scenario: Scenario, learner: Learner, settings: LearnerSettings
+        self, condition: schema.Condition, scenario: Scenario, learner: Learner, settings: LearnerSettings
     ) -> Population:
         """Returns a population; its size, and whether its scenario is one of a search, is checked."""
         declared, variant = self.declared, learner.declared
@@ -311,7 +302,7 @@ class _Loading:
         n_beside = len(declared.seeds_of(variant.reference_for or learner.variant, condition))
         return Population(condition, scenario, learner, run, seeds, n_beside)
 
-    def _settings(self, learner: Learner, condition: Condition) -> LearnerSettings:
+    def _settings(self, learner: Learner, condition: schema.Condition) -> LearnerSettings:
         """Returns a learner's settings under a condition, checked."""
         shared, cls = self.declared.settings, learner.algorithm.settings
         for name in shared:
@@ -330,7 +321,7 @@ class _Loading:
         where = self._where(learner, condition)
         return parse(cls, override(shared | chosen, changed, where), where)
 
-    def _where(self, learner: Learner, condition: Condition) -> str:
+    def _where(self, learner: Learner, condition: schema.Condition) -> str:
         """Returns the tables that a learner's settings come from, for messages."""
         parts = [f"{self.path}: algorithms.{learner.variant}.settings"]
         parts += ["[settings]"] * bool(self.declared.settings)
@@ -340,7 +331,7 @@ class _Loading:
         return " with ".join(parts)
 
 
-def _check_observations(declared: Declaration, name: str, path: Path) -> None:
+def _check_observations(declared: schema.Declaration, name: str, path: Path) -> None:
     variant, where = declared.algorithms[name], f"{path}: algorithms.{name}"
     accepted = load_algorithm(variant.algorithm, where).observations
     of = variant.reference_for
@@ -353,7 +344,7 @@ def _check_observations(declared: Declaration, name: str, path: Path) -> None:
             raise InputError(f"{where}.observations: {reason}.")
 
 
-def _check_scenarios(declared: Declaration, path: Path) -> None:
+def _check_scenarios(declared: schema.Declaration, path: Path) -> None:
     try:
         check_all(*(partial(load_scenario, scenario) for scenario in declared.scenarios))
     except InputError as error:
@@ -414,7 +405,8 @@ def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]])
     An interrupted experiment therefore has runs of every population. Conditions of the default reading come
     first. A condition that changes nothing in a scenario has the same runs there as an earlier condition.
     """
-    by_reading = sorted(listed, key=lambda pair: pair[0].condition.axes["reading"] != DEFAULT_CONDITION)
+    default = schema.DEFAULT_CONDITION
+    by_reading = sorted(listed, key=lambda pair: pair[0].condition.axes["reading"] != default)
     first: dict[str, RunSpecification] = {}
     for run in chain.from_iterable(zip_longest(*(runs for _, runs in by_reading))):
         if run is not None:

@@ -20,24 +20,8 @@ from typing import Annotated, ClassVar, Final, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from benchmark.experiments.search import Search, Space, trials
-from envs import InputError
-from envs.inputs import (
-    Label,
-    Line,
-    Name,
-    Names,
-    Table,
-    Text,
-    check_all,
-    check_file_name,
-    distinct,
-    is_name,
-    override,
-    parse,
-    read_toml,
-    require,
-    unknown_name,
-)
+from envs import InputError, inputs
+from envs.inputs import Label, Line, Name, Names, Table, Text, require
 from envs.sources import find_modules_in
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
@@ -143,7 +127,7 @@ def is_number(value: str) -> bool:
 
 
 def _is_value(value: str) -> str:
-    if not (is_name(value) or is_number(value)):
+    if not (inputs.is_name(value) or is_number(value)):
         raise ValueError("accepted: a name or a number of at most 15 characters, such as high, 0.5 or 5x6")
     return value
 
@@ -191,7 +175,7 @@ class Grid(Changes):
             is_column = _COLUMN.fullmatch(axis) is not None
             require(not is_column, f"axes.{axis}, a column of the tables of runs", "another name")
             numbers = ([*map(float, value.split("x"))] for value in values if is_number(value))
-            distinct(tuple(numbers), f"axes.{axis}: ")
+            inputs.distinct(tuple(numbers), f"axes.{axis}: ")
             for key in chain(*(changes.keys for changes in values.values())):
                 other = axis_of_key.setdefault(key, axis)
                 require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
@@ -225,7 +209,7 @@ class Solved(Table):
     def _has_levels(self) -> Self:
         accepted = f"numbers up to success = {self.success:g}, above which runs may have ended"
         require(max(self.levels, default=0.0) <= self.success, f"levels = {[*self.levels]}", accepted)
-        distinct(tuple(f"{level:g}" for level in self.levels), "levels: ")  # as tables name them
+        inputs.distinct(tuple(f"{level:g}" for level in self.levels), "levels: ")  # as tables name them
         return self
 
     @property
@@ -386,7 +370,7 @@ class Declaration(Table):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        check_all(self._check_schedules, self._check_search, self._check_grids, self._check_report)
+        inputs.check_all(self._check_schedules, self._check_search, self._check_grids, self._check_report)
         return self
 
     def _check_schedules(self) -> None:
@@ -412,7 +396,7 @@ class Declaration(Table):
         ]
         is_fair = all(effort == efforts[0] for effort in efforts)
         require(is_fair, "algorithms", "the same seeds, schedule and budget for all in a search")
-        check_all(*(partial(self._check_searched, name) for name in self.algorithms))
+        inputs.check_all(*(partial(self._check_searched, name) for name in self.algorithms))
 
     def _check_searched(self, name: str) -> None:
         variant, where = self.algorithms[name], f"algorithms.{name}"
@@ -436,20 +420,20 @@ class Declaration(Table):
     def _check_report(self) -> None:
         """Refuses labels that look alike, and pairs that are declared twice, either way round."""
         names = tuple(Path(name).stem for name in self.scenarios), self._learners, self.readings
-        distinct(names[0], "scenarios: ")
-        distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
-        distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
+        inputs.distinct(names[0], "scenarios: ")
+        inputs.distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
+        inputs.distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
         if (report := self.report) is None:
             return
-        distinct(tuple(panel.title for panel in report.panels), "report.panels: title ")
-        distinct(tuple(name for *_, name in report.effects), "report.effects: ")
-        distinct(tuple(report.answer.learners.values() if report.answer else ()), "report.answer: ")
+        inputs.distinct(tuple(panel.title for panel in report.panels), "report.panels: title ")
+        inputs.distinct(tuple(name for *_, name in report.effects), "report.effects: ")
+        inputs.distinct(tuple(report.answer.learners.values() if report.answer else ()), "report.answer: ")
         shared = {name for each in names if len(each) == 1 for name in each}  # whether a side names it or not
         for key, pairs in {"contrasts": report.contrasts, "effects": report.effects}.items():
             sides = [
                 [" @ ".join(sorted({*each.split(" @ ")} - shared)) for each in pair[:2]] for pair in pairs
             ]
-            distinct(tuple(" and ".join(sorted(pair)) for pair in sides), f"report.{key}: ")
+            inputs.distinct(tuple(" and ".join(sorted(pair)) for pair in sides), f"report.{key}: ")
 
     @property
     def _learners(self) -> dict[str, str]:
@@ -561,11 +545,11 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     Refuses, by an InputError, a file that cannot be read, and keys and values that are not accepted.
     """
     path = _path(experiment)
-    check_file_name(path, "results are")
+    inputs.check_file_name(path, "results are")
     if any(fnmatchcase(path.stem, name) for name in _RESERVED):
         accepted = f"any name but {', '.join(_RESERVED)}"
         raise InputError(f"{path}: results are named after the file; accepted: {accepted}.")
-    read = parse(Declaration, _with_references(_read(path), str(path)), str(path), name=path.stem)
+    read = inputs.parse(Declaration, _with_references(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     # The path of a scenario is one from the current folder, or else from that of the experiment.
@@ -587,7 +571,7 @@ def _path(experiment: str | Path) -> Path:
     if str(experiment) not in names:
         if isfile(file := f"{experiment}.toml"):  # noqa: PTH113
             raise InputError(f"experiments: unknown experiment {experiment}; accepted: the file {file}.")
-        unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
+        inputs.unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
     return shipped
 
 
@@ -596,11 +580,11 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
 
     Modules beside the file can be imported from now on.
     """
-    data = read_toml(path)
+    data = inputs.read_toml(path)
     if path.parent != EXPERIMENT_DIRECTORY:
         find_modules_in(str(path.parent.resolve()))
     if "extends" in data:
-        extension = parse(Extension, data, str(path))
+        extension = inputs.parse(Extension, data, str(path))
         base = _path(extension.extends)
         if base in (path, *extended_by):
             raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
@@ -611,7 +595,7 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
             f"{key[:-9]}title" for key in extension.changes if re.match(r"algorithms\..*\.algorithm$", key)
         ]
         changes = dict.fromkeys(texts, "") | {"description": extension.description} | extension.changes
-        data = override(data, changes, str(path))
+        data = inputs.override(data, changes, str(path))
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
     return data
@@ -628,7 +612,7 @@ def _with_references(data: dict[str, object], source: str) -> dict[str, object]:
         if name not in own:
             where, of = f"{source}: algorithms.{name}", str(variant["reference_for"])
             if of not in own:
-                unknown_name(f"{where}: reference_for", "variant", of, own)
+                inputs.unknown_name(f"{where}: reference_for", "variant", of, own)
             for key in sorted(_SHARED & variant.keys()):
                 raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
             shared = {key: own[of][key] for key in own[of].keys() & {*_SHARED, "observations"}}

@@ -70,10 +70,7 @@ def load(
     """Finds what is stored of an experiment.
 
     If runs may be missing, learners with fewer than two runs somewhere are left out. `columns` are the
-    results of runs that are needed; by default all.
-
-    Raises:
-      InputError: Runs are missing, and which; or there are too few.
+    results of runs that are needed; by default all. An InputError says which runs are missing, or too few.
     """
     name, statuses = experiment.name, store.statuses()
     if seeds is not None and experiment.has_stages:

@@ -45,10 +45,7 @@ def draw(
 
     The folder is replaced when all files are there, so a failure leaves it as it was. If they are
     identical to the published ones, and none holds measured times, the manifest is the published one, too.
-    `seeds` replace the declared ones. If the report is `partial`, runs may be missing.
-
-    Raises:
-      InputError: A run is missing, or the folder cannot be written.
+    `seeds` replace the declared ones. Missing runs are an InputError, unless the report is `partial`.
     """
     if partial and not report.can_be_partial:
         raise InputError(f"--partial: {directory.name}: accepted: a comparison or a map.")
@@ -81,10 +78,8 @@ def draw(
 def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
     """Returns the report of an experiment, with the items that it declares.
 
-    If it is drawn now, its packages have to be there.
-
-    Raises:
-      InputError: It has none, or asks for something else than the experiment has, or a package is missing.
+    If it has none, or asks for something else than the experiment has, that is an InputError; so is a missing
+    package, if the report is drawn now.
     """
     declared, where = experiment.report, experiment.argument
     if declared is None:

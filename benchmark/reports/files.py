@@ -23,10 +23,7 @@ _BEFORE: Final = ".before"  # ends the name of a folder for the moment in which 
 def alone(folder: Path) -> Iterator[None]:
     """Waits until no other process writes to a folder, and removes what killed ones have left there.
 
-    A missing folder is made.
-
-    Raises:
-      InputError: It cannot be written.
+    A missing folder is made; one that cannot be written is an InputError.
     """
     with _input_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -57,10 +54,7 @@ def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
     """Yields an empty folder that takes a folder's place at the end, unless there is an exception.
 
     What the old one has besides stays, except files with stale names: these were made before. The caller must
-    be `alone` in the folder around it.
-
-    Raises:
-      InputError: Something cannot be written.
+    be `alone` in the folder around it. What cannot be written is an InputError.
     """
 
     def outdated(directory: str, names: list[str]) -> list[str]:
@@ -85,10 +79,9 @@ def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a file, whole, unless it has this text. The caller must be `alone` in its folder, or make it.
+    """Writes a file, whole, unless it has this text; an InputError if it cannot be written.
 
-    Raises:
-      InputError: It cannot be written.
+    The caller must be `alone` in its folder, or make it.
     """
     if path.is_file() and path.read_bytes() == text.encode():
         return

@@ -31,12 +31,9 @@ class ClaimError(InputError):
 def written(folder: Folder, template: Path | None = None) -> str | None:
     """Returns the text written for a folder of results, in Markdown; None if there is none for these runs.
 
-    The template is by default that of a shipped experiment.
-
-    Raises:
-      ClaimError: The tables do not show what it claims. On another type of processor nets learn differently,
-        so there a claim can fail without any error.
-      InputError: The template has a mistake, or cites what the tables lack.
+    The template is by default that of a shipped experiment. If it has a mistake, or cites what the tables
+    lack, that is an InputError; if they do not show what it claims, a ClaimError. On another type of
+    processor nets learn differently, so there a claim can fail without any error.
     """
     manifest = folder.manifest
     if template is None and manifest.get("argument") in experiment_names():

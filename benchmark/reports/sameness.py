@@ -64,7 +64,11 @@ def compare(
 
 def published_file(name: str, file: str) -> bytes | None:
     """Returns the content of a file of the last commit's results; None if there is no such file."""
-    return _git("show", f"HEAD:results/{name}/{file}")
+    git = ["git", "-C", str(REPOSITORY), "show", f"HEAD:results/{name}/{file}"]
+    try:
+        return subprocess.run(git, check=True, capture_output=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return None
 
 
 def keep_published(folder: Path, name: str) -> None:
@@ -109,12 +113,3 @@ def _published(name: str) -> dict[str, str]:
         return {}
     files = json.loads(manifest).get("files", {})
     return {**files, README: hashlib.sha256(readme).hexdigest()}
-
-
-def _git(*arguments: str) -> bytes | None:
-    """Returns what git prints about this checkout; None where there is none."""
-    git = ["git", "-C", str(REPOSITORY), *arguments]
-    try:
-        return subprocess.run(git, check=True, capture_output=True).stdout
-    except (OSError, subprocess.CalledProcessError):
-        return None

@@ -12,36 +12,16 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from benchmark.analysis.contrasts import (
-    BETTER,
-    EQUIVALENT,
-    MIXED,
-    NEITHER,
-    NO_VERDICT,
-    UNDECIDED,
-    WORSE,
-    Means,
-    contradicting,
-    contrast,
-    decide,
-    holm,
-)
+from benchmark.analysis import contrasts
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NEITHER, NO_VERDICT, UNDECIDED, WORSE
 from benchmark.analysis.intervals import LEVEL, Estimate, combined, p_above
 from benchmark.experiments import Experiment
+from benchmark.reports.comparison import declared
 from benchmark.reports.comparison.cells import Row, cells_of
 from benchmark.reports.comparison.columns import ENDPOINTS
-from benchmark.reports.comparison.declared import (
-    AXES,
-    Pair,
-    contrasts_of,
-    decisive_learners,
-    effects_of,
-    knowledge,
-    own_learners,
-    reporting_of,
-    side_name,
-)
+from benchmark.reports.comparison.declared import Pair, knowledge
 
+Means = contrasts.Means
 ALPHA: Final = 1 - LEVEL
 FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
 # Verdicts that need a side that is shown to succeed more often than the random policy
@@ -61,16 +41,17 @@ class Case(NamedTuple):
 
 def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
     """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
-    return _rows(contrasts_of(experiment), runs, experiment, is_partial)
+    return _rows(declared.contrasts_of(experiment), runs, experiment, is_partial)
 
 
 def same_input_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
     """Returns contrasts with tables and linear learners of a net's input, if some baseline has another."""
-    reporting = reporting_of(experiment)
+    reporting = declared.reporting_of(experiment)
+    others = declared.own_learners(experiment, "tabular", "linear")
     budgets = {name: {*budget} for name, budget in runs.groupby("learner")["budget"]}
     pairs = [
         Pair({"learner": x}, {"learner": y})
-        for x, y in product(decisive_learners(experiment), own_learners(experiment, "tabular", "linear"))
+        for x, y in product(declared.decisive_learners(experiment), others)
         if {*map(knowledge, reporting.baseline)} != {knowledge(x)} == {knowledge(y)}
         if (x, y) not in reporting.contrasts and budgets.get(x) == budgets.get(y)
     ]
@@ -79,7 +60,7 @@ def same_input_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool
 
 def _rows(pairs: Iterable[Pair], runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
     """Returns these contrasts, whose p-values are adjusted together."""
-    reporting, cells = reporting_of(experiment), cells_of(runs, experiment)
+    reporting, cells = declared.reporting_of(experiment), cells_of(runs, experiment)
     is_pooled = reporting.pool == "scenarios"
     cases = [case for pair in pairs for case in _cases(cells, pair, experiment, is_pooled=is_pooled)]
     if not is_pooled:
@@ -88,13 +69,13 @@ def _rows(pairs: Iterable[Pair], runs: pd.DataFrame, experiment: Experiment, is_
     rows: list[Row] = [case.names | _difference(case.cells) for case in cases]
     allowed = [not is_partial and row["n"] >= FEWEST_RUNS for row in rows]
     for key in ("p_random_x", "p_random_y"):
-        for row, p in zip(rows, holm([row.pop(key) for row in rows]), strict=True):
+        for row, p in zip(rows, contrasts.holm([row.pop(key) for row in rows]), strict=True):
             row[key] = p
     for endpoint in ENDPOINTS:
         margin: float = getattr(reporting.margins, endpoint)
         sides = [case.sides(endpoint) for case in cases]
-        tests = [contrast(x, y, margin) for x, y in sides]
-        decisions = decide(tests, is_allowed=allowed)
+        tests = [contrasts.contrast(x, y, margin) for x, y in sides]
+        decisions = contrasts.decide(tests, is_allowed=allowed)
         for case, row, (x, y), test, decision in zip(cases, rows, sides, tests, decisions, strict=True):
             decided = str(decision["verdict"])
             if decided in _OF_LEARNERS[endpoint] and min(row["p_random_x"], row["p_random_y"]) > ALPHA:
@@ -112,14 +93,14 @@ def _rows(pairs: Iterable[Pair], runs: pd.DataFrame, experiment: Experiment, is_
 
 def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Yields the effects, a row for each pair of cells that differ by it, with intervals not adjusted."""
-    own = cells_of(runs[runs["learner"].isin(own_learners(experiment))], experiment)
-    for name, pair in effects_of(experiment):
+    own = cells_of(runs[runs["learner"].isin(declared.own_learners(experiment))], experiment)
+    for name, pair in declared.effects_of(experiment):
         for case in _cases(own, pair, experiment, is_pooled=False):
             row: Row = {"effect": name, **case.names, **_difference(case.cells)}
             del row["random_success"]  # the sides may differ in it
             for endpoint in ENDPOINTS:
                 x, y = case.sides(endpoint)
-                test = contrast(x, y, margin=0.5)  # on which the interval does not depend
+                test = contrasts.contrast(x, y, margin=0.5)  # on which the interval does not depend
                 row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
                 row[f"{endpoint}_difference"] = Estimate(test.difference, test.low, test.high)
             yield row
@@ -127,7 +108,7 @@ def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> Iterator[Row]:
     """Yields the outcome, or that of each scenario and condition, if there are baselines."""
-    reporting, decisive = reporting_of(experiment), decisive_learners(experiment)
+    reporting, decisive = declared.reporting_of(experiment), declared.decisive_learners(experiment)
     if not (baselines := reporting.baseline):
         return
     every = contrast_rows(runs, experiment, is_partial)
@@ -196,13 +177,13 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
 def _cases(cells: pd.DataFrame, pair: Pair, experiment: Experiment, *, is_pooled: bool) -> Iterator[Case]:
     """Yields the pairs of cells that two sides name, by what names their row."""
     x, y = (cells[(cells[[*side]] == side).all(axis=1)] for side in pair)
-    open_axes = [axis for axis in AXES if axis not in pair.x]
+    open_axes = [axis for axis in declared.AXES if axis not in pair.x]
     how: Literal["inner", "cross"] = "inner" if open_axes else "cross"
     pairs = x.merge(y, how, open_axes or None, suffixes=("", "_y"))
     keys = ["scenario"] if "scenario" in open_axes and not is_pooled else []
     keys += ["condition"] if "condition" in open_axes and len(experiment.conditions) > 1 else []
     keys += ["variant", "observation"] if "learner" in open_axes else []
-    sides = {"x": side_name(pair.x), "y": side_name(pair.y)}
+    sides = {"x": declared.side_name(pair.x), "y": declared.side_name(pair.y)}
     for _, rows in pairs.groupby(keys or np.zeros(len(pairs)), sort=False):
         yield Case({key: rows[key].iloc[0] for key in keys} | sides, rows)
 
@@ -231,9 +212,9 @@ def _over_scenarios(verdict: str, x: Means, y: Means, margin: float) -> tuple[st
     if len(x.means) == 1 or verdict not in (BETTER, WORSE, EQUIVALENT):
         return verdict, []
     alone = [
-        contrast(Means([a], [n]), Means([b], [m]), margin)
+        contrasts.contrast(Means([a], [n]), Means([b], [m]), margin)
         for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
     ]
-    if apart := contradicting(verdict, [(one.difference, one.difference) for one in alone], margin):
+    if apart := contrasts.contradicting(verdict, [(one.difference, one.difference) for one in alone], margin):
         return MIXED, apart
-    return verdict, contradicting(verdict, [(one.low_90, one.high_90) for one in alone], margin)
+    return verdict, contrasts.contradicting(verdict, [(one.low_90, one.high_90) for one in alone], margin)

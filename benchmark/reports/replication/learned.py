@@ -75,13 +75,10 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
         axes[0, 0].text(last["step"], last["mean"] - 2 * room, "mean ", va="top", **style)
         colour_bar(figure, axes[1], move_norm, "mean over agents")
         colour_bar(figure, axes[2], ping_norm, "mean over agents")
-        region_legend(
-            figure,
-            [scene_of(agents.model) for agents in groups.values()],
-            Line2D([], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"),
-            Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0"),
-            columns=3,
-        )
+        scenes = [scene_of(agents.model) for agents in groups.values()]
+        arrow = Line2D([], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way")
+        dot = Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0")
+        region_legend(figure, scenes, arrow, dot, columns=3)
     return figure
 
 
@@ -186,13 +183,10 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
             actions(axis, scene, cells[(cells["scenario"] == name) & cells["is_optimal"]])
             axis.set(title=name)
         colour_bar(figure, axes[0], norm, "share of agents\nacting optimally")
-        region_legend(
-            figure,
-            [scene_of(agents.model) for agents in groups.values()],
-            Line2D([], [], ls="", marker=">", mfc="white", mec="black", ms=6, label="optimal move"),
-            Line2D([], [], ls="", marker="o", color="black", ms=3, label="optimal PING"),
-            columns=3,
-        )
+        scenes = [scene_of(agents.model) for agents in groups.values()]
+        move = Line2D([], [], ls="", marker=">", mfc="white", mec="black", ms=6, label="optimal move")
+        ping = Line2D([], [], ls="", marker="o", color="black", ms=3, label="optimal PING")
+        region_legend(figure, scenes, move, ping, columns=3)
     return figure
 
 
