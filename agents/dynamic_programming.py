@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import Policy
-from envs.model import ACTIONS, EVENTS, Model
+from envs.model import ACTIONS, TARGET_PING, Model
 from envs.regions import ZONES
 
 VERSION: Final = 2  # part of every run's identity: raise it when a change alters an evaluation
@@ -98,17 +98,10 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
         raise ValueError("policy: rows must be probabilities that sum to one.")
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
     sums = np.zeros((len(batch), _N_SUMS))
+    rewards, is_success = (model.grid_reward, model.issuer_reward), model.event == TARGET_PING
+    starts = starts_of(model, from_starts(model, start))
     _sweep(
-        batch,
-        dynamics(model),
-        model.grid_reward,
-        model.issuer_reward,
-        model.event == EVENTS.index("target_ping"),
-        model.is_wrong_ping,
-        model.zone,
-        starts_of(model, from_starts(model, start)),
-        horizon,
-        sums,
+        batch, dynamics(model), *rewards, is_success, model.is_wrong_ping, model.zone, starts, horizon, sums
     )
     sums = sums.reshape(*policy.shape[:-2], _N_SUMS)
     grid, issuer, success, steps, wrong_pings = np.moveaxis(sums[..., :5], -1, 0)
@@ -234,7 +227,7 @@ def largest_success(model: Model, horizon: int) -> float:
 
     It is the optimal value if a correct PING alone has a reward, of 1.
     """
-    is_success = (model.event == EVENTS.index("target_ping")).astype(np.float64)
+    is_success = (model.event == TARGET_PING).astype(np.float64)
     return float(from_starts(model) @ _iterate(model, is_success, 1.0, horizon).value)
 
 

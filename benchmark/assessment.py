@@ -96,7 +96,6 @@ class Assessment:
         return None if published is None else standing_of(self.success, self.score, published)
 
     def __str__(self) -> str:
-        """All numbers, and the standing, as text."""
         exact, name = self.evaluation, self.model.scenario.name
         below = ""
         if self.unbounded_score < 0:

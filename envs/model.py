@@ -295,13 +295,8 @@ def _compile_places(
     next_tick = np.where(terminated[:, :, None], tick[:, None, None], next_tick)
     next_delayed = np.where(terminated, delayed[:, None], next_delayed)
     next_pings = np.minimum(wrong_pings, n_pings - 1)
-    following = np.broadcast_arrays(
-        place[:, None, None],
-        next_tick,
-        next_delayed[:, :, None],
-        next_pings[:, :, None],
-        next_cell[:, :, None],
-    )
+    parts = [part[:, :, None] for part in (next_delayed, next_pings, next_cell)]
+    following = np.broadcast_arrays(place[:, None, None], next_tick, *parts)
     next_state = np.ravel_multi_index(tuple(following), shape)
 
     over = (zone == ZONES.index("issuer")) | scenario.grid.is_wall[cell]  # absorbing

@@ -125,7 +125,6 @@ def _kind(value: Any) -> Any:
     return "module:attribute" if isinstance(kind, str) and ":" in kind else kind
 
 
-AnyFeedback = PlainFeedback | NoisyFeedback | BoundedFeedback | OwnFeedback
 Feedback = Annotated[
     Annotated[PlainFeedback, Tag("none")]
     | Annotated[BoundedFeedback, Tag("uniform")]

@@ -94,21 +94,9 @@ def net_of(
     biases_at = first + np.cumsum(sizes + width) - width
     stride = int(width.max())
     rooms = n_rows * n_inputs, width.size * n_rows * stride, width.size * n_rows * stride, stride**2, stride
-    return Net(
-        n_inputs,
-        outputs,
-        width,
-        biases_at - sizes,
-        biases_at,
-        int(biases_at[-1] + width[-1]),
-        is_relu,
-        ones.astype(np.int32),
-        table.astype(kind),
-        n_rows,
-        stride,
-        np.zeros(n_rows, np.int32),
-        *(np.zeros(size, kind) for size in rooms),
-    )
+    layers = n_inputs, outputs, width, biases_at - sizes, biases_at, int(biases_at[-1] + width[-1]), is_relu
+    read = ones.astype(np.int32), table.astype(kind), n_rows, stride, np.zeros(n_rows, np.int32)
+    return Net(*layers, *read, *(np.zeros(size, kind) for size in rooms))
 
 
 def parameters_of(n_parameters: int, kind: Kind) -> Parameters:

@@ -121,12 +121,8 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
             f"missing or failed (the first is seed {missing[0]}): run the experiment first."
         )
     records = store.get([run.digest for run in runs])
-    return Records(
-        runs[0],
-        [record.arrays for record in records],
-        [run.seed for run in runs],
-        [record.provenance for record in records],
-    )
+    arrays, seeds = [record.arrays for record in records], [run.seed for run in runs]
+    return Records(runs[0], arrays, seeds, [record.provenance for record in records])
 
 
 @kept_with_model

@@ -21,15 +21,9 @@ def main(options: argparse.Namespace) -> int:
     agent = options.model
     if options.agent is not None:
         agent = imported(options.agent, "--agent", "function")
-    assessment = assess(
-        agent,
-        scenario=options.scenario,
-        observation=options.observation,
-        algorithm=options.algorithm,
-        normalization=options.normalization,
-        stochastic=options.stochastic,
-        results=options.results or RESULTS,
-    )
+    names = ("scenario", "observation", "algorithm", "normalization", "stochastic")
+    given = {name: getattr(options, name) for name in names}
+    assessment = assess(agent, **given, results=options.results or RESULTS)
     if options.submit is not None:
         if options.model is not None:
             files = [saved_model(options.model), *filter(None, [options.normalization])]

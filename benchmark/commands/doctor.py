@@ -53,12 +53,9 @@ def main(options: argparse.Namespace) -> int:
     runs: Sequence[RunSpecification] = []
     if options.experiment is not None:
         runs = all_specifications(load_experiment(options.experiment))
-    findings = chain(
-        _installation(),
-        _machine(options.results),
-        _store(options.results / "runs.db"),
-        _experiment(runs, options) if runs else [],
-    )
+    of_runs = _experiment(runs, options) if runs else ()
+    store = options.results / "runs.db"
+    findings = chain(_installation(), _machine(options.results), _store(store), of_runs)
     console = Console()
     states = set()
     for finding in findings:

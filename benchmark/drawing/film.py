@@ -63,9 +63,9 @@ class Film:
     walks: Sequence[Walk]  # (V,) of the greedy policy
 
 
-def film_of(title: str, records: Records, agent: int = 0) -> Film:
-    """Returns the film of one of these agents."""
-    model, indices, arrays = records.model, records.map_indices, records.agents[agent]
+def film_of(title: str, records: Records) -> Film:
+    """Returns the film of the first of these agents."""
+    model, indices, arrays = records.model, records.map_indices, records.agents[0]
     n_starts = len(model.starts)
     return Film(
         title=title if n_starts == 1 else f"{title}, first of {n_starts} starts",
@@ -73,7 +73,7 @@ def film_of(title: str, records: Records, agent: int = 0) -> Film:
         steps=np.array(records.evaluation_steps)[indices].tolist(),
         values=arrays["values"].astype(np.float64),
         greedy=arrays["greedy"][indices],
-        scores=records.unbounded_scores()[agent, indices],
+        scores=records.unbounded_scores()[0, indices],
         walks=[walk(model, masks, records.run.horizon) for masks in arrays["greedy"][indices]],
     )
 
@@ -82,7 +82,6 @@ class Screen:
     """A figure on which a film is shown."""
 
     def __init__(self, film: Film, new: Callable[..., Figure] = Figure) -> None:
-        """Makes the figure and shows the first map."""
         self.film, grid = film, film.model.scenario.grid
         cell = min(_CELL, _LONGEST_SIDE / max(grid.rows, grid.columns))
         width, height = max(cell * grid.columns, _NARROWEST) + _GAP, max(cell * grid.rows, _LOWEST) + _GAP
@@ -102,8 +101,9 @@ class Screen:
         with settings():
             _draw(self._axis, self.film, index, self._norm, self._title)
 
-    def image(self) -> Image.Image:
-        """Returns the figure as an image."""
+    def image(self, step: int) -> Image.Image:
+        """Shows a step, and returns the figure as an image."""
+        self.show(step)
         buffer = io.BytesIO()
         with settings():
             self.figure.savefig(buffer, format="rgba", dpi="figure")
@@ -148,11 +148,7 @@ def _draw(axis: Axes, film: Film, index: int, norm: Normalize, title: str) -> No
 def learning(film: Film) -> list[Image.Image]:
     """Draws an agent at every step at which it has a map."""
     screen = Screen(film)
-    frames = []
-    for step in film.steps:
-        screen.show(step)
-        frames.append(screen.image())
-    return frames
+    return [screen.image(step) for step in film.steps]
 
 
 def write(frames: Sequence[Image.Image], path: Path) -> None:

@@ -1,6 +1,8 @@
-"""The cores and memory that this process may use, under the limits of its control groups (version 2)."""
+"""What this process may use: cores and memory under its control groups (version 2), and what it locks."""
 
+import fcntl
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -32,6 +34,15 @@ def free_memory() -> int | None:
             # The cache of files gives way to programs.
             free.append(int(most) - int(used) + int(counts.get("inactive_file", 0)))
     return max(0, min(free))
+
+
+def lock(descriptor: int, waiting: str) -> None:
+    """Locks an open file or folder; says that it is waiting if another process has locked it."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        print(waiting, file=sys.stderr)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
 
 
 def _control_files(name: str) -> Iterator[str]:

@@ -4,7 +4,6 @@ Only the driver writes, with one transaction per job, so that an interrupt or a 
 records. Every record has checksums, which are verified whenever it is read: a damaged one is never used.
 """
 
-import fcntl
 import json
 import os
 import shutil
@@ -20,6 +19,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.execution.machine import lock
 from envs import InputError
 
 VALUE_DECIMALS: Final = 3  # of the values of a record
@@ -205,11 +205,7 @@ class Store:
         with ExitStack() as stack:
             with suppress(OSError):
                 file = stack.enter_context(self._path.with_name(f"{self._path.name}.lock").open("a"))
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    print(f"{self._path}: waiting for another command that trains runs ...", file=sys.stderr)
-                    fcntl.flock(file, fcntl.LOCK_EX)
+                lock(file.fileno(), f"{self._path}: waiting for another command that trains runs ...")
             yield
 
     def statuses(self) -> dict[str, str]:

@@ -71,7 +71,7 @@ def draw(
         if certificate is not None and certificate.is_identical and not measured:
             published = sameness.published_file(name, MANIFEST)
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
-        sameness.write_stamp(aside, inputs)
+        (aside / sameness.STAMP).write_text(inputs, encoding="utf-8")
     return Made(is_new=True, certificate=certificate)
 
 

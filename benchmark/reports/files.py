@@ -4,15 +4,14 @@ What is being made has a name that begins with a dot and ends in `.making`. Sinc
 to a folder of results, what has such a name when a process begins was left by a killed one.
 """
 
-import fcntl
 import os
 import shutil
-import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from benchmark.execution.machine import lock
 from envs import InputError
 
 _MAKING: Final = ".making"
@@ -30,7 +29,7 @@ def alone(folder: Path) -> Iterator[None]:
         descriptor = os.open(folder, os.O_RDONLY)
     try:
         with _input_errors(folder):
-            _lock(descriptor, folder)
+            lock(descriptor, f"{folder}: waiting for another command that writes there ...")
             for path in folder.glob(f".*{_BEFORE}"):
                 target = folder / path.name[1 : -len(_BEFORE)]
                 _remove(path) if target.exists() else path.rename(target)
@@ -39,14 +38,6 @@ def alone(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
-
-
-def _lock(descriptor: int, folder: Path) -> None:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        print(f"{folder}: waiting for another command that writes there ...", file=sys.stderr)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
 
 
 @contextmanager

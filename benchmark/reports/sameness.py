@@ -20,7 +20,7 @@ from benchmark.execution.provenance import digest_of_code
 from benchmark.reports.folder import MANIFEST, README, Folder, digests
 from envs import InputError
 
-_STAMP: Final = ".stamp"
+STAMP: Final = ".stamp"
 REPOSITORY: Final = Path(__file__).parents[2]
 
 
@@ -83,13 +83,8 @@ def is_up_to_date(folder: Path, inputs: str) -> bool:
     """Returns whether a folder's files were made from these inputs and are as they were made."""
     with suppress(InputError, OSError):
         Folder(folder).check()
-        return (folder / _STAMP).read_text(encoding="utf-8") == inputs
+        return (folder / STAMP).read_text(encoding="utf-8") == inputs
     return False
-
-
-def write_stamp(folder: Path, inputs: str) -> None:
-    """Notes what a folder's files were made from, see `digest_of_inputs`."""
-    (folder / _STAMP).write_text(inputs, encoding="utf-8")
 
 
 def listed(folder: Path) -> set[str]:

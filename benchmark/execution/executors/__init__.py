@@ -31,7 +31,6 @@ class Threads:
     """Threads of this process: for jobs that release Python's global lock while they train."""
 
     def __init__(self, jobs: int) -> None:
-        """Makes room for this many jobs at a time."""
         self._pool = ThreadPoolExecutor(jobs)
 
     def submit(self, job: Job) -> Future[list[Record]]:

@@ -35,7 +35,6 @@ class Processes:
     # if a worker is killed while it writes one, as the driver, too, has the writing end of the pipe open.
 
     def __init__(self, jobs: int) -> None:
-        """Makes room for this many jobs at a time."""
         # Workers inherit that the terminal's interrupt is blocked, since `cancel` ends them. The resource
         # tracker, which the first worker would start, unblocks it.
         resource_tracker.ensure_running()

@@ -40,7 +40,6 @@ def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
 
 @curves.figure("How often each learner succeeds while it learns; shade: 95 % interval.")
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
-    """Draws the curves of few scenarios."""
     frame, names = figures.labelled(table), drawn_learners(experiment)
     if frame["scenario"].nunique() > figures.FEW:
         return None
@@ -68,10 +67,8 @@ def policies(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) -> 
             if learner.declared.policy == "greedy":
                 policy = mask_policy(policy)
             draw_policy(axis, found.model, policy, norm)
-            axis.set_title(
-                f"{fill(learner.title, 30, break_on_hyphens=False)}\nsuccess {first['success']:.2f}",
-                fontsize="small",
-            )
+            title = fill(learner.title, 30, break_on_hyphens=False)
+            axis.set_title(f"{title}\nsuccess {first['success']:.2f}", fontsize="small")
         for axis in axes.flat[len(names) :]:
             axis.set_axis_off()
         policy_legend(figure, [*axes.flat], found.model, norm)
