@@ -98,11 +98,9 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
         raise ValueError("policy: rows must be probabilities that sum to one.")
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
     sums = np.zeros((len(batch), _N_SUMS))
-    rewards, is_success = (model.grid_reward, model.issuer_reward), model.event == TARGET_PING
-    starts = starts_of(model, from_starts(model, start))
-    _sweep(
-        batch, dynamics(model), *rewards, is_success, model.is_wrong_ping, model.zone, starts, horizon, sums
-    )
+    is_success, starts = model.event == TARGET_PING, starts_of(model, from_starts(model, start))
+    counted = model.grid_reward, model.issuer_reward, is_success, model.is_wrong_ping, model.zone
+    _sweep(batch, dynamics(model), *counted, starts, horizon, sums)
     sums = sums.reshape(*policy.shape[:-2], _N_SUMS)
     grid, issuer, success, steps, wrong_pings = np.moveaxis(sums[..., :5], -1, 0)
     return Evaluation(grid, grid + issuer, success, steps, wrong_pings, sums[..., 5:])

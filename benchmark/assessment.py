@@ -222,10 +222,9 @@ def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
     policy = np.stack([probabilities(o) for o in range(len(table))])
     again = np.stack([probabilities(o) for o in reversed(range(len(table)))])[::-1]
     if abs(again - policy).max() > _TOLERANCE:
-        raise InputError(
-            "act: returned another answer for the same observation, asked again; accepted: one without "
-            f"memory; an agent that draws its actions returns {len(ACTIONS)} probabilities."
-        )
+        found = "act: returned another answer for the same observation, asked again"
+        drawing = f"an agent that draws its actions returns {len(ACTIONS)} probabilities"
+        raise InputError(f"{found}; accepted: one without memory; {drawing}.")
     return policy
 
 

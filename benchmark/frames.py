@@ -1,6 +1,7 @@
 """Runs as data frames, for an analysis of your own: `from benchmark import curves, runs`."""
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +11,7 @@ from envs.packages import needed_by
 with needed_by("benchmark.frames"):
     import pandas as pd
 
-    from benchmark.analysis.frames import Group, tables
+    from benchmark.analysis.frames import tables
     from benchmark.analysis.stages import stages
     from benchmark.assessment import RESULTS
     from benchmark.execution.store import NoRunsError, Store
@@ -74,10 +75,8 @@ def _stored(experiment: Experiment, results: Path, which: int, is_whole: bool) -
     with suppress(NoRunsError), Store(path, read_only=True) as store:
         ended = store.ended()
         declared = [group for groups in stages(experiment, store) for group in groups]
-        there = [
-            Group(group.population, [run for run in group.runs if run.digest in ended], group.more)
-            for group in declared
-        ]
+        runs = ([run for run in group.runs if run.digest in ended] for group in declared)
+        there = [replace(group, runs=own) for group, own in zip(declared, runs, strict=True)]
         n, n_all = (sum(len(group.runs) for group in groups) for groups in (there, declared))
         if n == n_all or (n and not is_whole):
             return tables([group for group in there if group.runs], store)[which]

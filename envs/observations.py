@@ -32,10 +32,9 @@ LARGEST_TABLE: Final = 50_000_000  # numbers, of all one-hot observations
 def check_one_hot(n_observations: int, n_features: int) -> None:
     """Refuses, by an InputError, a table of one-hot observations that does not fit into memory."""
     if n_observations * n_features > LARGEST_TABLE:
-        raise InputError(
-            f"observation one_hot: {n_observations:,} observations of {n_features:,} numbers each; accepted: "
-            f'at most {LARGEST_TABLE:,} numbers in all, or "coordinates" or "index".'
-        )
+        found = f"{n_observations:,} observations of {n_features:,} numbers each"
+        accepted = f'at most {LARGEST_TABLE:,} numbers in all, or "coordinates" or "index"'
+        raise InputError(f"observation one_hot: {found}; accepted: {accepted}.")
 
 
 def check_form(observation: str) -> None:

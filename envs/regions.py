@@ -16,12 +16,7 @@ from envs.inputs import InputError, Table, require
 ZONES: Final = ("outside", "target", "uncomfortable", "issuer")  # ordered by nearness
 Cell = tuple[int, int]  # (row, column), (0, 0) top left
 Heading = Literal["up", "down", "left", "right"]
-HEADINGS: Final[dict[Heading, tuple[int, int]]] = {  # (row, column)
-    "up": (-1, 0),
-    "down": (1, 0),
-    "left": (0, -1),
-    "right": (0, 1),
-}
+HEADINGS: Final[dict[Heading, Cell]] = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
 Length = Annotated[float, Field(ge=0, le=1000)]  # in cells, or in metres
 
 Corner = tuple[int, int]  # (row, column); cell (r, c) lies between the corners (r, c) and (r + 1, c + 1)

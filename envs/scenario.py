@@ -174,10 +174,8 @@ class Scenario(Table):
         issuer = self._walks.get("issuer")
         n = self._round // self._beat
         spots = [issuer[i % len(issuer)] if issuer else (None, None) for i in range(n)]
-        return tuple(
-            Phase(name=f"{i}", position=cell, heading=heading, steps=self._beat)
-            for i, (cell, heading) in enumerate(spots, start=1)
-        )
+        steps, numbered = self._beat, enumerate(spots, start=1)
+        return tuple(Phase(name=f"{i}", position=at, heading=to, steps=steps) for i, (at, to) in numbered)
 
     @cached_property
     def _walks(self) -> dict[str, list[tuple[Cell, Heading]]]:

@@ -23,10 +23,8 @@ LARGEST_TABLE: Final = 5_000_000  # features of all observations; training takes
 def check_tiles(n_observations: int, n_tilings: int) -> None:
     """Refuses, by an InputError, features that do not fit into memory."""
     if n_observations * n_tilings > LARGEST_TABLE:
-        raise InputError(
-            f"n_tilings = {n_tilings}: a feature of each for {n_observations:,} observations; accepted: "
-            f"at most {LARGEST_TABLE:,} features in all."
-        )
+        found = f"n_tilings = {n_tilings}: a feature of each for {n_observations:,} observations"
+        raise InputError(f"{found}; accepted: at most {LARGEST_TABLE:,} features in all.")
 
 
 @kept_with_model

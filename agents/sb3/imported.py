@@ -68,10 +68,9 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
     """Makes an algorithm of a class with the import path `module:class`, see `is_sb3_class`."""
     arguments = _arguments(cls)
     if "gamma" not in arguments or not arguments.keys() & {"train_freq", "n_steps"}:
-        raise InputError(
-            f"algorithm {path}: accepted: a class with an argument gamma, its discount, and an argument "
-            "train_freq or n_steps, the steps from one round of updates to the next."
-        )
+        steps = "an argument train_freq or n_steps, the steps from one round of updates to the next"
+        accepted = f"a class with an argument gamma, its discount, and {steps}"
+        raise InputError(f"algorithm {path}: accepted: {accepted}.")
     fields: dict[str, Any] = {
         name: (_KNOWN.get(name, Any), {} if name == "policy_kwargs" else default)
         for name, default in arguments.items()

@@ -45,10 +45,8 @@ def output_of(agent: BaseAlgorithm) -> Output:
         # Mean quantiles are action values (Dabney et al. 2018, eq. 3).
         return Output(lambda o: net(o).mean(dim=1), is_value=True, net=net)
     if not hasattr(policy, "get_distribution"):
-        raise ValueError(
-            f"{type(policy).__name__} has neither action values (q_net, quantile_net) nor a distribution of "
-            "actions (get_distribution)"
-        )
+        kinds = "action values (q_net, quantile_net) nor a distribution of actions (get_distribution)"
+        raise ValueError(f"{type(policy).__name__} has neither {kinds}")
     return Output(lambda o: policy.get_distribution(o).distribution.probs, is_value=False, net=policy)
 
 
@@ -96,10 +94,8 @@ def saved_table(
     """
     cls: Any = imported(algorithm, str(path), "algorithm")
     if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
-        raise InputError(
-            f"{path}: {algorithm} is not a class of saved models; "
-            "accepted: a subclass of stable_baselines3.common.base_class.BaseAlgorithm."
-        )
+        accepted = "a subclass of stable_baselines3.common.base_class.BaseAlgorithm"
+        raise InputError(f"{path}: {algorithm} is not a class of saved models; accepted: {accepted}.")
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; accepted: a file written by model.save.")
     modules = {algorithm.partition(":")[0], *(base.__module__ for base in cls.__mro__)}
@@ -135,10 +131,8 @@ def agent_table(
         for kind, space in expected.items():
             given = getattr(agent, f"{kind}_space")
             if given != space:
-                raise InputError(
-                    f"{where}: {kind}_space = {given}; accepted in {model.scenario.name} with observation = "
-                    f'"{observation}": {space}.'
-                )
+                here = f'{model.scenario.name} with observation = "{observation}"'
+                raise InputError(f"{where}: {kind}_space = {given}; accepted in {here}: {space}.")
         inputs = net_inputs(agent, where, layers, observations, normalization)
         table = readable_table(agent, torch.as_tensor(inputs, device=agent.device))
     except InputError:

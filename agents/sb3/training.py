@@ -86,10 +86,9 @@ class _Snapshots(BaseCallback):
     def _on_rollout_start(self) -> None:
         step = self.model.num_timesteps
         if step != self._next_rollout:
-            raise InputError(
-                f"{type(self.model).__name__}: a rollout began after {step} steps; accepted: after "
-                f"{self._next_rollout}, since the settings say that a rollout has {self._rollout} steps."
-            )
+            found = f"{type(self.model).__name__}: a rollout began after {step} steps"
+            why = f"since the settings say that a rollout has {self._rollout} steps"
+            raise InputError(f"{found}; accepted: after {self._next_rollout}, {why}.")
         self._next_rollout += self._rollout
         self.keep_policy(before=self._next_rollout)
 
@@ -142,10 +141,8 @@ def train_agent(
         try:
             agent.learn(settings.budget, callback=kept, **how_often)
             if agent.num_timesteps != settings.budget and not kept.has_ended:
-                raise InputError(
-                    f"{cls.__name__}: trained for {agent.num_timesteps} steps; accepted: the budget of "
-                    f"{settings.budget}."
-                )
+                found = f"{cls.__name__}: trained for {agent.num_timesteps} steps"
+                raise InputError(f"{found}; accepted: the budget of {settings.budget}.")
             kept.keep_policy(before=settings.budget + 1)
         except ValueError:  # torch, too, refuses to draw from probabilities that are not finite
             if np.isfinite(policy_table(agent, observations)).all():

@@ -58,10 +58,8 @@ def tables(
     for group in groups:
         records, policy = load_records(group.runs, store), group.population.learner.declared.policy
         if records.run.solved is None and not records.arrays[evaluated("success", policy, "start")].shape[1]:
-            raise InputError(
-                f"{records.run.stream}: algorithms.{records.run.variant}.policy = {policy}: its training "
-                "returns no such policy; accepted: greedy."
-            )
+            where = f"{records.run.stream}: algorithms.{records.run.variant}.policy = {policy}"
+            raise InputError(f"{where}: its training returns no such policy; accepted: greedy.")
         keys, steps = keys_of(group.population) | dict(group.more), records.evaluation_steps
         wanted = _recorded(records.run).intersection(columns or {*_RUN_COLUMNS, *_CURVE_COLUMNS})
         of_runs, of_curves = (

@@ -86,12 +86,10 @@ def combined(
     """
     weight, mean = np.asarray(weights, dtype=float), np.asarray(means, dtype=float)
     low, high = proportion_interval(mean, np.asarray(sizes), tail)
-    value = float(weight @ mean)
     down, up = weight * (mean - low), weight * (high - mean)
-    return (
-        value - float(np.linalg.norm(np.where(weight > 0, down, up))),
-        value + float(np.linalg.norm(np.where(weight > 0, up, down))),
-    )
+    sides = np.where(weight > 0, down, up), np.where(weight > 0, up, down)
+    value, below, above = float(weight @ mean), *(float(np.linalg.norm(side)) for side in sides)
+    return value - below, value + above
 
 
 def mean_over_scenarios(values: Sequence[NDArray[np.float64]]) -> Estimate:

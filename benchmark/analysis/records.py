@@ -116,10 +116,9 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
     """Reads the records of runs that differ by their seed alone; an InputError says if any is missing."""
     ended = store.ended(run.digest for run in runs)
     if missing := [run.seed for run in runs if run.digest not in ended]:
-        raise InputError(
-            f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name} are "
-            f"missing or failed (the first is seed {missing[0]}): run the experiment first."
-        )
+        found = f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name}"
+        which = f"are missing or failed (the first is seed {missing[0]})"
+        raise InputError(f"{found} {which}: run the experiment first.")
     records = store.get([run.digest for run in runs])
     arrays, seeds = [record.arrays for record in records], [run.seed for run in runs]
     return Records(runs[0], arrays, seeds, [record.provenance for record in records])
@@ -140,10 +139,9 @@ def check_anchors(model: Model, horizon: int, start: str) -> None:
     """Raises an InputError if the optimal policy earns no more than the random one: scores are undefined."""
     random, optimal = anchors(model, horizon, start)
     if optimal - random <= OPTIMUM_TOLERANCE:
-        raise InputError(
-            f"{model.scenario.name}: within {horizon} steps the random policy earns as much as the optimal "
-            f"one ({random:.6g}), so scores are undefined; accepted: other rewards, or another horizon."
-        )
+        equal = f"the random policy earns as much as the optimal one ({random:.6g}), so scores are undefined"
+        accepted = "other rewards, or another horizon"
+        raise InputError(f"{model.scenario.name}: within {horizon} steps {equal}; accepted: {accepted}.")
 
 
 def check_scores(runs: Iterable[RunSpecification]) -> None:

@@ -111,17 +111,14 @@ def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
         name = outcome.learner.name
         is_final = (runs["stage"] == FRESH) & runs["trial"].isin([*map(str, outcome.ranked)])
         tried = runs[(runs["learner"] == name) & ((runs["stage"] == SEARCHED) | is_final)]
-        best, *others = (
-            Finalist(
-                trial=trial,
-                settings=settings_of(experiment, outcome.learner, trial),
-                score=round(float(np.mean(everywhere(outcome.fresh, trial))), 6),
-            )
-            for trial in outcome.ranked[:3]
-        )
+        best = list[Finalist]()
+        for trial in outcome.ranked[:3]:
+            settings = settings_of(experiment, outcome.learner, trial)
+            score = round(float(np.mean(everywhere(outcome.fresh, trial))), 6)
+            best.append(Finalist(trial=trial, settings=settings, score=score))
         results[name] = Chosen(
-            **dict(best),
-            others=tuple(others),
+            **dict(best[0]),
+            others=tuple(best[1:]),
             trials=len(outcome.searched) - 1,
             runs=len(tried),
             steps=int(tried["budget"].sum()),

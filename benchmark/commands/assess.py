@@ -1,7 +1,7 @@
 """Scores an agent exactly, ranks it among the published learners, and draws where it PINGs."""
 
 import argparse
-import hashlib
+from hashlib import sha256
 
 from benchmark import leaderboard
 from benchmark.assessment import PICTURES, RESULTS, assess, saved_model
@@ -27,9 +27,7 @@ def main(options: argparse.Namespace) -> int:
     if options.submit is not None:
         if options.model is not None:
             files = [saved_model(options.model), *filter(None, [options.normalization])]
-            digests = [
-                f"{file.name}, SHA-256 {hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files
-            ]
+            digests = [f"{file.name}, SHA-256 {sha256(file.read_bytes()).hexdigest()}" for file in files]
             declared["model"] = f"{options.algorithm}, {'; normalised by '.join(digests)}"
         leaderboard.submit(assessment, options.submit, **declared)
     print(assessment)

@@ -60,10 +60,8 @@ def _problems(
     ended = store.ended()
     checked = [*store.statuses()] if options.experiment is None else sorted(declared.keys() & ended)
     if damaged := store.damaged(checked):
-        yield (
-            f"checksums: {len(damaged)} of {len(checked)} records are damaged (the first: "
-            f"{damaged[0][:12]}); run their experiments again, which repeats them."
-        )
+        which = f"{len(damaged)} of {len(checked)} records are damaged (the first: {damaged[0][:12]})"
+        yield f"checksums: {which}; run their experiments again, which repeats them."
     else:
         print(f"checksums: correct in all {len(checked)} records.")
     ended -= {*damaged}
@@ -126,14 +124,11 @@ def difference_of(before: Record, after: Record) -> str:
     differing = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
     if not differing:
         return ""
-    recorded, here = (
-        {**record.provenance["versions"], "machine": record.provenance["machine"]}
-        for record in (before, after)
-    )
-    others = [
-        f"{key} {recorded[key]}, here {here.get(key)}" for key in recorded if recorded[key] != here.get(key)
-    ]
-    with_others = f" (recorded with {'; '.join(others)})" if others else ""
+    made = [record.provenance for record in (before, after)]
+    recorded, here = ({**one["versions"], "machine": one["machine"]} for one in made)
+    changed = [key for key in recorded if recorded[key] != here.get(key)]
+    others = "; ".join(f"{key} {recorded[key]}, here {here.get(key)}" for key in changed)
+    with_others = f" (recorded with {others})" if others else ""
     return f"differs in {', '.join(differing)}{with_others}"
 
 

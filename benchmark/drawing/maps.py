@@ -32,11 +32,9 @@ Style = dict[str, Any]  # keyword arguments of an artist
 
 _DASHES: Final = (0, (2, 1.5))
 _SOLID: Final = {"dash_offset": 0, "dash_list": None}
-_ON_VALUES: Final[Style] = {  # white on black
-    "ec": "white",
-    "lw": 1.6,
-    "path_effects": [patheffects.withStroke(linewidth=3, foreground="black", dashes=_SOLID)],
-}
+_BLACK: Final = patheffects.withStroke(linewidth=3, foreground="black", dashes=_SOLID)
+_WHITE: Final = patheffects.withStroke(linewidth=1.6, foreground="white", dashes=_SOLID)
+_ON_VALUES: Final[Style] = {"ec": "white", "lw": 1.6, "path_effects": [_BLACK]}
 _ON_ZONES: Final[Style] = {"ec": "black", "lw": 0.8}
 _GLYPHS: Final[dict[str, Style]] = {
     "issuer": {"ls": "", "marker": "*", "ms": 9, "mfc": "white", "mec": "black", "mew": 0.8},
@@ -47,9 +45,6 @@ _GLYPHS: Final[dict[str, Style]] = {
 _WALL: Final[Style] = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
 _DOTTED: Final = (0, (1, 1.5))
 _CIRCLE: Final[Style] = {"fill": False, "ec": "black", "ls": _DOTTED, "lw": 0.8}
-_ON_WHITE: Final[Style] = {
-    "path_effects": [patheffects.withStroke(linewidth=1.6, foreground="white", dashes=_SOLID)]
-}
 _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
 
 _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
@@ -57,12 +52,7 @@ _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likel
 # Of the gallery
 _COLUMNS, _MOST_MAPS, _CHARACTERS = 5, 4, 17  # in a row, of a scenario, in a line of names
 _WIDTH, _ROW, _LEGEND, _POINTS = 7.9, 1.65, 0.7, 8.5  # three in inches; the size of texts
-_NOT_ON_A_MAP: Final[dict[str, Any]] = {
-    "name": True,
-    "description": True,
-    "observe": True,
-    "issuer": {"feedback"},
-}
+_NOT_ON_A_MAP: Final[Any] = dict.fromkeys(("name", "description", "observe"), True) | {"issuer": {"feedback"}}
 
 
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
@@ -148,25 +138,21 @@ def colour_bar(
         bar.ax.axhline(0.0, color="black", lw=1)
 
 
-def region_legend(
-    figure: Figure, scenes: Sequence[Scene], *more: Line2D | Patch, columns: int | None = None
-) -> None:
-    """Draws a legend of borders, of glyphs in scenes and of more marks, by default in one row."""
+def region_legend(figure: Figure, scenes: Sequence[Scene], *more: Line2D | Patch, columns: int) -> None:
+    """Draws a legend of borders, of glyphs in scenes and of more marks."""
     borders = [
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
     ]
-    labels = "person", "bystander", "start"
-    person, bystander, start = (
-        Line2D([], [], label=label, **style) for label, style in zip(labels, _GLYPHS.values(), strict=True)
-    )
+    glyphs = zip(("person", "bystander", "start"), _GLYPHS.values(), strict=True)
+    person, bystander, start = (Line2D([], [], label=label, **style) for label, style in glyphs)
     handles = [person, *borders, start, *more]
     if any(scene.circle for scene in scenes):
         label = "circle on which people talk"
         handles.append(Line2D([], [], ls=_DOTTED, color="black", lw=1, label=label))
     if any(scene.cells_of("bystander") for scene in scenes):
         handles.append(bystander)
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns or len(handles), frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
 
 
 def shipped() -> Figure:
@@ -248,7 +234,7 @@ def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
         add_area(axis, scene.outlines[region], {"fill": False, "ls": _DASHES if is_dashed else "-"} | border)
     if scene.circle is not None:
         row, column, radius = scene.circle
-        style = _CIRCLE | (_ON_WHITE if border is _ON_VALUES else {})
+        style = _CIRCLE | ({"path_effects": [_WHITE]} if border is _ON_VALUES else {})
         axis.add_patch(Circle((column - 0.5, row - 0.5), radius, **style))
     for glyph in scene.glyphs:
         row, column = scene.position[glyph.cell]

@@ -27,12 +27,8 @@ _SHOWN: Final = 12  # digits of a digest in a message
 @cache
 def provenance(algorithm: str) -> dict[str, object]:
     """Returns the commit of the code, the machine, and the versions that a run of an algorithm depends on."""
-    return {
-        "commit": commit(Path(__file__)),
-        "machine": machine(),
-        "processor": processor(),
-        "versions": versions(algorithm),
-    }
+    where = {"commit": commit(Path(__file__)), "machine": machine(), "processor": processor()}
+    return where | {"versions": versions(algorithm)}
 
 
 def machine() -> str:

@@ -348,6 +348,5 @@ def _head(*columns: object) -> int:
 def _is_whole(*row: object) -> bool:
     """Returns whether a record is as stored: `_COLUMNS`, and perhaps its arrays."""
     *columns, head = row[:7]
-    return _head(*columns) == head and all(
-        isinstance(arrays, bytes) and zlib.crc32(arrays) == columns[-1] for arrays in row[7:]
-    )
+    is_same = (isinstance(arrays, bytes) and zlib.crc32(arrays) == columns[-1] for arrays in row[7:])
+    return _head(*columns) == head and all(is_same)

@@ -25,9 +25,8 @@ def chosen_for(declared: Declaration, variant: str, observation: str, other: str
     search = _search(name)
     made, learner = read_chosen(search.path, source), f"{searched}, {observation}"
     if made.search != search.digest:
-        raise InputError(
-            f"{source}: {search.path} was made by another version of the search; run it again, with --report."
-        )
+        found = f"{source}: {search.path} was made by another version of the search"
+        raise InputError(f"{found}; run it again, with --report.")
     if learner not in made.learners:
         unknown_name(source, "learner of the search", learner, made.learners)
     found, rank = made.learners[learner], declared.algorithms[variant].rank
@@ -104,10 +103,8 @@ def check_seeds(declared: Declaration, variant: str, path: Path, other: str = ""
         own = range(seeds.start, max(seeds.stop, seeds.start + largest))  # those at further looks, too
         if any(overlap(own, seeds) for seeds in taken):
             used = " and ".join(f"{seeds.start} to {seeds.stop - 1}" for seeds in taken)
-            raise InputError(
-                f"{path}: {_key(declared, variant, other)}: the search has used the seeds "
-                f"{used}; accepted: seeds other than {own.start} to {own.stop - 1}."
-            )
+            found = f"{path}: {_key(declared, variant, other)}: the search has used the seeds {used}"
+            raise InputError(f"{found}; accepted: seeds other than {own.start} to {own.stop - 1}.")
 
 
 def check_unseen(scenario: Scenario, search: str) -> None:

@@ -195,11 +195,8 @@ class _Loading:
             partial(_check_scenarios, declared, self.path),
         )
         learners = {learner.name: learner for name in variants for learner in self.learners(name)}
-        populations = [
-            population
-            for condition in declared.conditions.values()
-            for population in self.populations(condition, learners.values())
-        ]
+        conditions = declared.conditions.values()
+        populations = [*chain(*(self.populations(each, learners.values()) for each in conditions))]
         for name, other in sources:
             with self.noted():
                 choices.check_seeds(declared, name, self.path, other)
@@ -356,10 +353,8 @@ def _check_titles(learners: Iterable[Learner], where: str) -> None:
     for learner in learners:
         other = first.setdefault(seen(learner.title), learner.name)
         if other != learner.name:
-            raise InputError(
-                f'{where}: algorithms: "{learner.title}" is the name of {other} and of {learner.name}; '
-                "accepted: titles that differ."
-            )
+            found = f'"{learner.title}" is the name of {other} and of {learner.name}'
+            raise InputError(f"{where}: algorithms: {found}; accepted: titles that differ.")
 
 
 def _family(learner: Learner, settings: LearnerSettings) -> str:
@@ -377,12 +372,10 @@ def check_size(run: RunSpecification) -> None:
         check_one_hot(scenario.n_observations, sum(widths))
     check_tiles(scenario.n_observations, getattr(run.settings, "n_tilings", 0))
     if run.record_size > LARGEST_RECORD:
-        raise InputError(
-            f"evaluation_every = {run.evaluation_every} and map_every = {run.map_every} with "
-            f"budget = {run.settings.budget} and {scenario.n_observations:,} observations in "
-            f"{scenario.name}: records of {run.record_size / 1e6:,.0f} MB; accepted: at most "
-            f"{LARGEST_RECORD / 1e6:,.0f} MB."
-        )
+        found = f"evaluation_every = {run.evaluation_every} and map_every = {run.map_every} with "
+        found += f"budget = {run.settings.budget} and {scenario.n_observations:,} observations in "
+        found += f"{scenario.name}: records of {run.record_size / 1e6:,.0f} MB"
+        raise InputError(f"{found}; accepted: at most {LARGEST_RECORD / 1e6:,.0f} MB.")
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:

@@ -117,6 +117,7 @@ class Reading(Changes):
     """Runs per scenario and learner; by default the variant's."""
 
 
+_BY_DEFAULT: Final = Reading(question="How is the paper read?", answer="as it is by default")
 # Fifteen digits are as many as tell numbers apart.
 _NUMBER: Final = re.compile(r"(?=.{1,15}$)[0-9]+(\.[0-9]+)?(x[0-9]+)?")
 
@@ -357,11 +358,7 @@ class Declaration(Table):
     """The variants, by name."""
     search: Search | None = None
     """A search for the settings of every variant that has a table `search`."""
-    readings: dict[Name, Reading] = Field(
-        default_factory=lambda: {
-            DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
-        }
-    )
+    readings: dict[Name, Reading] = Field(default_factory=lambda: {DEFAULT_CONDITION: _BY_DEFAULT})
     """Readings of the paper and controls, by name; one is called "default"."""
     grids: dict[Name, Grid] = Field(default_factory=dict)
     """Further conditions, by name: products of axes."""
@@ -438,9 +435,8 @@ class Declaration(Table):
     @property
     def _learners(self) -> dict[str, str]:
         """The variant of every learner."""
-        return {
-            f"{name}, {form}": name for name in self.algorithms for form in self.algorithms[name].observations
-        }
+        variants = self.algorithms.items()
+        return {f"{name}, {form}": name for name, variant in variants for form in variant.observations}
 
     @property
     def argument(self) -> str:
@@ -506,12 +502,10 @@ class Declaration(Table):
             for grid_name, grid in self.grids.items():
                 table, learners = f"grids.{grid_name}", grid.learners and (*grid.learners, *unnamed)
                 for name, point in grid.points.items():
-                    changes = {
-                        f"{table}.axes.{axis}.{value}": grid.axes[axis][value]
-                        for axis, value in point.items()
-                    }
+                    changes: dict[str, Changes] = {table: grid}
+                    for axis, value in point.items():
+                        changes[f"{table}.axes.{axis}.{value}"] = grid.axes[axis][value]
                     axes = {"grid": grid_name, **point}
-                    changes = {table: grid, **changes}
                     yield Condition(f"{grid_name}/{name}", axes, changes, learners, grid.tuned_by)
         else:
             yield Condition("", {}, {})
@@ -591,9 +585,8 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         data = _read(base, (path, *extended_by))
         # What is said of the other's runs, question and algorithms need not be true here.
         texts = ["note", *(["report.question"] if "report" in data else [])]
-        texts += [
-            f"{key[:-9]}title" for key in extension.changes if re.match(r"algorithms\..*\.algorithm$", key)
-        ]
+        replaced = [key for key in extension.changes if re.match(r"algorithms\..*\.algorithm$", key)]
+        texts += [f"{key[:-9]}title" for key in replaced]
         changes = dict.fromkeys(texts, "") | {"description": extension.description} | extension.changes
         data = inputs.override(data, changes, str(path))
     if isinstance(data.get("report"), str):

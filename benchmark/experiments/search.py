@@ -143,11 +143,8 @@ def trials(name: str, space: Space, n: int) -> list[dict[str, object]]:
 
     seed = np.random.SeedSequence(int.from_bytes(hashlib.sha256(name.encode()).digest()))
     shares = qmc.Sobol(len(space), seed=np.random.default_rng(seed)).random_base2(int(n).bit_length())
-    drawn = [
-        {key: axis.at(share) for (key, axis), share in zip(space.items(), row, strict=True)}
-        for row in shares[:n].tolist()
-    ]
-    return [{}, *drawn]
+    rows = (zip(space, space.values(), row, strict=True) for row in shares[:n].tolist())
+    return [{}, *({key: axis.at(share) for key, axis, share in row} for row in rows)]
 
 
 class Finalist(Table):

@@ -97,6 +97,5 @@ def _input_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written: {error.strerror or error}; choose another folder with --results."
-        ) from error
+        advice = "choose another folder with --results"
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}; {advice}.") from error

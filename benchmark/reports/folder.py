@@ -110,10 +110,8 @@ class Folder:
             fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             if isinstance(error, FileNotFoundError):
                 fault = f"{Path(error.filename).name} is missing"
-            raise InputError(
-                f"{self.path / file}: damaged, or made by another version of this project ({fault}); make "
-                "these results again."
-            ) from error
+            what = f"damaged, or made by another version of this project ({fault})"
+            raise InputError(f"{self.path / file}: {what}; make these results again.") from error
 
 
 def write_manifest(path: Path, content: Mapping[str, Any]) -> None:

@@ -279,13 +279,8 @@ def _refuse(experiment: Experiment) -> NoReturn:
     raise InputError(f"{experiment.argument}: report: accepted: a report that can be drawn of an experiment.")
 
 
-_SPEED: Final = Item(
-    "speed",
-    "rates of this project and of common alternatives, from the same run",
-    is_measured=True,
-    show=_shown,
-    meanings=COLUMNS["speed"],
-)
+_ABOUT: Final = "rates of this project and of common alternatives, from the same run"
+_SPEED: Final = Item("speed", _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS["speed"])
 REPORT: Final = Report(
     name="speed",
     question="How fast is this project?",

@@ -51,9 +51,8 @@ def rendered(template: Path, known: Mapping[str, object]) -> str:
     try:
         return templates_in(template.parent).get_template(template.name).render(known)
     except Exception as error:  # whatever the template does, such as dividing by zero
-        lines = [
-            at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename == str(template)
-        ]
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == str(template)]
         line = getattr(error, "lineno", None) or [0, *lines][-1]
         reason = f"column {error} is missing" if isinstance(error, KeyError) else error
         raise InputError(f"{template}, line {line}: {reason}.") from error

@@ -97,19 +97,16 @@ def check(experiment: Experiment) -> None:
             unknown_name(f"{source}: report.baseline", "baseline", y, accepted)
         for x in decisive_learners(experiment) or ["LEARNER"]:
             if (x, y) not in reporting.contrasts:
-                raise InputError(
-                    f'{source}: report.contrasts: accepted: one that is ["{x}", "{y}"], since {y} is a '
-                    "baseline, which every deep learner of these contrasts has to beat."
-                )
+                why = f"{y} is a baseline, which every deep learner of these contrasts has to beat"
+                one = f'one that is ["{x}", "{y}"]'
+                raise InputError(f"{source}: report.contrasts: accepted: {one}, since {why}.")
     if {learner.family for learner in experiment.learners.values()} == {"planner"}:
         raise InputError(f"{source}: algorithms: accepted: at least one that is not a planner.")
     for population in experiment.populations:
         unit = getattr(population.first.settings, "budget_unit", "steps")
         if unit != "steps":
-            raise InputError(
-                f"{source}: algorithms.{population.learner.variant}.settings.budget_unit = {unit}: "
-                "accepted: steps, in which a comparison counts."
-            )
+            where = f"algorithms.{population.learner.variant}.settings.budget_unit = {unit}"
+            raise InputError(f"{source}: {where}: accepted: steps, in which a comparison counts.")
 
 
 def _pair(experiment: Experiment, key: str, x: str, y: str) -> Pair:

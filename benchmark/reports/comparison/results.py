@@ -189,11 +189,11 @@ def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
     if "scenario" not in tables.get("outcomes", ()):
         return {"": scenarios}
     outcome_of = figures.labelled(tables["outcomes"]).set_index("scenario")["outcome"]
-    groups = {
-        title: [name for name in scenarios if outcome_of.get(name) == outcome]
-        for outcome, title in _OUTCOMES.items()
-    }
-    return {title: names for title, names in groups.items() if names}
+    groups = dict[str, list[str]]()
+    for outcome, title in _OUTCOMES.items():
+        if names := [name for name in scenarios if outcome_of.get(name) == outcome]:
+            groups[title] = names
+    return groups
 
 
 @item(

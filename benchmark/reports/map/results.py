@@ -219,12 +219,10 @@ def unseen(runs: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
 
 def _numbered(tables: Iterable[tuple[Mapping[str, str], pd.DataFrame]]) -> pd.DataFrame | None:
     """Returns the rows of runs as one table, with their names and numbers, and NaN for infinite values."""
-    frames = [
-        pd.DataFrame(
-            {**names, "run": range(len(rows)), **rows.reset_index(drop=True).replace(np.inf, np.nan)}
-        )
-        for names, rows in tables
-    ]
+    frames = []
+    for names, rows in tables:
+        numbers = rows.reset_index(drop=True).replace(np.inf, np.nan)
+        frames.append(pd.DataFrame({**names, "run": range(len(rows)), **numbers}))
     return pd.concat(frames, ignore_index=True) if frames else None
 
 

@@ -19,9 +19,8 @@ def check(experiment: Experiment) -> None:
     source = experiment.argument
     first, *others = experiment.learners.values()
     if others or first.family != "tabular" or "record_every" not in first.algorithm.settings.model_fields:
-        raise InputError(
-            f"{source}: algorithms: a replication takes one: a table that records the maximum Q."
-        )
+        accepted = "one: a table that records the maximum Q"
+        raise InputError(f"{source}: algorithms: a replication takes {accepted}.")
     if experiment.declared.grids:
         raise InputError(f"{source}: grids: a replication takes readings alone.")
     if {*experiment.scenarios} != {*SCENARIOS}:
@@ -34,11 +33,10 @@ def check(experiment: Experiment) -> None:
         model, name = compile_scenario(population.scenario), population.scenario.name
         is_square = model.scenario.regions.target_radius is not None
         if not (model.has_cell_maps and len(model.starts) == 1 and is_square):
-            raise InputError(
-                f"{source}: scenarios: {name} ({population.condition.name}): in a replication the agent "
-                "observes its cell alone, there is one start and one phase, no wall, and the regions are "
-                "squares by their radii."
-            )
+            where = f"{source}: scenarios: {name} ({population.condition.name})"
+            needed = "the agent observes its cell alone, there is one start and one phase, no wall"
+            squares = "the regions are squares by their radii"
+            raise InputError(f"{where}: in a replication {needed}, and {squares}.")
 
 
 def is_of_paper(manifest: Mapping[str, Any]) -> bool:
@@ -46,10 +44,8 @@ def is_of_paper(manifest: Mapping[str, Any]) -> bool:
     paper = load_experiment("reproduce")
     runs = [each.first for each in paper.populations if each.condition.name == DEFAULT_CONDITION]
     scenes = {run.scenario.name: run.scenario.model_dump(mode="json") for run in runs}
-    found = {
-        name: {**scene, "description": scenes[name]["description"]}
-        for name, scene in manifest["scenarios"].items()
-    }
+    own = manifest["scenarios"].items()
+    found = {name: {**scene, "description": scenes[name]["description"]} for name, scene in own}
     (about,) = manifest["algorithms"].values()
     return (
         found == scenes

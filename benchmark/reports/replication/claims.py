@@ -63,11 +63,9 @@ def _ratios(
     measure: Callable[[Records, str], tuple[Samples, float]], groups: Sequence[Records], curve: str
 ) -> list[Part]:
     """Divides what is measured in the first scenario, and what is drawn of it, by that in each other."""
-    first, *others = ((agents.scenario, *measure(agents, curve)) for agents in groups)
-    return [
-        _resampled(f"{first[0]}/{name}", first[1] / samples, float(first[2] / drawn))
-        for name, samples, drawn in others
-    ]
+    (first, own, its), *others = ((agents.scenario, *measure(agents, curve)) for agents in groups)
+    ratios = ((f"{first}/{name}", own / samples, float(its / drawn)) for name, samples, drawn in others)
+    return [_resampled(*ratio) for ratio in ratios]
 
 
 @lru_cache(maxsize=64)
@@ -152,10 +150,8 @@ def _random_helps(groups: Sequence[Records], _: str) -> list[Part]:
     if error > 0:
         freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
         reach = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
-    return [
-        Part("mean map", s2[0] - s1[0], s2[1] - s1[2], s2[2] - s1[1]),
-        Part("own maps", difference, difference - reach, difference + reach, error),
-    ]
+    mean_map = Part("mean map", s2[0] - s1[0], s2[1] - s1[2], s2[2] - s1[1])
+    return [mean_map, Part("own maps", difference, difference - reach, difference + reach, error)]
 
 
 def _identifies(groups: Sequence[Records], _: str) -> list[Part]:

@@ -104,13 +104,8 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
     readings = {name: experiment.declared.readings[name].title or name for name in table["reading"].unique()}
     verdicts = weakest(table, "reading").set_index(["claim", "reading"])["verdict"]
     rows = [claim for claim in CLAIMS if claim.id in {*table["claim"]}]
-    cells = [
-        [
-            (_SIGNS[verdict], to_hex(_COLOURS[verdict]))
-            for verdict in (verdicts[claim.id, name] for name in readings)
-        ]
-        for claim in rows
-    ]
+    looks = {verdict: (_SIGNS[verdict], to_hex(_COLOURS[verdict])) for verdict in VERDICTS}
+    cells = [[looks[verdicts[claim.id, name]] for name in readings] for claim in rows]
     with figure_of(1, 1, (WIDTH, 0.3 * len(rows) + 1.1)) as (figure, axes):
         titles = [fill(title, 9) for title in readings.values()]
         draw_cells(axes[0, 0], cells, [claim.title for claim in rows], titles)
