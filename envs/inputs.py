@@ -5,6 +5,7 @@ and `parse` reads them.
 """
 
 import difflib
+import errno
 import json
 import re
 import tomllib
@@ -27,6 +28,7 @@ _MOST_MESSAGES: Final = 10
 _LONGEST_VALUE: Final = 80  # characters of a value that a message repeats
 _SHORTEST_LIST: Final = 40  # characters of accepted names that a message has room for
 _LONGEST_NAME: Final = 60  # characters of a name that is compared with others
+_LARGEST_FILE: Final = 20_000_000  # bytes
 
 _NAME_RULE: Final = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false or NA"
@@ -34,6 +36,8 @@ _NAME_RULE: Final = (
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 # Names that pandas or R would read as numbers, booleans or missing values.
 _VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
+# A key of many parts, for which the parser takes time that grows with the square of their number.
+_LONG_KEY: Final = re.compile(r"""(?<![\w-])((?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")
 # Control characters, among them line separators and those of writing direction.
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
@@ -154,10 +158,16 @@ def check_file_name(path: Path, what: str) -> None:
         raise InputError(f"{path}: {what} named after the file; accepted: {_NAME_RULE}.")
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Reads a TOML file; one that cannot be read raises an InputError."""
+def read_toml(path: Path, largest: int = _LARGEST_FILE) -> dict[str, Any]:
+    """Reads a TOML file of at most `largest` bytes; one that cannot be read raises an InputError."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        if path.stat().st_size > largest or not path.is_file():
+            raise OSError(errno.EFBIG, f"accepted: a file of at most {largest:,} bytes")
+        with path.open(encoding="utf-8") as file:
+            text = file.read(largest)  # files that the system makes up have no size, and perhaps no end
+        if _LONG_KEY.search(text):
+            raise ValueError("a key has too many parts")
+        data = tomllib.loads(text)
         json.dumps(data, default=str)  # as `parse` does
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error

@@ -138,16 +138,18 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) 
 
 def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
     """Yields which texts of measurements, and outside of folders, are not what the tables make."""
+    refused = list[str]()
     try:
         texts = {path: text for name in pages for path, text in page.texts(results, name)}
         if (results / page.SPEED / MANIFEST).is_file():  # which no experiment makes
             texts[results / page.SPEED / "README.md"] = document.Document(results / page.SPEED).readme()
-        texts |= leaderboard.texts(results) if None in pages else {}
+        texts |= leaderboard.texts(results, refused.append) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
             texts[sameness.REPOSITORY / "README.md"] = document.front(results)
     except InputError as error:  # a table of one of them is damaged
         yield str(error)
         return
+    yield from refused
     for path, text in texts.items():
         if path.exists() and path.read_bytes() != text.encode():
             yield f"{path}: different from what the tables make; 'report' writes it again."

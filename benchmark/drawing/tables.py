@@ -12,6 +12,7 @@ from typing import IO, Final
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 from tabulate import tabulate
 
 LINK: Final = re.compile(r"\[([^\[\]]*)\]\((\w+\.csv)#row=([\d;-]+)\)")  # text, file, rows
@@ -23,8 +24,11 @@ _SHOWN_DIGITS: Final = 3
 _START: Final = r"(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))"
 _FORMULA: Final = re.compile(rf"(^|;){_START}")
 _TEXT: Final = re.compile(rf"(^|;)'{_START}")
-# In Markdown: HTML, entities, escapes, formulas, and links other than to web pages and files.
-_ACTIVE: Final = re.compile(r"[<&](?=\S)|[\\$]|(?<=\])\((?!https?://[^\s()]+\)|[\w./#=;-]+\))")
+# In Markdown: HTML, links and images except of files here, definitions of links, and addresses, which become
+# links by themselves.
+_REMOTE: Final = re.compile(r"<(?=\S)|(?<=\])(?:\((?!(?!//)[\w./#=;-]+\))|:)|:(?=//)|(?<=[wW]{3})\.|@(?=\w)")
+# Besides: any link or image, entities, escapes and formulas.
+_ACTIVE: Final = re.compile(rf"(?<=\])\(|&(?=\S)|[\\$]|{_REMOTE.pattern}")
 # The start of a heading, quotation, list, rule, block of code or definition of a link.
 _BLOCK: Final = re.compile(r"^(\d*)([#>+=~-]|[*_](?=\s|[\s*_]*$)|`(?=``)|\[(?=.*\]:)|(?<=\d)[.)](?=\s|$))")
 
@@ -72,10 +76,13 @@ def read_csv(file: Path | IO[str]) -> pd.DataFrame:
 
 
 def to_markdown(frame: pd.DataFrame) -> str:
-    """Returns a Markdown table with three significant digits; texts may have `code` and *emphasis*."""
+    """Returns a Markdown table with three significant digits.
+
+    Texts may have `code` and *emphasis*; those that are `Markup` are Markdown as they are.
+    """
 
     def escaped(value: object) -> str:
-        return inert(show(value)).replace("|", "&#124;")
+        return value if isinstance(value, Markup) else inert(show(value)).replace("|", "&#124;")
 
     texts = [[escaped(value) for value in row] for row in frame.itertuples(index=False)]
     first = frame.iloc[0] if len(frame) else [""] * len(frame.columns)
@@ -85,19 +92,30 @@ def to_markdown(frame: pd.DataFrame) -> str:
 
 
 def paragraph(text: str) -> str:
-    r"""Returns a text as a paragraph of Markdown, with `code`, *emphasis* and links to web pages or files.
+    r"""Returns a text as a paragraph of Markdown, with `code` and *emphasis*.
 
-    Everything else appears as it is written and never becomes structure; within `code`, entities are visible.
+    Everything else appears as it is written and never becomes structure, a link or an image; within `code`,
+    entities are visible.
 
-    >>> print(paragraph("1. See [a](b.csv),\n# [c](javascript:d) & <img> in `S1`"))
-    1&#46; See [a](b.csv), # [c]&#40;javascript:d) & &#60;img> in `S1`
+    >>> print(paragraph("1. See [a](b.csv),\n# ![c](https://d.org) & <img> in `S1`"))
+    1&#46; See [a]&#40;b.csv), # ![c]&#40;https&#58;//d.org) & &#60;img> in `S1`
     """
     return _BLOCK.sub(lambda match: f"{match[1]}&#{ord(match[2])};", inert(text))
 
 
 def inert(text: str) -> str:
     """Returns a text in one line of Markdown, which becomes structure only at the start of a paragraph."""
-    return _ACTIVE.sub(lambda match: f"&#{ord(match[0])};", " ".join(text.split()))
+    return _ACTIVE.sub(_entity, " ".join(text.split()))
+
+
+def contained(markdown: str) -> str:
+    """Returns Markdown in which nothing but files in the repository is shown or linked."""
+    return _REMOTE.sub(_entity, markdown)
+
+
+def _entity(match: re.Match[str]) -> str:
+    joiner = "&#8288;" if match[0] == "@" else ""  # invisible: after a mere entity, addresses still are links
+    return f"&#{ord(match[0])};{joiner}"
 
 
 def show(value: object, decimals: int | None = None) -> str:
@@ -171,7 +189,7 @@ def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
         return text
     ranges = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     ends = (f"{lines[0]}-{lines[-1]}" if len(lines) > 1 else f"{lines[0]}" for lines in ranges)
-    return f"[{text}]({table}.csv#row={';'.join(ends)})"
+    return f"[{inert(text)}]({table}.csv#row={';'.join(ends)})"
 
 
 def plain(text: str) -> str:

@@ -7,6 +7,7 @@ counted as by RFC 7111.
 
 import base64
 import gzip
+import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +25,7 @@ from markupsafe import Markup
 from benchmark import __version__
 from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import in_dark, learner_style, svg
-from benchmark.drawing.tables import inert, plain
+from benchmark.drawing.tables import contained, inert, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.reports import explorer, files, prose, sameness
 from benchmark.reports.document import Document, templates_in
@@ -198,7 +199,7 @@ class _Part:
 
     def inline(self, text: str) -> Markup:
         """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
-        return self._html(self._parser.parseInline(text))
+        return self._html(self._parser.parseInline(contained(text)))
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links that lead from the page to files of the folder."""
@@ -268,7 +269,7 @@ def _slug(text: str) -> str:
 
 def _render(parts: Sequence[_Part]) -> str:
     templates = templates_in(_TEMPLATES, is_html=True)
-    templates.filters["slug"] = _slug
+    templates.filters |= {"slug": _slug, "digest": _digest}
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
     templates.globals |= {"inside": tables, "root": "results/" if parts[0].prefix else ""}
     for part in parts:
@@ -301,6 +302,10 @@ def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
 
 
+def _digest(text: str) -> str:
+    return f"'sha256-{_base64(hashlib.sha256(text.encode()).digest())}'"
+
+
 def _agents(folder: Folder) -> bytes:
     shown = json.loads(gzip.decompress((folder.path / explorer.FILE).read_bytes()))
     for agent in shown["agents"]:
@@ -325,6 +330,6 @@ def _scripts(name: str) -> dict[str, str]:
 def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        headline = (document or Document(path)).headline
-        return plain((headline or folder.manifest["description"]).partition("\n\n")[0])
+        headline = (document or Document(path)).headline or inert(folder.manifest["description"])
+        return contained(plain(headline.partition("\n\n")[0]))
     return ""
