@@ -149,7 +149,7 @@ def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
         try:
             submitted.append((f"[{path.stem}]({path.name})", checked(path)))
         except InputError as error:
-            refused(str(error))
+            refused(f"left out of the leaderboard: {error.args[0]}")
     for scenario in scenario_names():
         here = [(name, each) for name, each in submitted if each.scenario == scenario]
         here.sort(key=lambda pair: (-round(pair[1].success, _DECIMALS), -round(pair[1].score, _DECIMALS)))

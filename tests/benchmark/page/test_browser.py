@@ -112,7 +112,7 @@ def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_pag
     assert opened.page.locator("#step-text").inner_text() == "5,600 of 8,000"
     assert opened.panel("left", ".walked").inner_text() == "The agent is at row 0, column 0."
     opened.page.locator("#shown").select_option("difference")
-    opened.page.wait_for_function("location.hash.endsWith('difference')")
+    opened.wait_until("location.hash.endsWith('difference')")
     again = open_page(fragment=opened.page.evaluate("location.hash"))
     assert fills(again) == fills(opened)
     assert again.page.locator("#shown").input_value() == "difference"
@@ -128,7 +128,7 @@ def test_mistyped_address_is_taken_as_far_as_it_goes(open_page: Open) -> None:
 def test_address_is_followed_and_names_the_experiment(opened: Opened) -> None:
     agent = "room.a-table_b.index"
     opened.page.evaluate(f"location.hash = '#explorer={agent}.reproduce~{agent}.compare_deep~1600~ping'")
-    opened.page.wait_for_function("document.getElementById('step-text').textContent === '1,600 of 8,000'")
+    opened.wait_until("document.getElementById('step-text').textContent === '1,600 of 8,000'")
     for side, expected in (("left", "reproduce"), ("right", "compare_deep")):
         assert opened.panel(side, "select[name=experiment]").input_value() == expected
         source = opened.panel(side, ".about a.n").get_attribute("href")
@@ -186,7 +186,7 @@ def test_explorer_by_keyboard_alone(opened: Opened) -> None:
     assert opened.page.locator("#step-text").inner_text().startswith("0 of")
     opened.page.locator("#learn").focus()
     opened.page.keyboard.press("Enter")
-    opened.page.wait_for_function("document.getElementById('step').value >= 2")
+    opened.wait_until("document.getElementById('step').value >= 2")
     opened.page.keyboard.press("Enter")
     assert opened.page.locator("#learn").get_attribute("aria-pressed") == "false"
 
@@ -294,7 +294,7 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         assert greedy == names(contains(masks[observed][None])[0])
         assert_walks(opened, population, masks)
     # The address keeps the seed; one without seeds shows the first.
-    opened.page.wait_for_function(r"/^#explorer=S2\.ppo\.[^~]*\.1\.0~/.test(location.hash)")
+    opened.wait_until(r"/^#explorer=S2\.ppo\.[^~]*\.1\.0~/.test(location.hash)")
     address = opened.page.evaluate("location.hash")
     for fragment, seed in ((address, "1"), (address.replace(".1.0~", "~", 1), "0")):
         again = open_page(fragment=fragment)
@@ -412,7 +412,7 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
     opened.panel("left", menu).select_option(label="row 2, column 6")
     assert_at(2 * 12 + 6)
     # The address keeps it, and a walk starts from where episodes start with the person there.
-    opened.page.wait_for_function(f"location.hash.includes('.{places.index(2 * 12 + 6) * 5}~')")
+    opened.wait_until(f"location.hash.includes('.{places.index(2 * 12 + 6) * 5}~')")
     again = open_page(everything[0], opened.page.evaluate("location.hash"))
     assert again.panel("right", menu).input_value() == str(2 * 12 + 6)
     assert "The agent is at row 0, column 0." in again.panel("left", ".walked").inner_text()
@@ -480,7 +480,7 @@ def box_of(opened: Opened, selector: str) -> dict[str, float]:
 
 def test_published_page_answers_at_once_and_is_short(open_page: Open, published: Path) -> None:
     opened = open_page(published, viewport={"width": 1366, "height": 768})
-    opened.page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
+    opened.wait_until("performance.getEntriesByName('first-contentful-paint').length")
     boxes = [box_of(opened, part) for part in ("nav", "h1", ".answer li:nth-child(3)", "#finding img")]
     assert boxes[0]["y"] < boxes[1]["y"] < boxes[2]["y"]
     assert all(0 <= box["x"] <= box["x"] + box["width"] <= 1366 for box in boxes)
@@ -512,7 +512,7 @@ def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
         opened.page.set_viewport_size({"width": each, "height": 844})
         assert opened.page.evaluate("document.documentElement.scrollWidth") == each  # nothing sticks out
         cut = "document.querySelector('figure > .cut') !== null"  # the figures are 576 wide
-        opened.page.wait_for_function(f"({cut}) === {str(each < 576).lower()}")
+        opened.wait_until(f"({cut}) === {str(each < 576).lower()}")
     opened.unfold("#explorer details, #report-compare_deep details")  # the other reports are the same
     assert opened.page.evaluate("document.documentElement.scrollWidth") == width
     opened.walk(1)
