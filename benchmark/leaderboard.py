@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -29,7 +28,6 @@ from envs.scenario import scenario_names
 _HEAD: Final = "# Made by python -m benchmark assess --submit. Keys above scenario are declared, not checked."
 _TOLERANCE: Final = 1e-9  # of probabilities and scores
 _DECIMALS: Final = 12  # of scores and successes that count
-_SAME_DECIMALS: Final = 6  # of probabilities, in which the same policies agree
 _LARGEST_FILE: Final = 2_000_000  # bytes: 250,000 numbers of a policy, and 2,000 rows with all digits
 _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
 
@@ -139,28 +137,27 @@ def _computed(assessment: Assessment) -> dict[str, Any]:
 
 
 def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
-    """Returns the README of the leaderboard in a folder of results, by its path; empty without any file.
-
-    A file that is refused is left out, and `refused` is called with a sentence on it.
-    """
-    folder, shown, submitted = results / "leaderboard", dict[str, str](), list[tuple[str, Submission]]()
-    paths = sorted(folder.glob("[!.]*.toml"))
-    for path in paths:
+    """Returns the README in a folder of results, by its path; `refused` gets a sentence on each bad file."""
+    folder, shown, submitted = results / "leaderboard", dict[str, str](), list[tuple[str, Submission, str]]()
+    for path in (paths := sorted(folder.glob("[!.]*.toml"))):
         try:
-            submitted.append((f"[{path.stem}]({path.name})", checked(path)))
+            each = checked(path)
+            submitted.append((f"[{path.stem}]({path.name})", each, _behaviour(each)))
         except InputError as error:
             refused(f"left out of the leaderboard: {error.args[0]}")
     for scenario in scenario_names():
-        here = [(name, each) for name, each in submitted if each.scenario == scenario]
-        here.sort(key=lambda pair: (-round(pair[1].success, _DECIMALS), -round(pair[1].score, _DECIMALS)))
-        scores, successes = (_texts([getattr(each, key) for _, each in here]) for key in ("score", "success"))
-        rows, same = [], dict[str, list[str]]()
-        for name, each in here:
-            same.setdefault(_behaviour(each), []).append(name)
-        for (name, each), score, success in zip(here, scores, successes, strict=True):
-            others = [f"same policy as {other}" for other in same[_behaviour(each)] if other != name]
-            row = {
-                "name": Markup(", ".join([name, *others])),
+        here = [entry for entry in submitted if entry[1].scenario == scenario]
+        here.sort(key=lambda entry: (-round(entry[1].success, _DECIMALS), -round(entry[1].score, _DECIMALS)))
+        scores, successes = (
+            _texts([getattr(each, key) for _, each, _ in here]) for key in ("score", "success")
+        )
+        rows = [
+            {
+                "name": Markup(
+                    ", same policy as ".join(
+                        [name, *(other for other, _, its in here if its == does and other != name)]
+                    )
+                ),
                 "learner": each.learner,
                 "observation": each.observation,
                 "score": score,
@@ -168,21 +165,21 @@ def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
                 "declared training steps": f"{each.training_steps:,}",
                 "declared search trials": f"{each.search_trials:,}",
             }
-            rows.append(row)
+            for (name, each, does), score, success in zip(here, scores, successes, strict=True)
+        ]
         shown |= {scenario: to_markdown(pd.DataFrame(rows))} if rows else {}
     text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=shown)
     return {folder / "README.md": text} if paths else {}
 
 
-@cache
 def _behaviour(submission: Submission) -> str:
     """Returns a digest of what a policy does in the states that it reaches, whatever it observes."""
     model = compile_seen(load_scenario(submission.scenario), submission.observation)
-    policy = np.array(submission.rows)[list(submission.policy)].round(_SAME_DECIMALS) + 0.0
+    policy = np.array(submission.rows)[list(submission.policy)].round(6) + 0.0
     is_reached, new = np.zeros(len(model.observation), bool), model.starts
     while new.size:
         is_reached[new] = True
-        is_taken = (policy[model.observation[new]] > 0) & ~model.terminated[new]  # (new states, A)
+        is_taken = (policy[model.observation[new]] > 0) & ~model.terminated[new]
         after = model.next_state[new][is_taken[:, :, None] & (model.probability[new] > 0)]
         new = np.unique(after[~is_reached[after]])
     return hashlib.sha256(policy[model.observation] * is_reached[:, None]).hexdigest()

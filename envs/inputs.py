@@ -5,7 +5,6 @@ and `parse` reads them.
 """
 
 import difflib
-import errno
 import json
 import re
 import tomllib
@@ -28,7 +27,6 @@ _MOST_MESSAGES: Final = 10
 _LONGEST_VALUE: Final = 80  # characters of a value that a message repeats
 _SHORTEST_LIST: Final = 40  # characters of accepted names that a message has room for
 _LONGEST_NAME: Final = 60  # characters of a name that is compared with others
-_LARGEST_FILE: Final = 20_000_000  # bytes
 
 _NAME_RULE: Final = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false or NA"
@@ -158,14 +156,12 @@ def check_file_name(path: Path, what: str) -> None:
         raise InputError(f"{path}: {what} named after the file; accepted: {_NAME_RULE}.")
 
 
-def read_toml(path: Path, largest: int = _LARGEST_FILE) -> dict[str, Any]:
+def read_toml(path: Path, largest: int = 20_000_000) -> dict[str, Any]:
     """Reads a TOML file of at most `largest` bytes; one that cannot be read raises an InputError."""
     try:
         if path.stat().st_size > largest or not path.is_file():
-            raise OSError(errno.EFBIG, f"accepted: a file of at most {largest:,} bytes")
-        with path.open(encoding="utf-8") as file:
-            text = file.read(largest)  # files that the system makes up have no size, and perhaps no end
-        if _LONG_KEY.search(text):
+            raise OSError(0, f"accepted: a file of at most {largest:,} bytes")
+        if _LONG_KEY.search(text := path.read_text(encoding="utf-8")):
             raise ValueError("a key has too many parts")
         data = tomllib.loads(text)
         json.dumps(data, default=str)  # as `parse` does

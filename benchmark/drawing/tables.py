@@ -24,11 +24,10 @@ _SHOWN_DIGITS: Final = 3
 _START: Final = r"(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))"
 _FORMULA: Final = re.compile(rf"(^|;){_START}")
 _TEXT: Final = re.compile(rf"(^|;)'{_START}")
-# In Markdown: HTML, links and images except of files here, definitions of links, and addresses, which become
-# links by themselves.
+# In Markdown: HTML, links and images but for files here, definitions of links, and addresses (also links).
 _REMOTE: Final = re.compile(r"<(?=\S)|(?<=\])(?:\((?!(?!//)[\w./#=;-]+\))|:)|:(?=//)|(?<=[wW]{3})\.|@(?=\w)")
-# Besides: any link or image, entities, escapes and formulas.
-_ACTIVE: Final = re.compile(rf"(?<=\])\(|&(?=\S)|[\\$]|{_REMOTE.pattern}")
+_ACTIVE: Final = re.compile(rf"(?<=\])\(|&(?=\S)|[\\$]|{_REMOTE.pattern}")  # all links, entities, formulas
+_ENTITIES: Final = {each: f"&#{ord(each)};" for each in "<&\\$(:."} | {"@": "@&#8288;"}  # a joiner of words
 # The start of a heading, quotation, list, rule, block of code or definition of a link.
 _BLOCK: Final = re.compile(r"^(\d*)([#>+=~-]|[*_](?=\s|[\s*_]*$)|`(?=``)|\[(?=.*\]:)|(?<=\d)[.)](?=\s|$))")
 
@@ -76,10 +75,7 @@ def read_csv(file: Path | IO[str]) -> pd.DataFrame:
 
 
 def to_markdown(frame: pd.DataFrame) -> str:
-    """Returns a Markdown table with three significant digits.
-
-    Texts may have `code` and *emphasis*; those that are `Markup` are Markdown as they are.
-    """
+    """Returns a Markdown table with three digits; texts have `code` and *emphasis*, `Markup` also links."""
 
     def escaped(value: object) -> str:
         return value if isinstance(value, Markup) else inert(show(value)).replace("|", "&#124;")
@@ -94,8 +90,7 @@ def to_markdown(frame: pd.DataFrame) -> str:
 def paragraph(text: str) -> str:
     r"""Returns a text as a paragraph of Markdown, with `code` and *emphasis*.
 
-    Everything else appears as it is written and never becomes structure, a link or an image; within `code`,
-    entities are visible.
+    All else appears as it is written and is no structure, link or image; within `code`, entities are visible.
 
     >>> print(paragraph("1. See [a](b.csv),\n# ![c](https://d.org) & <img> in `S1`"))
     1&#46; See [a]&#40;b.csv), # ![c]&#40;https&#58;//d.org) & &#60;img> in `S1`
@@ -105,17 +100,12 @@ def paragraph(text: str) -> str:
 
 def inert(text: str) -> str:
     """Returns a text in one line of Markdown, which becomes structure only at the start of a paragraph."""
-    return _ACTIVE.sub(_entity, " ".join(text.split()))
+    return _ACTIVE.sub(lambda match: _ENTITIES[match[0]], " ".join(text.split()))
 
 
 def contained(markdown: str) -> str:
-    """Returns Markdown in which nothing but files in the repository is shown or linked."""
-    return _REMOTE.sub(_entity, markdown)
-
-
-def _entity(match: re.Match[str]) -> str:
-    joiner = "&#8288;" if match[0] == "@" else ""  # invisible: after a mere entity, addresses still are links
-    return f"&#{ord(match[0])};{joiner}"
+    """Returns Markdown in which nothing but files of the repository is shown or linked."""
+    return _REMOTE.sub(lambda match: _ENTITIES[match[0]], markdown)
 
 
 def show(value: object, decimals: int | None = None) -> str:

@@ -38,7 +38,7 @@ SPEED: Final = "speed"  # the folder with measurements of this project, at the e
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
-_ESCAPED: Final = "%#&'\n"  # in an address in single quotes
+_ESCAPED: Final = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
 _MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
@@ -257,10 +257,9 @@ class _Part:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
         drawn = (self.folder.path / self.folder.figure(item.name)).read_text(encoding="utf-8")
         width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
-        for character in _ESCAPED:
-            drawn = drawn.replace(character, quote(character))
+        address = Markup(f"svg+xml,{drawn.translate(_ESCAPED)}")
         texts = {"caption": self.inline(item.caption), "alt": item.caption}
-        return {**texts, "address": Markup(f"svg+xml,{drawn}"), "width": width, "height": height}
+        return {**texts, "address": address, "width": width, "height": height}
 
 
 def _slug(text: str) -> str:
@@ -269,7 +268,8 @@ def _slug(text: str) -> str:
 
 def _render(parts: Sequence[_Part]) -> str:
     templates = templates_in(_TEMPLATES, is_html=True)
-    templates.filters |= {"slug": _slug, "digest": _digest}
+    templates.filters["slug"] = _slug
+    templates.filters["sha256"] = lambda text: _base64(hashlib.sha256(text.encode()).digest())
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
     templates.globals |= {"inside": tables, "root": "results/" if parts[0].prefix else ""}
     for part in parts:
@@ -300,10 +300,6 @@ def _render(parts: Sequence[_Part]) -> str:
 
 def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
-
-
-def _digest(text: str) -> str:
-    return f"'sha256-{_base64(hashlib.sha256(text.encode()).digest())}'"
 
 
 def _agents(folder: Folder) -> bytes:

@@ -51,8 +51,7 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
     Raises:
       InputError: There is nothing to show, or the folder has something else.
     """
-    is_new = not site.exists() or (site.is_dir() and not any(site.iterdir()))
-    if not (is_new or (site / _MARK).is_file()):
+    if not (site / _MARK).is_file() and (site.is_file() or any(site.glob("*"))):
         raise InputError(f"SITE={site}: it is no site; accepted: a new folder, or a site made before.")
     build.write(results)
     site.mkdir(parents=True, exist_ok=True)

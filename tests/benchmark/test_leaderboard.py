@@ -78,7 +78,11 @@ def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> 
         (r"rows = \[\[0\.0", "rows = [[nan", "rows.0.0 = NaN: "),
         (r"rows = \[\[0\.0", "rows = [[-1e-12", "rows.0 = [-1e-12, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
         (r"rows = \[\[0\.0", "rows = [[-0.0", "rows.0 = [-0.0, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
-        (r"rows = \[\[0\.0, 0\.0", "rows = [[-1e300, 1e300", "rows.0 = [-1e+300, 1e+300, 0.0, 0.0, 1.0]: acc"),
+        (
+            r"rows = \[\[0\.0, 0\.0",
+            "rows = [[-1e300, 1e300",
+            "rows.0 = [-1e+300, 1e+300, 0.0, 0.0, 1.0]: acc",
+        ),
         (r"rows = \[\[0\.0", "rows = [[1.1e-9", "rows.0 = [1.1e-09, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
         ("score = ", f"{'a.' * 100_000}b = 1\nscore = ", "not valid TOML: a key has too many parts"),
         (r"rows = \[\[0\.0, ", "rows = [[", "rows.0 = [0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
@@ -146,9 +150,17 @@ def test_highest_success_is_first_and_text_stays_text(made: Path, tmp_path: Path
     assert "| by &#124; hand |" in rows[1]
 
 
-def test_success_comes_before_scores_and_both_are_exact(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_success_comes_before_scores_and_both_are_exact(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A hidden file is not read: it would not be found among these."""
-    scores = {"a": (0.999996, 1.0), "b": (0.7, 0.2), "c": (0.5, 0.9), "d": (1.0, 1.0), "e": (0.5 + 1e-11, 0.9)}
+    scores = {
+        "a": (0.999996, 1.0),
+        "b": (0.7, 0.2),
+        "c": (0.5, 0.9),
+        "d": (1.0, 1.0),
+        "e": (0.5 + 1e-11, 0.9),
+    }
     one, folder = checked(made), tmp_path / "leaderboard"
     folder.mkdir()
     for name in (*scores, ".hidden"):
@@ -178,7 +190,9 @@ def test_bad_files_are_left_out_by_name_without_waiting(
     refused = list[str]()
     text = texts(tmp_path, refused.append)[folder / "README.md"]
     assert re.findall(r"^\| \[(.*?)\]", text, re.MULTILINE) == ["good"]
-    lines = [re.fullmatch(rf"left out of the leaderboard: {folder}/(.*?\.toml): .*\.", line) for line in refused]
+    lines = [
+        re.fullmatch(rf"left out of the leaderboard: {folder}/(.*?\.toml): .*\.", line) for line in refused
+    ]
     assert sorted(line[1] for line in lines if line) == sorted(bad)
     assert main(["report", "--results", str(tmp_path)]) == 0
     assert capsys.readouterr().err.splitlines() == refused

@@ -5,6 +5,7 @@ import re
 import shutil
 import tomllib
 from pathlib import Path
+from unittest.mock import Mock
 from urllib.parse import unquote
 
 import pytest
@@ -109,6 +110,24 @@ def test_site_deletes_nothing_else(place: str, tmp_path: Path) -> None:
         site.write(tmp_path / "results", tmp_path / place)
     assert (tmp_path / "results" / "reproduce" / "manifest.json").exists()
     assert (tmp_path / "notes" / "mine.txt").exists()
+
+
+def test_interrupted_site_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(RESULTS / "reproduce", tmp_path / "results" / "reproduce")
+    (tmp_path / "site").mkdir()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "mine.txt").touch()
+    for place, name in ((shutil, "copytree"), (shutil, "copy"), (Path, "mkdir"), (Path, "write_text")) * 2:
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(build, "write", lambda _: None)
+            patch.setattr(place, name, Mock(side_effect=KeyboardInterrupt))
+            site.write(tmp_path / "results", tmp_path / "site", ["envs.words"])
+        (tmp_path / "site" / "link").symlink_to(tmp_path / "other")
+    build.write(tmp_path / "results")
+    site.write(tmp_path / "results", tmp_path / "site", ["envs.words"])
+    assert (tmp_path / "site" / "index.html").is_file()
+    assert not (tmp_path / "site" / "link").exists()
+    assert (tmp_path / "other" / "mine.txt").exists()
 
 
 def test_pages_of_the_site_fit_a_phone(built: Path, browser: Browser) -> None:
