@@ -138,36 +138,33 @@ def _computed(assessment: Assessment) -> dict[str, Any]:
 
 def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
     """Returns the README in a folder of results, by its path; `refused` gets a sentence on each bad file."""
-    folder, shown, submitted = results / "leaderboard", dict[str, str](), list[tuple[str, Submission, str]]()
+    folder, entries, shown = results / "leaderboard", list[dict[str, object]](), dict[object, str]()
     for path in (paths := sorted(folder.glob("[!.]*.toml"))):
         try:
             each = checked(path)
-            submitted.append((f"[{path.stem}]({path.name})", each, _behaviour(each)))
         except InputError as error:
             refused(f"left out of the leaderboard: {error.args[0]}")
-    for scenario in scenario_names():
-        here = [entry for entry in submitted if entry[1].scenario == scenario]
-        here.sort(key=lambda entry: (-round(entry[1].success, _DECIMALS), -round(entry[1].score, _DECIMALS)))
-        scores, successes = (
-            _texts([getattr(each, key) for _, each, _ in here]) for key in ("score", "success")
-        )
-        rows = [
-            {
-                "name": Markup(
-                    ", same policy as ".join(
-                        [name, *(other for other, _, its in here if its == does and other != name)]
-                    )
-                ),
-                "learner": each.learner,
-                "observation": each.observation,
-                "score": score,
-                "success": success,
-                "declared training steps": f"{each.training_steps:,}",
-                "declared search trials": f"{each.search_trials:,}",
-            }
-            for (name, each, does), score, success in zip(here, scores, successes, strict=True)
-        ]
-        shown |= {scenario: to_markdown(pd.DataFrame(rows))} if rows else {}
+            continue
+        row = {
+            "scenario": each.scenario,
+            "behaviour": _behaviour(each),
+            "name": f"[{path.stem}]({path.name})",
+            "learner": each.learner,
+            "observation": each.observation,
+            "score": round(each.score, _DECIMALS),
+            "success": round(each.success, _DECIMALS),
+            "declared training steps": f"{each.training_steps:,}",
+            "declared search trials": f"{each.search_trials:,}",
+        }
+        entries.append(row)
+    for scenario, rows in pd.DataFrame(entries).groupby("scenario") if entries else ():
+        here = rows.sort_values(["success", "score"], ascending=False, kind="stable")
+        names = []
+        for name, behaviour in zip(here["name"], here["behaviour"], strict=True):
+            others = here["name"][(here["behaviour"] == behaviour) & (here["name"] != name)]
+            names.append(Markup(", same policy as ".join([name, *others])))
+        here = here.assign(name=names, score=_texts([*here["score"]]), success=_texts([*here["success"]]))
+        shown[scenario] = to_markdown(here.drop(columns=["scenario", "behaviour"]))
     text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=shown)
     return {folder / "README.md": text} if paths else {}
 
