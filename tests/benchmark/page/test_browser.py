@@ -23,6 +23,7 @@ from benchmark.analysis.walk import CIRCLE, HORIZON, walk
 from benchmark.drawing.tables import read_csv, write_csv
 from benchmark.page import build
 from benchmark.reports import explorer
+from benchmark.reports.document import Document
 from benchmark.reports.folder import MANIFEST
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
@@ -30,6 +31,7 @@ from envs.scenario import ScenarioLike
 from envs.scene import COLOUR_MAP, colour_limits
 from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Learners, Open, Opened, rows_of
 from tests.benchmark.populations import population as blank
+from tests.support import markdown_parser
 
 Everything = tuple[Path, dict[str, Records]]  # a folder, and the runs there by scenario
 Explore = Callable[..., tuple[Opened, Records]]
@@ -475,79 +477,54 @@ def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> Non
     assert opened.page.locator("dialog[open] tbody tr").count() > 0
 
 
-HOSTILE = """</script><script>hit = 1</script><img src=x onerror="hit = 1"><svg onload="hit = 1"> ' " onclick="hit = 1"
-![a](https://h.invalid/a) [b](javascript:hit=1) [c](https://h.invalid/c) <https://h.invalid> https://h.invalid
-<style>* { background: url(https://h.invalid/e) }</style> {{ 7 * 7 }} <base href="https://h.invalid"> # heading"""
-INSIDE = """<script>hit = 1</script><image href="https://h.invalid/f"/><foreignObject><iframe
+HOSTILE = """</script><script>hit = 1</script><img src=x onerror="hit = 1"><svg onload="hit = 1"> ' " on="
+![a](https://h.invalid/a) [b](javascript:hit=1) [c](https://h.invalid/c) <https://h.invalid> www.h.invalid
+<style>* { background: url(https://h.invalid/e) }</style> {{ 7 * 7 }} <base href="https://h.invalid">"""
+DRAWN = """<script>hit = 1</script><image href="https://h.invalid/f"/><foreignObject><iframe
 xmlns="http://www.w3.org/1999/xhtml" src="https://h.invalid/g"/></foreignObject></svg>"""
-TEXTS = (
-    "title",
-    "description",
-    "note",
-    "question",
-    "command",
-    "partial",
-    "machines",
-    "commits",
-    "processors",
-)
+TEXTS = {"title", "description", "note", "question", "command", "partial"}
 
 
-def hostile(value: object, key: str = "") -> object:
-    """Returns a value of a manifest with hostile texts wherever anything can be written."""
-    if isinstance(value, dict):
-        names = {name: HOSTILE if key == "scenarios" else name for name in value}
-        return {names[name]: hostile(inner, name) for name, inner in value.items()}
-    if isinstance(value, list):
-        return [hostile(inner, key) for inner in value]
-    return HOSTILE if key in TEXTS else value
+def hostile(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    return {key: HOSTILE if key in TEXTS else value for key, value in pairs}
 
 
-def test_hostile_results_run_nothing_and_ask_for_nothing(
-    results: Path, tmp_path: Path, open_page: Open
-) -> None:
-    for folder in (
-        shutil.copytree(results / name, tmp_path / name) for name in ("compare_deep", "reproduce")
-    ):
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        (folder / MANIFEST).write_text(json.dumps(hostile(manifest)), encoding="utf-8")
+def test_hostile_results_run_nothing_and_ask_for_nothing(made: Path, tmp_path: Path, open_page: Open) -> None:
+    for name in ("compare_deep", "mine"):
+        folder = shutil.copytree(made, tmp_path / name)
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"), object_pairs_hook=hostile)
+        manifest["scenarios"][HOSTILE] = manifest["scenarios"]["room"]
+        (folder / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
         frame = read_csv(folder / "summary.csv").assign(remark=HOSTILE, verdict=HOSTILE, scenario=HOSTILE)
         write_csv(frame, folder / "summary.csv")
         for figure in folder.glob("*.svg"):
             drawn = figure.read_text(encoding="utf-8")
-            figure.write_text(drawn.replace("</svg>", INSIDE), encoding="utf-8")
-        build.write(tmp_path, folder.name)
-    for place in (tmp_path, tmp_path / "compare_deep", tmp_path / "reproduce"):
-        if (place / "index.html").exists():
-            opened = open_page(place)
-            opened.unfold()
-            assert opened.page.evaluate("typeof hit") == "undefined"
-            links = opened.page.evaluate("[...document.links].map((link) => link.href)")
-            assert {link for link in links if not link.startswith("file:")} == {
-                "https://arxiv.org/abs/2108.03730"
-            }
-            assert opened.page.get_by_text("{{ 7 * 7 }}").count() > 10
+            figure.write_text(drawn.replace("</svg>", DRAWN), encoding="utf-8")
+        opened = open_page(build.write(tmp_path, name).parent)
+        opened.unfold()
+        assert opened.page.evaluate("typeof hit") == "undefined"
+        assert opened.page.get_by_text("{{ 7 * 7 }}").count() > 10
+        links = {*opened.page.evaluate("[...document.links].map((link) => link.href)")}
+        assert [link for link in links if not link.startswith("file:")] == [
+            "https://arxiv.org/abs/2108.03730"
+        ]
+        readme = Document(folder).readme()
+        assert "://" not in readme
+        active = r"<(script|style|base|img(?! src=.\w+\.svg))|(src|href)=.\w+:"
+        assert not re.search(active, markdown_parser().render(readme))
 
 
-def test_page_forbids_scripts_and_requests_but_its_own(results: Path, browser: Browser) -> None:
-    opened = Opened(browser, results, "")
-    found = opened.page.evaluate("""async () => {
-        document.body.insertAdjacentHTML("beforeend", `<img src="https://h.invalid/a"><img src=x onerror="hit = 1">
-          <iframe src="https://h.invalid/b"></iframe><link rel="stylesheet" href="https://h.invalid/c">
-          <form action="https://h.invalid/d"></form><style>* { color: red }</style>
-          <a href="javascript:hit = 1">e</a>`);
-        document.links[document.links.length - 1].click();
-        document.forms[document.forms.length - 1].submit();
-        const script = document.createElement("script");
-        script.textContent = "hit = 1";
-        document.body.append(script);
-        await fetch("https://h.invalid/f").catch(() => null);
-        await new Promise((done) => setTimeout(done, 500));
-        return typeof hit;
-    }""")
-    assert found == "undefined"
-    assert not [url for url in opened.requested if "h.invalid" in url]
+def test_page_lets_no_script_or_request_pass_but_its_own(results: Path, browser: Browser) -> None:
+    opened, failed = Opened(browser, results, ""), set[str | None]()
+    opened.page.on("requestfailed", lambda request: failed.add(request.failure))
+    opened.page.evaluate("""() => document.body.insertAdjacentHTML("beforeend", `
+        <img src="https://h.invalid/a"><img src="data:," onerror="hit = 1"><a href="javascript:hit = 1">b</a>
+        <iframe src="https://h.invalid/c"></iframe><link rel="stylesheet" href="https://h.invalid/d">
+        <form action="https://h.invalid/e"></form><style>* { color: red }</style>`)""")
+    opened.page.evaluate("[...document.links].at(-1).click(), [...document.forms].at(-1).submit()")
+    opened.page.evaluate("fetch('https://h.invalid/f').catch(() => null)")
     assert sum("Content Security Policy" in message for message in opened.messages) >= 8
+    assert (failed, opened.page.evaluate("typeof hit")) == ({"csp"}, "undefined")
     opened.page.close()
 
 
