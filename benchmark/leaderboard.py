@@ -179,7 +179,7 @@ def _behaviour(submission: Submission) -> str:
         is_taken = (policy[model.observation[new]] > 0) & ~model.terminated[new]
         after = model.next_state[new][is_taken[:, :, None] & (model.probability[new] > 0)]
         new = np.unique(after[~is_reached[after]])
-    return hashlib.sha256(policy[model.observation] * is_reached[:, None]).hexdigest()
+    return hashlib.sha256((policy[model.observation] * is_reached[:, None]).data).hexdigest()
 
 
 def _texts(values: list[float]) -> list[str]:

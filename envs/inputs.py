@@ -162,7 +162,7 @@ def read_toml(path: Path, largest: int = 20_000_000) -> dict[str, Any]:
         if path.stat().st_size > largest or not path.is_file():
             raise OSError(0, f"accepted: a file of at most {largest:,} bytes")
         if _LONG_KEY.search(text := path.read_text(encoding="utf-8")):
-            raise ValueError("a key has too many parts")
+            raise RecursionError("maximum recursion depth exceeded by a key")
         data = tomllib.loads(text)
         json.dumps(data, default=str)  # as `parse` does
     except OSError as error:

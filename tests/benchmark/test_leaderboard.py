@@ -84,7 +84,7 @@ def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> 
             "rows.0 = [-1e+300, 1e+300, 0.0, 0.0, 1.0]: acc",
         ),
         (r"rows = \[\[0\.0", "rows = [[1.1e-9", "rows.0 = [1.1e-09, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
-        ("score = ", f"{'a.' * 100_000}b = 1\nscore = ", "not valid TOML: a key has too many parts"),
+        ("score = ", f"{'a.' * 100_000}b = 1\nscore = ", "not valid TOML: maximum recursion depth"),
         (r"rows = \[\[0\.0, ", "rows = [[", "rows.0 = [0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
         (r"rows = .*", "rows = []", "rows = []: "),
         ('scenario = "S1"', 'scenario = "S9"', "unknown scenario S9; accepted: "),
@@ -184,7 +184,7 @@ def test_bad_files_are_left_out_by_name_without_waiting(
     (folder / "nowhere.toml").symlink_to("nowhere")
     (folder / "large.toml").write_bytes(b"#" * 2_000_001)
     (folder / "empty.toml").touch()
-    for name in ("good", "Twin", "twin", "caf\u00e9", "cafe\u0301"):
+    for name in ("good", "Twin", "twin", "\u00e9", "e\u0301"):
         shutil.copy(made, folder / f"{name}.toml")
     bad = {path.name for path in folder.glob("*.toml")} - {"good.toml"}
     refused = list[str]()

@@ -95,7 +95,7 @@ def test_no_text_in_a_csv_file_is_a_formula_and_all_are_read_back(
         "[a](<data:b>)",
         "![a](data:b)", "[a]( vbscript:b)", "[a](\njavascript:b)", r"[a\]](javascript:b)", "[a](b:c)",
         "![a](https://b.org/c.png)", "![a](b.svg)", "[a](b.csv)", "[a](//b.org)", "[![a](https://b.org)](c.csv)",
-        "<https://b.org>", "https://b.org", "HTTP://b.org", "www.b.org", "a@b.org", "mailto:a@b.org", "@a", "#1",
+        "<https://b.org>", "https://b.org", "HTTP://b.org", "www.b.org", "a@b.org", "mailto:a@b.org", "@a",
         "$x$", r"$$\frac$$", r"a \ b", r"\`<b>`", "`` ` `` <b> ` x", "*** a",
     ],
 )  # fmt: skip
