@@ -24,7 +24,7 @@ from benchmark.drawing.tables import read_csv, write_csv
 from benchmark.page import build
 from benchmark.reports import explorer
 from benchmark.reports.document import Document
-from benchmark.reports.folder import MANIFEST
+from benchmark.reports.folder import MANIFEST, write_manifest
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from envs.scenario import ScenarioLike
@@ -497,12 +497,12 @@ def test_hostile_results_run_nothing_and_ask_for_nothing(made: Path, tmp_path: P
         folder = shutil.copytree(made, tmp_path / name)
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"), object_pairs_hook=hostile)
         manifest["scenarios"][HOSTILE] = manifest["scenarios"]["room"]
-        (folder / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
         frame = read_csv(folder / "summary.csv").assign(remark=HOSTILE, verdict=HOSTILE, scenario=HOSTILE)
         write_csv(frame, folder / "summary.csv")
         for figure in folder.glob("*.svg"):
             drawn = figure.read_text(encoding="utf-8")
             figure.write_text(drawn.replace("</svg>", DRAWN), encoding="utf-8")
+        write_manifest(folder, manifest | ({} if name == "mine" else {"experiment": name}))
         opened = open_page(build.write(tmp_path, name).parent)
         opened.unfold()
         assert opened.page.evaluate("typeof hit") == "undefined"
