@@ -6,11 +6,13 @@ A file holds the policy as a table over observations, so nothing is trained or l
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 from pydantic import AfterValidator, Field
 
 from agents.dynamic_programming import evaluate
@@ -25,12 +27,14 @@ from envs.scenario import scenario_names
 
 _HEAD: Final = "# Made by python -m benchmark assess --submit. Keys above scenario are declared, not checked."
 _TOLERANCE: Final = 1e-9  # of probabilities and scores
-_DECIMALS: Final = 9  # of scores and probabilities that count
+_DECIMALS: Final = 12  # of scores and successes that count
+_LARGEST_FILE: Final = 2_000_000  # bytes: 250,000 numbers of a policy, and 2,000 rows with all digits
 _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
 
 
 def _distribution(row: tuple[float, ...]) -> tuple[float, ...]:
-    if not (len(row) == len(ACTIONS) and min(row) >= 0 and abs(math.fsum(row) - 1) <= _TOLERANCE):
+    is_positive = all(math.copysign(1, p) > 0 for p in row)  # -0.0 is not
+    if not (len(row) == len(ACTIONS) and is_positive and abs(sum(row) - 1) <= _TOLERANCE / 2):
         raise ValueError(f"accepted: {len(ACTIONS)} probabilities that sum to one")
     return row
 
@@ -74,15 +78,15 @@ class Submission(Table):
 
 def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
     """Writes a file; `declared` has the first keys of `Submission`. It may raise an InputError."""
-    if path.suffix.lower() != ".toml":
+    if path.suffix != ".toml":
         raise InputError(f"{path}: accepted: a name that ends in .toml.")
-    check_file_name(path, "a submission is")
+    _check_name(path)
     if path.exists():
         raise InputError(f"{path}: exists already; accepted: a new file.")
     scenario = assessment.scenario
     if scenario.name not in scenario_names() or scenario != load_scenario(scenario.name):
         raise InputError(f"{path}: scenario = {scenario.name}: accepted: a shipped scenario, unchanged.")
-    rows, policy = np.unique(assessment.policy, axis=0, return_inverse=True)
+    rows, policy = np.unique(assessment.policy + 0.0, axis=0, return_inverse=True)
     table = {"rows": rows.tolist(), "policy": policy.ravel().tolist()}
     submission = parse(Submission, declared | _computed(assessment) | table, str(path))
     # TOML has numbers, lists, and texts in one line as JSON has them.
@@ -90,10 +94,17 @@ def submit(assessment: Assessment, path: Path, **declared: str | int) -> None:
     files.write_text(path, "".join([f"{_HEAD}\n", *lines]))
 
 
+def _check_name(path: Path) -> None:
+    check_file_name(path, "a submission is")
+    for other in path.parent.glob("*"):
+        if other.name != path.name and other.name.lower() == path.name.lower():
+            raise InputError(f"{path}: {other.name} differs only in case; accepted: a different name.")
+
+
 def checked(path: Path) -> Submission:
     """Reads a file, with scores computed again; one that says something else raises an InputError."""
-    check_file_name(path, "a submission is")
-    submission = parse(Submission, read_toml(path), str(path))
+    _check_name(path)
+    submission = parse(Submission, read_toml(path, _LARGEST_FILE), str(path))
     for key, known in (("scenario", scenario_names()), ("observation", OBSERVATIONS)):
         if getattr(submission, key) not in known:
             unknown_name(str(path), key, getattr(submission, key), known)
@@ -125,35 +136,50 @@ def _computed(assessment: Assessment) -> dict[str, Any]:
     }
 
 
-def texts(results: Path) -> dict[Path, str]:
-    """Returns the README of the leaderboard in a folder of results, by its path; empty without any file."""
-    folder = results / "leaderboard"
-    submitted = [(path, checked(path)) for path in sorted(folder.glob("[!.]*.toml"))]
-    shown = dict[str, str]()
-    for scenario in scenario_names():
-        here = [(path, each) for path, each in submitted if each.scenario == scenario]
-        here.sort(key=lambda pair: (-round(pair[1].score, _DECIMALS), -round(pair[1].success, _DECIMALS)))
-        scores, successes = (_texts([getattr(each, key) for _, each in here]) for key in ("score", "success"))
-        rows, first = [], dict[bytes, str]()
-        for (path, each), score, success in zip(here, scores, successes, strict=True):
-            name = f"[{path.stem}]({path.name})"
-            # What a policy does in every state, whatever it observes
-            model = compile_seen(load_scenario(scenario), each.observation)
-            table = np.array(each.rows)[list(each.policy)].round(_DECIMALS) + 0.0
-            other = first.setdefault(table[model.observation].tobytes(), name)
-            row = {
-                "name": name if other == name else f"{name}, same policy as {other}",
-                "learner": each.learner,
-                "observation": each.observation,
-                "score": score,
-                "success": success,
-                "declared training steps": f"{each.training_steps:,}",
-                "declared search trials": f"{each.search_trials:,}",
-            }
-            rows.append(row)
-        shown |= {scenario: to_markdown(pd.DataFrame(rows))} if rows else {}
+def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
+    """Returns the README in a folder of results, by its path; `refused` gets a sentence on each bad file."""
+    folder, entries, shown = results / "leaderboard", list[dict[str, object]](), dict[object, str]()
+    for path in (paths := sorted(folder.glob("[!.]*.toml"))):
+        try:
+            each = checked(path)
+        except InputError as error:
+            refused(f"left out of the leaderboard: {error.args[0]}")
+            continue
+        row = {
+            "scenario": each.scenario,
+            "behaviour": _behaviour(each),
+            "name": f"[{path.stem}]({path.name})",
+            "learner": each.learner,
+            "observation": each.observation,
+            "score": round(each.score, _DECIMALS),
+            "success": round(each.success, _DECIMALS),
+            "declared training steps": f"{each.training_steps:,}",
+            "declared search trials": f"{each.search_trials:,}",
+        }
+        entries.append(row)
+    for scenario, rows in pd.DataFrame(entries).groupby("scenario") if entries else ():
+        here = rows.sort_values(["success", "score"], ascending=False, kind="stable")
+        names = []
+        for name, behaviour in zip(here["name"], here["behaviour"], strict=True):
+            others = here["name"][(here["behaviour"] == behaviour) & (here["name"] != name)]
+            names.append(Markup(", same policy as ".join([name, *others])))
+        here = here.assign(name=names, score=_texts([*here["score"]]), success=_texts([*here["success"]]))
+        shown[scenario] = to_markdown(here.drop(columns=["scenario", "behaviour"]))
     text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=shown)
-    return {folder / "README.md": text} if submitted else {}
+    return {folder / "README.md": text} if paths else {}
+
+
+def _behaviour(submission: Submission) -> str:
+    """Returns a digest of what a policy does in the states that it reaches, whatever it observes."""
+    model = compile_seen(load_scenario(submission.scenario), submission.observation)
+    policy = np.array(submission.rows)[list(submission.policy)].round(6) + 0.0
+    is_reached, new = np.zeros(len(model.observation), bool), model.starts
+    while new.size:
+        is_reached[new] = True
+        is_taken = (policy[model.observation[new]] > 0) & ~model.terminated[new]
+        after = model.next_state[new][is_taken[:, :, None] & (model.probability[new] > 0)]
+        new = np.unique(after[~is_reached[after]])
+    return hashlib.sha256((policy[model.observation] * is_reached[:, None]).data).hexdigest()
 
 
 def _texts(values: list[float]) -> list[str]:

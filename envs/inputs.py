@@ -29,6 +29,8 @@ _NAME_RULE: Final = (
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 # Names that pandas or R would read as numbers, booleans or missing values.
 _VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
+# A key of many parts, for which the parser takes time that grows with the square of their number.
+_LONG_KEY: Final = re.compile(r"""(?<![\w-])((?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")
 # Control characters, among them line separators and those of writing direction.
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 # Letters, marks and signs without ink; those of formatting have a category of their own.
@@ -179,10 +181,14 @@ def check_file_name(path: Path, what: str) -> None:
         raise InputError(f"{path}: {what} named after the file; accepted: {_NAME_RULE}.")
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Reads a TOML file; one that cannot be read raises an InputError."""
+def read_toml(path: Path, largest: int = 20_000_000) -> dict[str, Any]:
+    """Reads a TOML file of at most `largest` bytes; one that cannot be read raises an InputError."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        if path.stat().st_size > largest or not path.is_file():
+            raise OSError(0, f"accepted: a file of at most {largest:,} bytes")
+        if _LONG_KEY.search(text := path.read_text(encoding="utf-8")):
+            raise RecursionError("maximum recursion depth exceeded by a key")
+        data = tomllib.loads(text)
         json.dumps(data, default=str)  # as `parse` does
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,7 +57,7 @@ def _rewrite(options: argparse.Namespace) -> int:
             check_all(*(Folder(folder).check for folder in folders if folder.name in _OURS))
             for folder in folders:
                 _write_texts(folder)
-            for path, text in leaderboard.texts(options.results).items():
+            for path, text in leaderboard.texts(options.results, partial(print, file=sys.stderr)).items():
                 files.write_text(path, text)
             if options.results.resolve() == sameness.REPOSITORY / "results":
                 files.write_text(sameness.REPOSITORY / "README.md", document.front(options.results))

@@ -5,7 +5,6 @@ import secrets
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 
@@ -164,20 +163,23 @@ def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
 
     `reports` are those of the published experiments that are verified, by name.
     """
-    texts = dict[Path, str]()
+    texts, problems = dict[Path, str](), list[str]()
     for name in [*reports, *[page.SPEED] * (results / page.SPEED / MANIFEST).is_file()]:
         try:
             made = document.Document(results / name, reports.get(name))
             texts[results / name / README] = made.readme()
             print(f"{name}: its {len(made.folder.manifest['files'])} files are as its manifest lists them.")
         except InputError as error:
-            yield str(error)
+            problems += error.args
     pages = {None if name in page.CHAPTERS else name: report for name, report in reports.items()}
-    with suppress(InputError):  # a file is damaged, as said
+    try:
         texts |= {path: text for name in pages for path, text in page.texts(results, name, pages[name])}
-        texts |= leaderboard.texts(results) if None in pages else {}
+        texts |= leaderboard.texts(results, problems.append) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
             texts[sameness.REPOSITORY / README] = document.front(results)
+    except InputError as error:
+        problems += error.args
+    yield from dict.fromkeys(problems)
     for path, text in texts.items():
         if path.exists() and path.read_bytes() != text.encode():
             yield f"{path}: different from what the tables make; 'report' writes it again."

@@ -12,6 +12,7 @@ from typing import IO, Final
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 from tabulate import tabulate
 
 LINK: Final = re.compile(r"\[([^\[\]]*)\]\((\w+\.csv)#row=([\d;-]+)\)")  # text, file, rows
@@ -23,8 +24,10 @@ _SHOWN_DIGITS: Final = 3
 _START: Final = r"(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))"
 _FORMULA: Final = re.compile(rf"(^|;){_START}")
 _TEXT: Final = re.compile(rf"(^|;)'{_START}")
-# In Markdown: HTML, entities, escapes, formulas, and links other than to web pages and files.
-_ACTIVE: Final = re.compile(r"[<&](?=\S)|[\\$]|(?<=\])\((?!https?://[^\s()]+\)|[\w./#=;-]+\))")
+# In Markdown: HTML, links and images but for files here, definitions of links, and addresses (also links).
+_REMOTE: Final = re.compile(r"<(?=\S)|(?<=\])(?:\((?!(?!//)[\w./#=;-]+\))|:)|:(?=//)|(?<=[wW]{3})\.|@(?=\w)")
+_ACTIVE: Final = re.compile(rf"(?<=\])\(|&(?=\S)|[\\$]|{_REMOTE.pattern}")  # all links, entities, formulas
+_ENTITIES: Final = {each: f"&#{ord(each)};" for each in "<&\\$(:."} | {"@": "@&#8288;"}  # a joiner of words
 # The start of a heading, quotation, list, rule, block of code or definition of a link.
 _BLOCK: Final = re.compile(r"^(\d*)([#>+=~-]|[*_](?=\s|[\s*_]*$)|`(?=``)|\[(?=.*\]:)|(?<=\d)[.)](?=\s|$))")
 
@@ -72,10 +75,10 @@ def read_csv(file: Path | IO[str] | IO[bytes]) -> pd.DataFrame:
 
 
 def to_markdown(frame: pd.DataFrame) -> str:
-    """Returns a Markdown table with three significant digits; texts may have `code` and *emphasis*."""
+    """Returns a Markdown table with three digits; texts have `code` and *emphasis*, `Markup` also links."""
 
     def escaped(value: object) -> str:
-        return inert(show(value)).replace("|", "&#124;")
+        return value if isinstance(value, Markup) else inert(show(value)).replace("|", "&#124;")
 
     texts = [[escaped(value) for value in row] for row in frame.itertuples(index=False)]
     first = frame.iloc[0] if len(frame) else [""] * len(frame.columns)
@@ -85,19 +88,24 @@ def to_markdown(frame: pd.DataFrame) -> str:
 
 
 def paragraph(text: str) -> str:
-    r"""Returns a text as a paragraph of Markdown, with `code`, *emphasis* and links to web pages or files.
+    r"""Returns a text as a paragraph of Markdown, with `code` and *emphasis*.
 
-    Everything else appears as it is written and never becomes structure; within `code`, entities are visible.
+    All else appears as it is written and is no structure, link or image; within `code`, entities are visible.
 
-    >>> print(paragraph("1. See [a](b.csv),\n# [c](javascript:d) & <img> in `S1`"))
-    1&#46; See [a](b.csv), # [c]&#40;javascript:d) & &#60;img> in `S1`
+    >>> print(paragraph("1. See [a](b.csv),\n# ![c](https://d.org) & <img> in `S1`"))
+    1&#46; See [a]&#40;b.csv), # ![c]&#40;https&#58;//d.org) & &#60;img> in `S1`
     """
     return _BLOCK.sub(lambda match: f"{match[1]}&#{ord(match[2])};", inert(text))
 
 
 def inert(text: str) -> str:
     """Returns a text in one line of Markdown, which becomes structure only at the start of a paragraph."""
-    return _ACTIVE.sub(lambda match: f"&#{ord(match[0])};", " ".join(text.split()))
+    return _ACTIVE.sub(lambda match: _ENTITIES[match[0]], " ".join(text.split()))
+
+
+def contained(markdown: str) -> str:
+    """Returns Markdown in which nothing but files of the repository is shown or linked."""
+    return _REMOTE.sub(lambda match: _ENTITIES[match[0]], markdown)
 
 
 def show(value: object, decimals: int | None = None) -> str:
@@ -171,7 +179,7 @@ def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
         return text
     ranges = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     ends = (f"{lines[0]}-{lines[-1]}" if len(lines) > 1 else f"{lines[0]}" for lines in ranges)
-    return f"[{text}]({table}.csv#row={';'.join(ends)})"
+    return f"[{inert(text)}]({table}.csv#row={';'.join(ends)})"
 
 
 def plain(text: str) -> str:

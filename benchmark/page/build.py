@@ -8,6 +8,7 @@ counted as by RFC 7111.
 import base64
 import fnmatch
 import gzip
+import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +26,7 @@ from markupsafe import Markup
 from benchmark import __version__
 from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import in_dark, learner_style, svg
-from benchmark.drawing.tables import inert, plain
+from benchmark.drawing.tables import contained, inert, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.reports import explorer, files, prose, sameness
 from benchmark.reports.document import Document, templates_in
@@ -38,7 +39,7 @@ SPEED: Final = "speed"  # the folder with measurements of this project, at the e
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
-_ESCAPED: Final = "%#&'\n"  # in an address in single quotes
+_ESCAPED: Final = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
 _MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
@@ -203,7 +204,7 @@ class _Part:
 
     def inline(self, text: str) -> Markup:
         """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
-        return self._html(self._parser.parseInline(text))
+        return self._html(self._parser.parseInline(contained(text)))
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links that lead from the page to files of the folder."""
@@ -261,10 +262,9 @@ class _Part:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
         drawn = self.folder.content(self.folder.figure(item.name)).decode()
         width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
-        for character in _ESCAPED:
-            drawn = drawn.replace(character, quote(character))
+        address = Markup(f"svg+xml,{drawn.translate(_ESCAPED)}")
         texts = {"caption": self.inline(item.caption), "alt": item.caption}
-        return {**texts, "address": Markup(f"svg+xml,{drawn}"), "width": width, "height": height}
+        return {**texts, "address": address, "width": width, "height": height}
 
 
 def _slug(text: str) -> str:
@@ -274,6 +274,7 @@ def _slug(text: str) -> str:
 def _render(parts: Sequence[_Part]) -> str:
     templates = templates_in(_TEMPLATES, is_html=True)
     templates.filters["slug"] = _slug
+    templates.filters["sha256"] = lambda text: _base64(hashlib.sha256(text.encode()).digest())
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
     templates.globals |= {"inside": tables, "root": "results/" if parts[0].prefix else ""}
     for part in parts:
@@ -330,6 +331,6 @@ def _scripts(name: str) -> dict[str, str]:
 def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        headline = (document or Document(path)).headline
-        return plain((headline or folder.manifest["description"]).partition("\n\n")[0])
+        headline = (document or Document(path)).headline or inert(folder.manifest["description"])
+        return contained(plain(headline.partition("\n\n")[0]))
     return ""

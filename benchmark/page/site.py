@@ -51,10 +51,13 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
     Raises:
       InputError: There is nothing to show, or the folder has something else.
     """
-    if site.exists() and not (site / _MARK).is_file():
+    if not (site / _MARK).is_file() and (site.is_file() or any(site.glob("*"))):
         raise InputError(f"SITE={site}: it is no site; accepted: a new folder, or a site made before.")
     build.write(results)
-    shutil.rmtree(site, ignore_errors=True)
+    site.mkdir(parents=True, exist_ok=True)
+    (site / _MARK).touch()  # before all else, and never removed: an interrupted site stays one
+    for path in {*site.iterdir()} - {site / _MARK}:
+        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
     for folder in build.published(results):
         shutil.copytree(folder, site / "results" / folder.name, ignore=shutil.ignore_patterns(".*"))
     shutil.copy(results / "index.html", site / "results")

@@ -1,5 +1,6 @@
 """The leaderboard: files say what their policies do, and files that say something else are refused."""
 
+import os
 import re
 import shutil
 from pathlib import Path
@@ -11,7 +12,9 @@ import pytest
 from benchmark import leaderboard
 from benchmark.__main__ import main
 from benchmark.assessment import assess
+from benchmark.commands.verify import rewritten
 from benchmark.leaderboard import checked, submit, texts
+from benchmark.reports import load_report
 from envs import ACTIONS, InputError, load_scenario
 from tests.support import ROOT
 
@@ -33,7 +36,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_published_files_agree_with_their_policies_and_are_listed() -> None:
     assert len([*PUBLISHED.glob("*.toml")]) >= 2
-    assert texts(ROOT / "results") == {PUBLISHED / "README.md": (PUBLISHED / "README.md").read_text("utf-8")}
+    text = (PUBLISHED / "README.md").read_text("utf-8")
+    assert texts(ROOT / "results", pytest.fail) == {PUBLISHED / "README.md": text}
 
 
 def test_numbers_of_a_file_are_those_of_arithmetic(made: Path) -> None:
@@ -73,6 +77,15 @@ def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> 
         (r"rows = \[\[0\.0", "rows = [[0.5", "rows.0 = [0.5, 0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
         (r"rows = \[\[0\.0, 0\.0", "rows = [[-0.5, 0.5", "rows.0 = [-0.5, 0.5, 0.0, 0.0, 1.0]: accepted: 5"),
         (r"rows = \[\[0\.0", "rows = [[nan", "rows.0.0 = NaN: "),
+        (r"rows = \[\[0\.0", "rows = [[-1e-12", "rows.0 = [-1e-12, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
+        (r"rows = \[\[0\.0", "rows = [[-0.0", "rows.0 = [-0.0, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
+        (
+            r"rows = \[\[0\.0, 0\.0",
+            "rows = [[-1e300, 1e300",
+            "rows.0 = [-1e+300, 1e+300, 0.0, 0.0, 1.0]: acc",
+        ),
+        (r"rows = \[\[0\.0", "rows = [[1.1e-9", "rows.0 = [1.1e-09, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
+        ("score = ", f"{'a.' * 100_000}b = 1\nscore = ", "not valid TOML: maximum recursion depth"),
         (r"rows = \[\[0\.0, ", "rows = [[", "rows.0 = [0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
         (r"rows = .*", "rows = []", "rows = []: "),
         ('scenario = "S1"', 'scenario = "S9"', "unknown scenario S9; accepted: "),
@@ -118,36 +131,84 @@ def test_changed_scenarios_are_refused(tmp_path: Path) -> None:
             submit(assess(walk, scenario=scenario, observation="index"), tmp_path / "a.toml", **DECLARED)
 
 
-def test_best_score_is_first_and_text_stays_text(made: Path, tmp_path: Path) -> None:
+def test_highest_success_is_first_and_text_stays_text(made: Path, tmp_path: Path) -> None:
     folder = tmp_path / "leaderboard"
     folder.mkdir()
-    assert texts(tmp_path) == {}
+    assert texts(tmp_path, pytest.fail) == {}
     shutil.copy(made, folder / "z.toml")
     for name, scenario in (("a", "S1"), ("b", "Hall")):
         submit(
             assess(lambda _: 0, scenario=scenario, observation="index"), folder / f"{name}.toml", **DECLARED
         )
-    copy = assess(lambda o: walk(int(o.argmax())), scenario="S1", observation="one_hot")
-    submit(copy, folder / "zz.toml", **DECLARED)
-    text = texts(tmp_path)[folder / "README.md"]
+    other = assess(lambda o: walk(int(o.argmax())), scenario="S1", observation="one_hot")
+    other.policy[-1] = np.eye(5)[0]  # in the last corner, where no walk leads
+    submit(other, folder / "zz.toml", **DECLARED)
+    text = texts(tmp_path, pytest.fail)[folder / "README.md"]
     rows = re.findall(r"^## .*|^\| \[.*", text, flags=re.MULTILINE)
     assert [row[2:5] for row in rows] == [" Ha", "[b]", " S1", "[z]", "[zz", "[a]"]
-    assert ["same policy as [z](z.toml)" in row for row in rows] == [False] * 4 + [True, False]
+    copies = [re.findall(r"same policy as \[(\w+)\]", row) for row in rows]
+    assert copies == [[], [], [], ["zz"], ["z"], []]  # neither is called the original
     assert "| by &#124; hand |" in rows[1]
 
 
-def test_scores_are_ordered_exactly(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_success_comes_before_scores_and_both_are_exact(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A hidden file is not read: it would not be found among these."""
-    scores = {"a": (0.999996, 1.0), "b": (0.5, 0.2), "c": (0.5, 0.9), "d": (1.0, 1.0)}
+    scores = {
+        "a": (0.999996, 1.0),
+        "b": (0.7, 0.2),
+        "c": (0.5, 0.9),
+        "d": (1.0, 1.0),
+        "e": (0.5 + 1e-11, 0.9),
+    }
     one, folder = checked(made), tmp_path / "leaderboard"
     folder.mkdir()
     for name in (*scores, ".hidden"):
         shutil.copy(made, folder / f"{name}.toml")
     found = {name: one.model_copy(update={"score": x, "success": y}) for name, (x, y) in scores.items()}
     monkeypatch.setattr(leaderboard, "checked", lambda path: found[path.stem])
-    rows = re.findall(r"^\| \[(.).*?(\d\.\d+) +\| (\S+)", texts(tmp_path)[folder / "README.md"], re.MULTILINE)
-    assert rows[:2] == [("d", "1.000000", "1.0000"), ("a", "0.999996", "1.0000")]
-    assert rows[2:] == [("c", "0.500000", "0.9000"), ("b", "0.500000", "0.2000")]
+    text = texts(tmp_path, pytest.fail)[folder / "README.md"]
+    rows = re.findall(r"^\| \[(.).*?(\d\.\d+) +\| (\S+)", text, re.MULTILINE)
+    assert [row[0] for row in rows] == ["d", "a", "e", "c", "b"]
+    assert rows[3][1:] == ("0.50000000000", "0.9000")
+
+
+def test_bad_files_are_left_out_by_name_without_waiting(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "leaderboard"
+    shutil.copytree(ROOT / "results" / "reproduce", tmp_path / "reproduce")
+    (folder / "directory.toml").mkdir(parents=True)
+    os.mkfifo(folder / "pipe.toml")
+    (folder / "endless.toml").symlink_to("/dev/zero")
+    (folder / "nowhere.toml").symlink_to("nowhere")
+    (folder / "large.toml").write_bytes(b"#" * 2_000_001)
+    (folder / "empty.toml").touch()
+    for name in ("good", "Twin", "twin", "\u00e9", "e\u0301"):
+        shutil.copy(made, folder / f"{name}.toml")
+    bad = {path.name for path in folder.glob("*.toml")} - {"good.toml"}
+    refused = list[str]()
+    text = texts(tmp_path, refused.append)[folder / "README.md"]
+    assert re.findall(r"^\| \[(.*?)\]", text, re.MULTILINE) == ["good"]
+    lines = [
+        re.fullmatch(rf"left out of the leaderboard: {folder}/(.*?\.toml): .*\.", line) for line in refused
+    ]
+    assert sorted(line[1] for line in lines if line) == sorted(bad)
+    assert main(["report", "--results", str(tmp_path)]) == 0
+    assert capsys.readouterr().err.splitlines() == refused
+    assert (folder / "README.md").read_text(encoding="utf-8") == text
+    assert [*rewritten({"reproduce": load_report("replication")}, tmp_path)] == refused
+
+
+def test_what_report_would_refuse_is_not_submitted(made: Path, tmp_path: Path) -> None:
+    shutil.copy(made, tmp_path / "mine.toml")
+    for name in ("Mine.toml", "mine.TOML", "other.TOML"):
+        with pytest.raises(InputError, match=f"{name}: .*accepted: "):
+            submit(assess(walk, scenario="S1", observation="index"), tmp_path / name, **DECLARED)
+    agent = assess(lambda _: -0.0 + np.eye(5)[0] * [1, -1, -1, -1, -1], scenario="S1", observation="index")
+    submit(agent, tmp_path / "minus.toml", **DECLARED)
+    assert checked(tmp_path / "minus.toml").score == agent.score
 
 
 def test_the_command_writes_a_new_file_whole(

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmark.analysis.looks import EQUAL, FASTER, SLOWER, VERDICTS
-from benchmark.drawing.tables import link
+from benchmark.drawing.tables import inert, link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
 from benchmark.reports.map import figures, results
@@ -26,7 +26,7 @@ def headline(folder: Folder) -> str:
                 for verdict in VERDICTS
                 if row[verdict]
             ]
-            sides = " compared with ".join(folder.phrase(row[side]) for side in "xy")
+            sides = " compared with ".join(inert(folder.phrase(row[side])) for side in "xy")
             parts.append(f"{sides}: {', '.join(counts)}")
         sentences.append(f"In {unit}, {'; '.join(parts)}.")
     until = f"until exact success stays at or above {level} for as long again, in the grid `{grid}`"

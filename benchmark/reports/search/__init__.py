@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmark.analysis.search import COLUMNS
-from benchmark.drawing.tables import link, show
+from benchmark.drawing.tables import inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
@@ -34,7 +34,7 @@ def headline(folder: Folder) -> str:
     searched = f"the best of the declared settings and {n_trials:,} trial{'s' * (n_trials != 1)}"
     if best["chosen"] == 0:
         return f"No learner has learned in the search: with {searched}, {measure} is {chosen} for all."
-    learner = folder.phrase(f"{best['variant']}, {best['observation']}")
+    learner = inert(folder.phrase(f"{best['variant']}, {best['observation']}"))
     is_alone = (table["chosen"] == best["chosen"]).sum() == 1 < len(table)
     who = f"the best learner, {learner}" if is_alone else learner
     if best["gain_low"] > 0:

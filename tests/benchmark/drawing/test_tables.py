@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from markupsafe import Markup
 
-from benchmark.drawing.tables import LINK, link, paragraph, plain, read_csv, to_markdown, write_csv
+from benchmark.drawing.tables import LINK, contained, link, paragraph, plain, read_csv, to_markdown, write_csv
 from tests.support import markdown_parser, mistyped_columns
 
 
@@ -93,6 +94,8 @@ def test_no_text_in_a_csv_file_is_a_formula_and_all_are_read_back(
         "[a](javascript:b)", "[a](JavaScript:b)", r"[a](java\script:b)", "[a](&#106;avascript:b)",
         "[a](<data:b>)",
         "![a](data:b)", "[a]( vbscript:b)", "[a](\njavascript:b)", r"[a\]](javascript:b)", "[a](b:c)",
+        "![a](https://b.org/c.png)", "![a](b.svg)", "[a](b.csv)", "[a](//b.org)", "[![a](https://b.org)](c.csv)",
+        "<https://b.org>", "https://b.org", "HTTP://b.org", "www.b.org", "a@b.org", "mailto:a@b.org", "@a",
         "$x$", r"$$\frac$$", r"a \ b", r"\`<b>`", "`` ` `` <b> ` x", "*** a",
     ],
 )  # fmt: skip
@@ -104,17 +107,32 @@ def test_markdown_of_a_text_is_the_text_in_a_paragraph(text: str) -> None:
     assert "<" not in shown
     assert "$" not in paragraph(text)  # sites draw formulas
     if "`" not in text and "*" not in text:
-        assert html.unescape(shown) == " ".join(text.split())
+        assert html.unescape(shown).replace("\u2060", "") == " ".join(text.split())
+    for active in ("](", "://", "www.", "@b", "@a"):  # also where addresses become links by themselves
+        assert active not in paragraph(text)
 
 
-def test_markdown_keeps_code_emphasis_and_links() -> None:
-    text = (
-        "`code` and *emphasis*, [a](b.csv), [c](../d/README.md#e), [f](https://g.org/h?i=j) < 1; 0.5 [0, 1]"
-    )
+def test_markdown_keeps_code_and_emphasis() -> None:
+    text = "`code` and *emphasis* < 1; 0.5 [0, 1]"
     assert paragraph(text) == text
-    rendered = markdown_parser().render(to_markdown(pd.DataFrame({"text": [text]})))
-    assert "<td><code>code</code> and <em>emphasis</em>, <a href=" in rendered
-    assert rendered.count("<a href=") == 3
+    frame = pd.DataFrame({"text": [text], "link": [Markup("[a](b.csv)")]})
+    rendered = markdown_parser().render(to_markdown(frame))
+    assert "<td><code>code</code> and <em>emphasis</em> &lt; 1; 0.5 [0, 1]</td>" in rendered
+    assert rendered.count("<a href=") == 1
+
+
+def test_markdown_shows_and_links_files_of_the_repository_alone() -> None:
+    local = "![a](b.svg) [c](../d/README.md#e) [0.5](f.csv#row=2;4-5) < 1, [0, 1] @ S1"
+    assert contained(local) == local
+    texts = ["![a](https://b.org)", "[a](//b.org)", r"[a](/\b.org)", "[a](javascript:b)", "[a](b 'c')", "<b>"]
+    for text in [*texts, "https://b.org", "www.b.org", "a@b.org", "x\n\n[a]: https://b.org\n\n![a]"]:
+        rendered = markdown_parser().render(contained(text))
+        assert not re.search("<(?!/?p>)", rendered), text
+        assert contained(contained(text)) == contained(text)
+    assert (
+        link("[a](https://b.org)", "t", pd.DataFrame(index=[0]))
+        == "[[a]&#40;https&#58;//b.org)](t.csv#row=2)"
+    )
 
 
 def test_entries_of_a_markdown_table_stay_in_their_columns() -> None:

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -98,6 +99,13 @@ class Opened:
 
     def unfold(self, which: str = "details") -> None:
         self.page.locator(which).evaluate_all("all => all.forEach((details) => { details.open = true })")
+
+    def wait_until(self, condition: str) -> None:
+        """Waits for a condition in JavaScript, where the page's policy forbids `wait_for_function`."""
+        end = time.monotonic() + 60
+        while not self.page.evaluate(condition):
+            assert time.monotonic() < end, condition
+            self.page.wait_for_timeout(50)
 
     def walk(self, n_steps: int) -> None:
         self.page.locator("#walk-one").evaluate("(button, n) => { while (n--) button.click(); }", n_steps)

@@ -1,5 +1,6 @@
 """The page in a real browser: the explorer, sorting, sources, accessibility."""
 
+import json
 import re
 import shutil
 from collections import Counter
@@ -13,20 +14,24 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
+from playwright.sync_api import Browser
 
 from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains, greedy_masks
 from benchmark.analysis.records import Records, optimal_values
 from benchmark.analysis.walk import CIRCLE, HORIZON, walk
+from benchmark.drawing.tables import read_csv, write_csv
 from benchmark.page import build
 from benchmark.reports import explorer
+from benchmark.reports.document import Document
+from benchmark.reports.folder import MANIFEST, write_manifest
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from envs.scenario import ScenarioLike
 from envs.scene import COLOUR_MAP, colour_limits
 from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Learners, Open, Opened, rows_of
 from tests.benchmark.populations import population as blank
-from tests.support import reseal
+from tests.support import markdown_parser, reseal
 
 Everything = tuple[Path, dict[str, Records]]  # a folder, and the runs there by scenario
 Explore = Callable[..., tuple[Opened, Records]]
@@ -113,7 +118,7 @@ def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_pag
     assert opened.page.locator("#step-text").inner_text() == "5,600 of 8,000"
     assert opened.panel("left", ".walked").inner_text() == "The agent is at row 0, column 0."
     opened.page.locator("#shown").select_option("difference")
-    opened.page.wait_for_function("location.hash.endsWith('difference')")
+    opened.wait_until("location.hash.endsWith('difference')")
     again = open_page(fragment=opened.page.evaluate("location.hash"))
     assert fills(again) == fills(opened)
     assert again.page.locator("#shown").input_value() == "difference"
@@ -129,7 +134,7 @@ def test_mistyped_address_is_taken_as_far_as_it_goes(open_page: Open) -> None:
 def test_address_is_followed_and_names_the_experiment(opened: Opened) -> None:
     agent = "room.a-table_b.index"
     opened.page.evaluate(f"location.hash = '#explorer={agent}.reproduce~{agent}.compare_deep~1600~ping'")
-    opened.page.wait_for_function("document.getElementById('step-text').textContent === '1,600 of 8,000'")
+    opened.wait_until("document.getElementById('step-text').textContent === '1,600 of 8,000'")
     for side, expected in (("left", "reproduce"), ("right", "compare_deep")):
         assert opened.panel(side, "select[name=experiment]").input_value() == expected
         source = opened.panel(side, ".about a.n").get_attribute("href")
@@ -187,7 +192,7 @@ def test_explorer_by_keyboard_alone(opened: Opened) -> None:
     assert opened.page.locator("#step-text").inner_text().startswith("0 of")
     opened.page.locator("#learn").focus()
     opened.page.keyboard.press("Enter")
-    opened.page.wait_for_function("document.getElementById('step').value >= 2")
+    opened.wait_until("document.getElementById('step').value >= 2")
     opened.page.keyboard.press("Enter")
     assert opened.page.locator("#learn").get_attribute("aria-pressed") == "false"
 
@@ -295,7 +300,7 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         assert greedy == names(contains(masks[observed][None])[0])
         assert_walks(opened, population, masks)
     # The address keeps the seed; one without seeds shows the first.
-    opened.page.wait_for_function(r"/^#explorer=S2\.ppo\.[^~]*\.1\.0~/.test(location.hash)")
+    opened.wait_until(r"/^#explorer=S2\.ppo\.[^~]*\.1\.0~/.test(location.hash)")
     address = opened.page.evaluate("location.hash")
     for fragment, seed in ((address, "1"), (address.replace(".1.0~", "~", 1), "0")):
         again = open_page(fragment=fragment)
@@ -414,7 +419,7 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
     opened.panel("left", menu).select_option(label="row 2, column 6")
     assert_at(2 * 12 + 6)
     # The address keeps it, and a walk starts from where episodes start with the person there.
-    opened.page.wait_for_function(f"location.hash.includes('.{places.index(2 * 12 + 6) * 5}~')")
+    opened.wait_until(f"location.hash.includes('.{places.index(2 * 12 + 6) * 5}~')")
     again = open_page(everything[0], opened.page.evaluate("location.hash"))
     assert again.panel("right", menu).input_value() == str(2 * 12 + 6)
     assert "The agent is at row 0, column 0." in again.panel("left", ".walked").inner_text()
@@ -475,6 +480,57 @@ def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> Non
     assert opened.page.locator("dialog[open] tbody tr").count() > 0
 
 
+HOSTILE = """</script><script>hit = 1</script><img src=x onerror="hit = 1"><svg onload="hit = 1"> ' " on="
+![a](https://h.invalid/a) [b](javascript:hit=1) [c](https://h.invalid/c) <https://h.invalid> www.h.invalid
+<style>* { background: url(https://h.invalid/e) }</style> {{ 7 * 7 }} <base href="https://h.invalid">"""
+DRAWN = """<script>hit = 1</script><image href="https://h.invalid/f"/><foreignObject><iframe
+xmlns="http://www.w3.org/1999/xhtml" src="https://h.invalid/g"/></foreignObject></svg>"""
+TEXTS = {"title", "description", "note", "question", "command", "partial"}
+
+
+def hostile(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    return {key: HOSTILE if key in TEXTS else value for key, value in pairs}
+
+
+def test_hostile_results_run_nothing_and_ask_for_nothing(made: Path, tmp_path: Path, open_page: Open) -> None:
+    for name in ("compare_deep", "mine"):
+        folder = shutil.copytree(made, tmp_path / name)
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"), object_pairs_hook=hostile)
+        manifest["scenarios"][HOSTILE] = manifest["scenarios"]["room"]
+        frame = read_csv(folder / "summary.csv").assign(remark=HOSTILE, verdict=HOSTILE, scenario=HOSTILE)
+        write_csv(frame, folder / "summary.csv")
+        for figure in folder.glob("*.svg"):
+            drawn = figure.read_text(encoding="utf-8")
+            figure.write_text(drawn.replace("</svg>", DRAWN), encoding="utf-8")
+        write_manifest(folder, manifest | ({} if name == "mine" else {"experiment": name}))
+        opened = open_page(build.write(tmp_path, name).parent)
+        opened.unfold()
+        assert opened.page.evaluate("typeof hit") == "undefined"
+        assert opened.page.get_by_text("{{ 7 * 7 }}").count() > 10
+        links = {*opened.page.evaluate("[...document.links].map((link) => link.href)")}
+        assert [link for link in links if not link.startswith("file:")] == [
+            "https://arxiv.org/abs/2108.03730"
+        ]
+        readme = Document(folder).readme()
+        assert "://" not in readme
+        active = r"<(script|style|base|img(?! src=.\w+\.svg))|(src|href)=.\w+:"
+        assert not re.search(active, markdown_parser().render(readme))
+
+
+def test_page_lets_no_script_or_request_pass_but_its_own(results: Path, browser: Browser) -> None:
+    opened, failed = Opened(browser, results, ""), set[str | None]()
+    opened.page.on("requestfailed", lambda request: failed.add(request.failure))
+    opened.page.evaluate("""() => document.body.insertAdjacentHTML("beforeend", `
+        <img src="https://h.invalid/a"><img src="data:," onerror="hit = 1"><a href="javascript:hit = 1">b</a>
+        <iframe src="https://h.invalid/c"></iframe><link rel="stylesheet" href="https://h.invalid/d">
+        <form action="https://h.invalid/e"></form><style>* { color: red }</style>`)""")
+    opened.page.evaluate("[...document.links].at(-1).click(), [...document.forms].at(-1).submit()")
+    opened.page.evaluate("fetch('https://h.invalid/f').catch(() => null)")
+    assert sum("Content Security Policy" in message for message in opened.messages) >= 8
+    assert (failed, opened.page.evaluate("typeof hit")) == ({"csp"}, "undefined")
+    opened.page.close()
+
+
 def box_of(opened: Opened, selector: str) -> dict[str, float]:
     """Returns where the first such element is in the window."""
     box = opened.page.locator(selector).first.bounding_box()
@@ -484,7 +540,7 @@ def box_of(opened: Opened, selector: str) -> dict[str, float]:
 
 def test_published_page_answers_at_once_and_is_short(open_page: Open, published: Path) -> None:
     opened = open_page(published, viewport={"width": 1366, "height": 768})
-    opened.page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
+    opened.wait_until("performance.getEntriesByName('first-contentful-paint').length")
     boxes = [box_of(opened, part) for part in ("nav", "h1", ".answer li:nth-child(3)", "#finding img")]
     assert boxes[0]["y"] < boxes[1]["y"] < boxes[2]["y"]
     assert all(0 <= box["x"] <= box["x"] + box["width"] <= 1366 for box in boxes)
@@ -516,7 +572,7 @@ def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
         opened.page.set_viewport_size({"width": each, "height": 844})
         assert opened.page.evaluate("document.documentElement.scrollWidth") == each  # nothing sticks out
         cut = "document.querySelector('figure > .cut') !== null"  # the figures are 576 wide
-        opened.page.wait_for_function(f"({cut}) === {str(each < 576).lower()}")
+        opened.wait_until(f"({cut}) === {str(each < 576).lower()}")
     opened.unfold("#explorer details, #report-compare_deep details")  # the other reports are the same
     assert opened.page.evaluate("document.documentElement.scrollWidth") == width
     opened.walk(1)

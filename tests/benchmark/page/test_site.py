@@ -5,12 +5,14 @@ import re
 import shutil
 import tomllib
 from pathlib import Path
+from unittest.mock import Mock
 from urllib.parse import unquote
 
 import pytest
 from playwright.sync_api import Browser
 
 from benchmark.page import build, reference, site
+from benchmark.reports.folder import MANIFEST
 from envs import InputError, scenario_names
 from envs.scenario import SCENARIO_DIRECTORY, load_scenario
 from tests.support import ROOT, make
@@ -109,6 +111,20 @@ def test_site_deletes_nothing_else(place: str, tmp_path: Path) -> None:
         site.write(tmp_path / "results", tmp_path / place)
     assert (tmp_path / "results" / "reproduce" / "manifest.json").exists()
     assert (tmp_path / "notes" / "mine.txt").exists()
+
+
+def test_interrupted_site_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(RESULTS / "reproduce", tmp_path / "results" / "reproduce")
+    (tmp_path / "site").mkdir()
+    monkeypatch.setattr(build, "write", Mock())
+    for place, name in ((shutil, "copytree"), (shutil, "copy"), (Path, "touch"), (shutil, "rmtree")) * 2:
+        with monkeypatch.context() as patch:
+            patch.setattr(place, name, Mock(side_effect=KeyboardInterrupt))
+            with pytest.raises(KeyboardInterrupt):
+                site.write(tmp_path / "results", tmp_path / "site", ["envs.words"])
+        if name == "copy":
+            (tmp_path / "site" / "link").symlink_to(tmp_path / "results")  # which is not followed
+    assert (tmp_path / "results" / "reproduce" / MANIFEST).exists()
 
 
 def test_pages_of_the_site_fit_a_phone(built: Path, browser: Browser) -> None:
