@@ -25,8 +25,8 @@ def chosen_for(declared: Declaration, variant: str, observation: str, other: str
     search = _search(name)
     made, learner = read_chosen(search.path, source), f"{searched}, {observation}"
     if made.search != search.digest:
-        found = f"{source}: {search.path} was made by another version of the search"
-        raise InputError(f"{found}; run it again, with --report.")
+        what = f"{search.path} was made by another version of the search"
+        raise InputError(f"{source}: {what}; run it again, with --report.")
     if learner not in made.learners:
         unknown_name(source, "learner of the search", learner, made.learners)
     found, rank = made.learners[learner], declared.algorithms[variant].rank
