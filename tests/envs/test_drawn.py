@@ -91,8 +91,8 @@ def test_places_of_groups_are_drawn_as_those_of_one_person() -> None:
 def test_what_walls_cut_off_is_not_drawn() -> None:
     radii = {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
     for door, changes, n_places, n_starts in (
-        # A room of 3 x 5 cells, a wall, and a column of 3. The regions span 2 x 2 cells in a corner, 2 x 3 beside
-        # a wall, and 3 x 3 elsewhere. At the ends of the column, they leave the other end.
+        # A room of 3 x 5 cells, a wall, and a column of 3. The regions span 2 x 2 cells in a corner, 2 x 3
+        # beside a wall, and 3 x 3 elsewhere. At the ends of the column, they leave the other end.
         ("#", {"grid.start": [0, 0]}, 15 - 4, 11),
         (".", {"grid.start": [0, 0]}, 15 - 4 + 1 + 3, 15),
         ("#", {"grid.start": "anywhere"}, 15 + 2, 15 * 15 - 4 * 4 - 8 * 6 - 3 * 9 + 2),
