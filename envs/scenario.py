@@ -458,8 +458,7 @@ class Scenario(Table):
         for p, stage in enumerate(self.stages):
             regions, heading = stage.regions or self.regions, stage.heading or self.issuer.heading
             cells, member = np.unique(placed, return_inverse=True)
-            own = [divmod(cell, grid.columns) for cell in cells.tolist()]
-            spots = [stage.position] if stage.position else own
+            spots = [stage.position] if stage.position else [*map(tuple, grid.position[cells].tolist())]
             windows = (zones(regions, heading, spot, grid.size, width) for spot in spots)
             around = np.array([*windows], dtype=np.int8).reshape(-1, zone.shape[2])
             member = member.reshape(placed.shape) if stage.position is None else 0 * placed
@@ -616,12 +615,12 @@ class Scenario(Table):
             where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
             require(len(self._ways) > 0, where, "another range of group.apart, or more cells")
         listed = [] if group else _listed(self.issuer.position)
-        has_target = (self._zones == ZONES.index("target")).any(axis=(1, 2))  # in some phase
-        without = [place for place, has in zip(listed, has_target.tolist(), strict=False) if not has]
+        has_target = (self._zones == ZONES.index("target")).any(axis=(1, 2)).tolist()  # in some phase
+        without = [place for place, has in zip(listed, has_target, strict=False) if not has]
         where = f"with the person at {json.dumps(without[0])}" if without else "wherever people stand"
+        where = f"regions: {where}, the agent can enter no target region"
         accepted = "a target shape that reaches beyond the uncomfortable one"
-        is_met = bool(has_target.any()) and not without
-        require(is_met, f"regions: {where}, the agent can enter no target region", accepted)
+        require(any(has_target) and not without, where, accepted)
         whose = f"the person at {position}{' or another person' * bool(self.others)}"
         for cell in _listed(self.grid.start):
             where, index = f"grid.start = {json.dumps(cell)}", cell[0] * self.grid.columns + cell[1]

@@ -44,11 +44,9 @@ class Reference:
             stages = range(len(self.phases))
             zones = {cell: {self.zone(place, p, cell) for p in stages} for cell in floor}
             open_to = {cell for cell in floor if "target" in zones[cell]}  # the target region, at some time
-            closed = {cell for cell in floor if zones[cell] == {"issuer"}}  # always
-            while beside := {(r + i, c + k) for r, c in open_to for i, k in WAYS.values()} & {*floor} - (
-                open_to | closed
-            ):
-                open_to |= beside
+            passable = {cell for cell in floor if zones[cell] != {"issuer"}}
+            for _ in floor:
+                open_to |= {(r + i, c + k) for r, c in open_to for i, k in WAYS.values()} & passable
             free = [
                 (tick, cell)
                 for tick in first_ticks

@@ -88,28 +88,19 @@ def test_places_of_groups_are_drawn_as_those_of_one_person() -> None:
         assert {scenario.places[place] for place in model.context[starts]} == places
 
 
-@pytest.mark.parametrize(
-    ("door", "start", "group", "n_places", "n_starts"),
-    [
-        # A room of 3 x 5 cells, a wall, and a column of 3 cells. The target region lies within a cell of the
-        # person: the start needs all but a block of 2 x 2 cells.
-        ("#", [0, 0], {}, 15 - 4, 11),
-        (".", [0, 0], {}, 15 - 4 + 1 + 3, 15),
-        # At either end of the column, a person leaves a start at the other end; in its middle, none. In the
-        # room, there are 4, 6 or 9 cells within one of a person in a corner, at a side, or elsewhere.
-        ("#", "anywhere", {}, 15 + 2, 15 * 15 - 4 * 4 - 8 * 6 - 3 * 9 + 2),
-        # Two beside each other: 8 pairs in rows and 6 in columns.
-        ("#", [0, 0], {"group": {"people": 2, "apart": [1, 1]}}, 8 + 6, 14),
-    ],
-)
-def test_what_walls_cut_off_is_not_drawn(
-    door: str, start: Any, group: dict[str, Any], n_places: int, n_starts: int
-) -> None:
-    walls = f".....#.\n.....{door}.\n.....#."
-    room = {"grid.rows": 3, "grid.columns": 7, "grid.walls": walls, "grid.start": start}
+def test_what_walls_cut_off_is_not_drawn() -> None:
     radii = {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
-    model = compile_scenario(load_scenario("Anywhere", room | radii | group))
-    assert (model.n_places, len(model.starts)) == (n_places, n_starts)
+    for door, changes, n_places, n_starts in (
+        # A room of 3 x 5 cells, a wall, and a column of 3. The regions span 2 x 2 cells in a corner, 2 x 3
+        # beside a wall, and 3 x 3 elsewhere. At the ends of the column, they leave the other end.
+        ("#", {"grid.start": [0, 0]}, 15 - 4, 11),
+        (".", {"grid.start": [0, 0]}, 15 - 4 + 1 + 3, 15),
+        ("#", {"grid.start": "anywhere"}, 15 + 2, 15 * 15 - 4 * 4 - 8 * 6 - 3 * 9 + 2),
+        ("#", {"grid.start": [0, 0], "group": {"people": 2, "apart": [1, 1]}}, 8 + 6, 14),  # in rows, columns
+    ):
+        room = {"grid.rows": 3, "grid.columns": 7, "grid.walls": f".....#.\n.....{door}.\n.....#."}
+        model = compile_scenario(load_scenario("Anywhere", room | radii | changes))
+        assert (model.n_places, len(model.starts)) == (n_places, n_starts)
 
 
 def test_ways_are_counted_before_they_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,10 +111,10 @@ def test_ways_are_counted_before_they_are_listed(monkeypatch: pytest.MonkeyPatch
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 100e6  # all pairs of cells take 100 million numbers
-    few = {"issuer.places": 3, "description": "ways in many blocks"}
     expected = model_of(load_scenario("ThreeTalking", {"issuer.places": 3}))
     monkeypatch.setattr("envs.scenario._AT_ONCE", 1000)
-    assert_same_arrays(model_of(load_scenario("ThreeTalking", few)), expected)
+    found = model_of(load_scenario("ThreeTalking", {"issuer.places": 3, "description": "in blocks"}))
+    assert_same_arrays(found, expected)
 
 
 def test_a_group_that_is_drawn_or_seen_anew_is_the_reloaded_scenario() -> None:

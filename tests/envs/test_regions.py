@@ -149,29 +149,12 @@ def test_metres_are_cells_of_the_given_width() -> None:
     assert drawn(zone, 7)[3] == "+++I+++"
 
 
-def test_connected_cells_of_a_spiral_and_of_a_closed_room() -> None:
-    spiral = [".......", "######.", ".....#.", ".###.#.", ".#...#.", ".#####.", "......."]
-    closed = [".......", ".#####.", ".#...#.", ".#...#.", ".#...#.", ".#####.", "......."]
-    free = np.array([[[sign == "." for sign in line] for line in room] for room in (spiral, closed)])
-    for cell, n_connected in (((4, 2), (31, 9)), ((0, 0), (31, 24))):  # the innermost cell, and a corner
-        cells = np.zeros_like(free)
-        cells[:, *cell] = True
-        assert tuple(connected(cells, free).sum(axis=(1, 2))) == n_connected
-    assert not connected(np.zeros_like(free), free).any()
-
-
-@given(
-    arrays(
-        np.int8,
-        st.tuples(st.integers(1, 3), st.integers(1, 7), st.integers(1, 7)),
-        elements=st.integers(0, 5),
-    )
-)
+@given(arrays(np.int8, (2, 6, 5), elements=st.integers(0, 5)))
 def test_connected_cells_are_those_that_steps_reach(drawn: NDArray[np.int8]) -> None:
     free, reached = drawn > 1, drawn == 5
     found = connected(reached, free)
-    for _ in range(drawn.size):
+    for _ in range(30):
         padded = np.pad(reached, ((0, 0), (1, 1), (1, 1)))
-        beside = [np.roll(padded, by, axis)[:, 1:-1, 1:-1] for by in (-1, 1) for axis in (1, 2)]
-        reached = (reached | np.any(beside, axis=0)) & free
+        beside = padded[:, 2:, 1:-1] | padded[:, :-2, 1:-1] | padded[:, 1:-1, 2:] | padded[:, 1:-1, :-2]
+        reached |= beside & free
     np.testing.assert_array_equal(found, reached)
