@@ -493,6 +493,14 @@ class Scenario(Table):
             is_start[some] = (zone[:, first] == ZONES.index("outside")) & is_allowed
         return is_start
 
+    @property
+    def has_pockets(self) -> bool:
+        """Whether starts are left out because no way leads to a target; until version 0.9 they were not."""
+        allowed = np.isin(np.arange(len(self.grid.position)), _cells(self.grid.start, self.grid))
+        is_outside = self._zones[:, self._first_phases] == ZONES.index("outside")
+        has_target = (self._zones == ZONES.index("target")).any(axis=(1, 2), keepdims=True)
+        return bool((is_outside & (allowed & ~self.grid.is_wall) & has_target & ~self._is_start).any())
+
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
         ordered = tuple(name for name in COMPONENTS if name in self.observe)

@@ -57,6 +57,8 @@ class RunSpecification:
             "evaluated_from": list(self.evaluated_from),
             **({} if self.solved is None else {"solved": dict(self.solved)}),
         }
+        if self.scenario.has_pockets:
+            content["starts"] = "with a way to a target"
         # Users' modules that it names as `module:attribute`.
         named = {*re.findall(r'"([\w.]+):[\w.]+"', json.dumps(content, ensure_ascii=False))}
         if code := {name: digest for name in sorted(named) if (digest := digest_when_loaded(name))}:
