@@ -208,7 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     agent = assess.add_mutually_exclusive_group(required=True)
     about = "a function of the observation that returns an action, five probabilities or what predict returns"
     _add(agent, "--agent", "MODULE:FUNCTION", about)
-    about = "a model saved by Stable-Baselines3; code in the file is not run, and refused where it is needed"
+    about = "a model saved by Stable-Baselines3; its file runs no code, and is refused if it needs any"
     _add(agent, "--model", "FILE", about, Path)
     _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
     about = "what VecNormalize.save wrote, if the model was trained with it"

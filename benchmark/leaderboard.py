@@ -35,7 +35,7 @@ _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
 def _distribution(row: tuple[float, ...]) -> tuple[float, ...]:
     is_positive = all(math.copysign(1, p) > 0 for p in row)  # -0.0 is not
     if not (len(row) == len(ACTIONS) and is_positive and abs(sum(row) - 1) <= _TOLERANCE / 2):
-        raise ValueError(f"accepted: {len(ACTIONS)} probabilities that sum to one")
+        raise ValueError(f"accepted: {len(ACTIONS)} probabilities, none of them -0.0, that sum to one")
     return row
 
 
@@ -137,7 +137,7 @@ def _computed(assessment: Assessment) -> dict[str, Any]:
 
 
 def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
-    """Returns the README in a folder of results, by its path; `refused` gets a sentence on each bad file."""
+    """Returns the leaderboard's README, by its path; calls `refused` with a sentence on each bad file."""
     folder, entries, shown = results / "leaderboard", list[dict[str, object]](), dict[object, str]()
     for path in (paths := sorted(folder.glob("[!.]*.toml"))):
         try:

@@ -147,7 +147,7 @@ def _in_one_line(text: str) -> str:
 
 
 def seen(text: str) -> str:
-    """Returns what readers see of a text: nothing of a blank one, and the same of two that look alike."""
+    """Returns a text as readers see it: no invisible characters, plain letters and single spaces."""
     normal = _BLANK.sub("", unicodedata.normalize("NFKC", text))
     return " ".join("".join(c for c in normal if unicodedata.category(c) != "Cf").split())
 

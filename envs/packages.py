@@ -63,7 +63,7 @@ def imported(name: str, source: str, kind: str) -> object:
 
 @contextmanager
 def contained() -> Iterator[None]:
-    """Turns what would end the process, as code of users may raise it, into an InputError; but not Ctrl-C."""
+    """Turns an exception of users' code that would end the process, but not Ctrl-C, into an InputError."""
     try:
         yield
     except BaseException as error:
@@ -76,7 +76,7 @@ def contained() -> Iterator[None]:
 
 
 def keep_running() -> None:
-    """Lets the functions of `os` that end this process at once, but not its children, raise SystemExit."""
+    """Makes functions such as `os._exit` raise SystemExit in this process, though not in its children."""
     for name in ("_exit", "abort", "execv", "execve"):
         replacement = partial(_end, os.getpid(), name, getattr(os, name))
         setattr(os, name, replacement)

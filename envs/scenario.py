@@ -640,7 +640,7 @@ class Scenario(Table):
         is_free = np.asarray(self._is_start.any(axis=(1, 2)))
         unused = [place for place, free in zip(listed, is_free.tolist(), strict=False) if not free]
         where = f"issuer.position = {json.dumps(unused[0] if unused else self.issuer.position)}"
-        where += " leaves no start outside every region with a way to a target region"
+        where += " leaves no start that is outside every region and has a way to a target region"
         accepted = "other cells, smaller regions, fewer walls, or another grid.start"
         require(bool(is_free.any()) and not unused, where, accepted)
         n, unseen, most = self.issuer.places, self.issuer.unseen, int(is_free.sum())

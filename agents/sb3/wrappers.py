@@ -1,4 +1,4 @@
-"""What a net is given for an observation, after its wrappers, and how what was pickled of both is read."""
+"""What a net is given for an observation, after its wrappers; reads pickles without running code in them."""
 
 import pickle
 import re
@@ -103,7 +103,7 @@ def _has_rows(table: NDArray[Any], rows: Any) -> bool:
 def unpickled(file: IO[bytes], what: str, modules: Collection[str] = ()) -> Any:
     """Reads a pickle, which messages call `what`, of arrays, spaces, nets' classes and plain values.
 
-    Whatever else it names is an UnpicklingError. `modules` are the user's own, where nets may be defined.
+    Other names raise an UnpicklingError. `modules` are the user's own, where nets may be defined.
     """
 
     class Unpickler(pickle.Unpickler):

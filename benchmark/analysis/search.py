@@ -2,8 +2,8 @@
 
 First, every trial of every learner, in all scenarios. Then, with fresh seeds, the trials of the largest mean
 and trial 0; that with the largest mean on these seeds is chosen, so one that was merely lucky is not. Beside
-them, in each scenario, the trial that is best there. Last, unless the search leaves it out, with other seeds
-the chosen settings, and the same with one of them at other values, if these are accepted. Means are of a
+them, in each scenario, the trial that is best there. Last, unless the search leaves it out, the chosen
+settings with other seeds, also with one of them changed to each other value that is accepted. Means are of a
 measure of each run: the area under its curve of exact success or, with `[solved]`, how early it has learned.
 """
 

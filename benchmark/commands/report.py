@@ -43,7 +43,7 @@ def main(options: argparse.Namespace) -> int:
     try:
         finding = report.finding
         if prose.written(Folder(directory), finding) is None and finding is not None and finding.is_file():
-            print(f"{experiment.name}: {finding} is not used, as it is for all declared runs.")
+            print(f"{experiment.name}: {finding} is not used, since it is about all declared runs.")
     except prose.ClaimError as error:  # on another type of processor, nets learn differently
         print(f"{error}\n{experiment.name}: so its text is not used.")
     return 0

@@ -41,7 +41,7 @@ def main(options: argparse.Namespace) -> int:
         _check_log(options)
     with Store(options.results / "runs.db") as store:
         if experiment.has_stages:
-            print(f"{name}: up to {experiment.declared.most_runs:,} runs in all stages.", file=sys.stderr)
+            print(f"{name}: at most {experiment.declared.most_runs:,} runs over all stages.", file=sys.stderr)
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)
             label = f"{name}, stage {stage}" if experiment.has_stages else name

@@ -82,7 +82,7 @@ def _problems(
         elif any(is_stored):
             print(f"{experiment.name}: not drawn again, since there is no report.")
     if not (reports or ended or structure) and options.experiment is not None:
-        raise InputError(f"{path}: no run of {options.experiment} is stored; accepted: a store with some.")
+        raise InputError(f"{path}: no run of {options.experiment} is stored or published; run it first.")
     yield from rewritten(reports, options.results)
 
 
@@ -147,13 +147,13 @@ def _redrawn(
 
 
 def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
-    """Yields that the settings that a search has chosen are not those of its published table of trials."""
+    """Yields a problem if a search's chosen settings were not made from its published table of trials."""
     try:
         made = read_chosen(experiment.path, experiment.name)
         if made.trials != Folder(folder).manifest["files"].get("trials.csv", ""):
             file = chosen_file(experiment.path)
             again = f"'run {experiment.argument} --report' makes both anew"
-            yield f"{file}: made of other trials than those in {folder / 'trials.csv'}; {again}."
+            yield f"{file}: made from other trials than those in {folder / 'trials.csv'}; {again}."
     except InputError as error:
         yield str(error)
 
@@ -168,7 +168,7 @@ def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
         try:
             made = document.Document(results / name, reports.get(name))
             texts[results / name / README] = made.readme()
-            print(f"{name}: its {len(made.folder.manifest['files'])} files are as its manifest lists them.")
+            print(f"{name}: all files in its manifest are unchanged ({len(made.folder.manifest['files'])}).")
         except InputError as error:
             problems += error.args
     pages = {None if name in page.CHAPTERS else name: report for name, report in reports.items()}

@@ -70,7 +70,7 @@ def run(
                     keep(future)
                 if not under_way:
                     if (n_lost := len(pending(todo, store)) - len(errors)) > 0:
-                        raise InputError(f"{n_lost} stored runs are gone from runs.db; run them again.")
+                        raise InputError(f"{n_lost} stored runs are gone from runs.db; repeat the command.")
                     return errors
                 done = wait(under_way, return_when=FIRST_COMPLETED).done
     except KeyboardInterrupt:

@@ -176,7 +176,7 @@ class Grid(Changes):
             is_column = _COLUMN.fullmatch(axis) is not None
             require(not is_column, f"axes.{axis}, a column of the tables of runs", "another name")
             numbers = ([*map(float, value.split("x"))] for value in values if is_number(value))
-            inputs.distinct(tuple(numbers), f"axes.{axis}: ")
+            inputs.distinct(tuple(numbers), f"axes.{axis}, as numbers: ")
             for key in chain(*(changes.keys for changes in values.values())):
                 other = axis_of_key.setdefault(key, axis)
                 require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")

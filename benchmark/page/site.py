@@ -52,7 +52,7 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
       InputError: There is nothing to show, or the folder has something else.
     """
     if not (site / _MARK).is_file() and (site.is_file() or any(site.glob("*"))):
-        raise InputError(f"SITE={site}: it is no site; accepted: a new folder, or a site made before.")
+        raise InputError(f"SITE={site}: not a site; accepted: a new or empty folder, or an earlier site.")
     build.write(results)
     site.mkdir(parents=True, exist_ok=True)
     (site / _MARK).touch()  # before all else, and never removed: an interrupted site stays one

@@ -44,7 +44,7 @@ class Document:
             if report is None:
                 for name in (declared["kind"], *declared["items"]):
                     if name not in REPORTS and not name.startswith("benchmark.reports."):
-                        reason = f"report: {name}: code of users runs only for an experiment that is named"
+                        reason = f"report: {name}: code of users runs only if you name its experiment"
                         raise InputError(f"{source}: {reason}, as in: report EXPERIMENT.")
                 report = load_report(declared["kind"], source)
                 report = replace(report, items=load_items(report, declared, source))
@@ -144,7 +144,7 @@ class Document:
             if first:
                 ends = [file.removeprefix(item.name) for file in others]
                 rows.append((", ".join([first, *ends]), item.description))
-        rows.append((MANIFEST, "what made the runs: versions, commit, machine, times; digests of all files"))
+        rows.append((MANIFEST, "what made the runs: versions, commit, machine, times; digests of files"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
 

@@ -88,7 +88,7 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
     items = load_items(report, declared.model_dump(), where)
     for name in report.needed:
         if name in declared.omit:
-            raise InputError(f"{where}: report.omit: {name}: other parts of this report need it; remove it.")
+            raise InputError(f"{where}: report.omit: {name}: other parts of this report need it; keep it.")
     missing = [package for package in report.packages if find_spec(package) is None]
     if is_drawn and missing:
         raise missing_package(f"{experiment.name}: its report", missing[0])

@@ -1,7 +1,7 @@
 """A folder of published results, as its files have it: the source of all sentences, README and page.
 
-Its manifest lists the digest of each of its files but README, which is made of them, and is sealed itself. So
-nothing is read that is not what was made.
+Its manifest lists the digest of each of its files but README, which is made from them, and ends with its own
+digest. So a file that was changed is refused.
 """
 
 import gzip
@@ -50,9 +50,9 @@ class Folder:
             manifest = unsealed((self.path / MANIFEST).read_bytes())
             manifest["report"]["kind"], manifest["scenarios"].items(), manifest["files"].items()
             if self.path.name in experiment_names() and manifest["experiment"] != self.path.name:
-                raise ValueError(f"it is of {manifest['experiment']}")
+                raise ValueError(f"it belongs to {manifest['experiment']}")
             if any(Path(file).name != file for file in manifest["files"]):
-                raise ValueError("it lists files elsewhere")
+                raise ValueError("it lists files outside its folder")
         return manifest
 
     @cached_property
@@ -79,7 +79,7 @@ class Folder:
         return has_manifest and any(fnmatchcase(name, file) for name in self.manifest["files"])
 
     def content(self, file: str) -> bytes:
-        """Returns the content of a listed file; another raises an InputError that names it."""
+        """Returns a file's content; raises an InputError if it is not listed, missing or changed."""
         with self.reading(file):
             content = (self.path / file).read_bytes()
             if hashlib.sha256(content).hexdigest() != self.manifest["files"][file]:

@@ -54,7 +54,7 @@ def rendered(template: Path, known: Mapping[str, object]) -> str:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == str(template)]
         line = getattr(error, "lineno", None) or [0, *lines][-1]
-        reason = f"column {error} is missing" if isinstance(error, KeyError) else error
+        reason = f"column {error} is missing" if isinstance(error, KeyError) else str(error).removesuffix(".")
         raise InputError(f"{template}, line {line}: {reason}.") from error
 
 

@@ -90,7 +90,7 @@ def check(experiment: Experiment) -> None:
         )
         if first.isdisjoint(second):
             found = " and ".join(map(side_name, sides))
-            raise InputError(f"{source}: report: {found}: accepted: two that have runs to compare.")
+            raise InputError(f"{source}: report: {found}: accepted: two with runs that are otherwise alike.")
     accepted = own_learners(experiment)
     for y in reporting.baseline:
         if y not in accepted:
@@ -128,7 +128,7 @@ def _side(experiment: Experiment, where: str, text: str) -> Side:
             unknown_name(where, "learner, scenario or condition", f'"{part}"', accepted)
         axis = axis_of[part]
         if every.count(part) > 1:
-            raise InputError(f'{where} = "{text}": {part} is a scenario and a condition; rename one.')
+            raise InputError(f'{where} = "{text}": {part} names a scenario and a condition; rename one.')
         if axis in side:
             raise InputError(f'{where} = "{text}": accepted: at most one {axis} on a side.')
         if axis == "learner" and experiment.learners[part].family == "planner":

@@ -31,7 +31,7 @@ def _mistakes(experiment: Experiment) -> Iterator[str]:
         if len(names) > 1:
             yield f"{key}: {len(names)}: accepted: exactly one."
     if declared.grids and not leading(experiment):
-        accepted = "at least one that has one axis, but permuted, and a point without unseen places"
+        accepted = "at least one that has one axis, not named permuted, and a point without unseen places"
         yield f"grids: accepted: {accepted}, which the figure of the map draws."
     for name, grid in declared.grids.items():
         if not grid.question:
@@ -103,7 +103,7 @@ def _unreachable(experiment: Experiment) -> Iterator[str]:
     for contrast in sorted(
         {*report.contrasts}.difference((x.learner.name, y.learner.name) for x, y in pairs)
     ):
-        yield f"report.contrasts: {' and '.join(contrast)}: accepted: two that are both in a compared grid."
+        yield f"report.contrasts: {' and '.join(contrast)}: accepted: two in one compared grid."
     for population in {x.condition.name: x for x, _ in pairs}.values():
         random, most = _success_range(population.first.drawn_scenario, declared.horizon)
         where = f"in {population.scenario.name} at {population.condition.name.partition('/')[2]}"

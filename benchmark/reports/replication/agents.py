@@ -22,7 +22,7 @@ def check(experiment: Experiment) -> None:
         accepted = "one: a table that records the maximum Q"
         raise InputError(f"{source}: algorithms: a replication takes {accepted}.")
     if experiment.declared.grids:
-        raise InputError(f"{source}: grids: a replication takes readings alone.")
+        raise InputError(f"{source}: grids: accepted in a replication: none, only readings.")
     if {*experiment.scenarios} != {*SCENARIOS}:
         raise InputError(f"{source}: scenarios: a replication takes the paper's: {listed(SCENARIOS)}.")
     for population in experiment.populations:

@@ -67,7 +67,7 @@ def test_changed_and_missing_files_are_named_by_every_command(
     shutil.copytree(ROOT / "results" / "compare_deep", folder.parent / "compare_deep")
     assert main(["verify", NAME, "--results", results]) == 1
     said = capsys.readouterr()
-    assert f"{NAME}: its 6 files are as its manifest lists them." in said.out
+    assert f"{NAME}: all files in its manifest are unchanged (6)." in said.out
     assert f"{NAME}: not drawn again, as 2,900 of 2,900 runs are missing." in said.out
     assert f"{folder / 'README.md'}: different from what the tables make" in said.err
     assert main(["report", "--results", results]) == 0
@@ -88,7 +88,7 @@ def test_changed_and_missing_files_are_named_by_every_command(
 
 def test_results_of_another_experiment_are_not_taken_for_those_of_this_one(folder: Path) -> None:
     other = shutil.copytree(folder, folder.parent / "ablation")
-    with pytest.raises(InputError, match=f"ablation/{MANIFEST}: damaged, .*it is of {NAME}"):
+    with pytest.raises(InputError, match=f"ablation/{MANIFEST}: damaged, .*it belongs to {NAME}"):
         Folder(other).check()
 
 
@@ -104,7 +104,7 @@ def test_chosen_settings_follow_from_published_trials(name: str, tmp_path: Path)
     trials.write_bytes(next(flips(trials.read_bytes(), 1)))
     reseal(tmp_path / name)
     (problem,) = verify.unfounded(experiment, tmp_path / name)
-    assert re.match(rf"{re.escape(str(path))}: made of other trials than those in .*trials\.csv;", problem)
+    assert re.match(rf"{re.escape(str(path))}: made from other trials than those in .*trials\.csv;", problem)
     for changed in flips(path.read_bytes(), 50):
         with pytest.raises(ValueError, match=r"sha256 is not the digest|Extra data|Expecting|leading zero"):
             unsealed(changed)

@@ -528,7 +528,7 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
          "report.panels: check, index: accepted: learners of the grid places"),
         ("axes.places.1.scenario", "axes.rate.1 = {}\naxes.places.1.scenario",
          "grids: accepted: at least one that has one axis"),
-        ("axes.places.16", "axes.places.04", "axes.places: [4.0] is named twice"),
+        ("axes.places.16", "axes.places.04", "axes.places, as numbers: [4.0] is named twice"),
         ("axes.places.16", f'axes.places.{"9" * 400}', "a number of at most 15 characters"),
         # By hand: at 3 + 3 + 2 + 1 points, two learners are looked at, and their reference has two runs.
         ("looks = [12, 16]", "looks = [12, 1_000_000_000]", "18,000,000,018 runs, which take 208,333.3 days"),
