@@ -55,8 +55,8 @@ def rendered(template: Path, known: Mapping[str, object]) -> str:
             at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename == str(template)
         ]
         line = getattr(error, "lineno", None) or [0, *lines][-1]
-        reason = f"column {error} is missing" if isinstance(error, KeyError) else error
-        raise InputError(f"{template}, line {line}: {reason}.") from error
+        reason = f"column {error} is missing" if isinstance(error, KeyError) else str(error).rstrip(".")
+        raise InputError(f"{template}, line {line}: {reason or type(error).__name__}.") from error
 
 
 def _wrapped(text: str, indent: str = "") -> str:
