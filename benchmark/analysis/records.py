@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.dynamic_programming import evaluate, from_starts, solve
+from agents.dynamic_programming import evaluate, from_starts, largest_success, solve
 from agents.policy import uniform_policy
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import RunSpecification
@@ -145,10 +145,13 @@ def check_anchors(model: Model, horizon: int, start: str) -> None:
 
 
 def check_scores(runs: Iterable[RunSpecification]) -> None:
-    """Checks that the scores of all these runs are defined, see `check_anchors`."""
+    """Checks that runs can succeed, and that their scores are defined, see `check_anchors`."""
     for scenario, horizon, starts in {(run.scenario, run.horizon, run.evaluated_from) for run in runs}:
         for start in starts:
             check_anchors(compile_scenario(scenario), horizon, start)
+        if not largest_success(compile_scenario(scenario), horizon):
+            accepted = "accepted: another horizon, or another scenario"
+            raise InputError(f"{scenario.name}: no policy succeeds within horizon = {horizon}; {accepted}.")
 
 
 def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from benchmark.experiments import Experiment, RunSpecification, experiment_names
 from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.page import build as page
 from benchmark.reports import Report, document, draw, files, sameness
-from benchmark.reports.folder import MANIFEST, README, Folder
+from benchmark.reports.folder import README, Folder
 from envs import InputError
 
 
@@ -70,7 +70,7 @@ def _problems(
     for experiment in experiments:
         folder = options.results / experiment.name
         is_stored = [run.digest in ended for run in known[experiment.name]]
-        if experiment.report and (folder / MANIFEST).is_file():
+        if experiment.report and Folder(folder).is_there:
             reports[experiment.name] = report = draw.report_of(experiment, is_drawn=all(is_stored))
             if all(is_stored):
                 yield from _redrawn(experiment, report, store, folder, scratch)
@@ -164,7 +164,7 @@ def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
     `reports` are those of the published experiments that are verified, by name.
     """
     texts, problems = dict[Path, str](), list[str]()
-    for name in [*reports, *[page.SPEED] * (results / page.SPEED / MANIFEST).is_file()]:
+    for name in [*reports, *[page.SPEED] * Folder(results / page.SPEED).is_there]:
         try:
             made = document.Document(results / name, reports.get(name))
             texts[results / name / README] = made.readme()
@@ -181,5 +181,6 @@ def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
         problems += error.args
     yield from dict.fromkeys(problems)
     for path, text in texts.items():
-        if path.exists() and path.read_bytes() != text.encode():
+        is_same = path.is_file() and path.read_bytes() == text.encode()
+        if not is_same and (path.exists() or path.name == README):
             yield f"{path}: different from what the tables make; 'report' writes it again."

@@ -201,7 +201,7 @@ class Solved(Table):
 
     success: Annotated[float, Field(gt=0, le=1)] = 0.9
     """The level."""
-    growth: Annotated[float, Field(gt=1, le=2)] = 1.15
+    growth: Annotated[float, Field(ge=1.001, le=2)] = 1.15
     """About how many times as late each evaluation is as the one before."""
     levels: tuple[Annotated[float, Field(gt=0)], ...] = ()
     """Further levels, at most `success`, at which a map decides its contrasts, too; runs stay the same."""
@@ -406,6 +406,8 @@ class Declaration(Table):
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
 
     def _check_grids(self) -> None:
+        n = len(self.readings) * sum(len(grid.points) for grid in self.grids.values())
+        require(n <= 10 * MOST_POINTS, f"grids: {n:,} conditions", f"at most {10 * MOST_POINTS:,}")
         known = {*self.algorithms, *self._learners}
         for name, grid in self.grids.items():
             for learner in grid.learners:

@@ -41,6 +41,8 @@ class Span(Table):
         require(self.low > 0 or self.scale == "linear", f"low = {self.low}", 'above 0, or scale = "linear"')
         is_whole = self.low.is_integer() and self.high.is_integer()
         require(is_whole or not self.whole, f"low = {self.low}, high = {self.high}", "whole numbers, both")
+        is_wide, accepted = self.at(0.0) < self.at(1.0), f"numbers that differ in {_DIGITS} digits"
+        require(is_wide, f"low = {self.low}, high = {self.high}", accepted)
         return self
 
     def at(self, share: float) -> float:
@@ -186,7 +188,7 @@ def read_chosen(path: Path, source: str) -> Choices:
     """
     file = chosen_file(path)
     try:
-        content = file.read_bytes()
+        content = b"" if file.is_fifo() else file.read_bytes()
         unsealed(content)
         return Choices.model_validate_json(content)
     except (OSError, ValueError, TypeError, RecursionError) as error:

@@ -58,7 +58,7 @@ _EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
 def published(results: Path) -> list[Path]:
     """Lists the folders of published results that are there, in order of importance."""
     folders = [results / name for name in (*PUBLISHED, SPEED)]
-    return [folder for folder in folders if (folder / MANIFEST).exists()]
+    return [folder for folder in folders if Folder(folder).is_there]
 
 
 def chapters(results: Path) -> list[str]:

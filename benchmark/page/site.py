@@ -17,7 +17,10 @@ from typing import Final
 
 from pdoc import doc, render
 
+from benchmark import leaderboard
 from benchmark.page import build, reference
+from benchmark.reports import sameness
+from benchmark.reports.document import Document
 from envs import InputError
 
 ROOT: Final = Path(__file__).parents[2]
@@ -59,7 +62,8 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
     for path in {*site.iterdir()} - {site / _MARK}:
         shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
     for folder in build.published(results):
-        shutil.copytree(folder, site / "results" / folder.name, ignore=shutil.ignore_patterns(".*"))
+        listed, to = sameness.listed(folder), site / "results" / folder.name
+        shutil.copytree(folder, to, ignore=lambda _, names, listed=listed: {*names} - listed)
     shutil.copy(results / "index.html", site / "results")
     modules = {}
     for name, text in _documents(results).items():
@@ -94,9 +98,11 @@ def _documents(results: Path) -> dict[str, str]:
     made = {"columns": reference.columns(results)}
     files = {name: ROOT / f"{name.replace('.', '/')}.md" for name in _GUIDES if name not in made}
     files["results.README"] = results / "README.md"
-    folders = [*build.published(results), *(path.parent for path in results.glob("leaderboard/README.md"))]
-    files |= {f"results.{path.name}.README": path / "README.md" for path in folders}
     texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()} | made
+    # Made again, as those in the folders may have been edited by hand.
+    again = {folder / "README.md": Document(folder).readme() for folder in build.published(results)}
+    again |= leaderboard.texts(results, print)
+    texts |= {f"results.{path.parent.name}.README": text for path, text in again.items()}
     texts["envs.scenarios.README"] += f"\n{reference.scenarios()}"
     texts["benchmark.experiments.README"] += f"\n{reference.experiments()}"
     return texts

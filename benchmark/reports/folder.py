@@ -75,13 +75,19 @@ class Folder:
 
     def __contains__(self, file: str) -> bool:
         """Returns whether the manifest lists a file of this name, or one that matches this pattern."""
-        has_manifest = (self.path / MANIFEST).is_file()
-        return has_manifest and any(fnmatchcase(name, file) for name in self.manifest["files"])
+        return self.is_there and any(fnmatchcase(name, file) for name in self.manifest["files"])
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there are results; their manifest may be missing, which raises an InputError when read."""
+        return any((self.path / file).exists() for file in (MANIFEST, README))
 
     def content(self, file: str) -> bytes:
         """Returns a file's content; raises an InputError if it is not listed, missing or changed."""
         with self.reading(file):
-            content = (self.path / file).read_bytes()
+            if (path := self.path / file).exists() and not path.is_file():
+                raise ValueError("it is no file")  # but a pipe, perhaps, which never ends
+            content = path.read_bytes()
             if hashlib.sha256(content).hexdigest() != self.manifest["files"][file]:
                 raise ValueError(f"{MANIFEST} lists another digest")
         return content

@@ -1,6 +1,7 @@
 """Published files prove themselves without a run: every change is noticed, and none of them runs code."""
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmark import runs
 from benchmark.__main__ import main
 from benchmark.commands import verify
 from benchmark.experiments import experiment_names, load_experiment
@@ -84,6 +86,22 @@ def test_changed_and_missing_files_are_named_by_every_command(
             f"{NAME}/{found}" for found in re.findall(rf"{NAME}/(\S+: damaged)", said.err)
         }
     assert before == {path: path.read_bytes() for path in folder.parent.rglob("*.*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", [MANIFEST, "README.md", "contrasts.csv"])
+def test_what_is_gone_or_no_file_is_named(
+    name: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / name).unlink()
+    arguments = ["verify", NAME, "--runs", "0", "--results", str(folder.parent)]
+    assert main(arguments) == 1
+    os.mkfifo(folder / name)  # reading it would never end
+    assert main(arguments) == 1
+    said = capsys.readouterr().err
+    assert len(re.findall(rf"^{folder}.*(?:{name}|there are no results)", said, re.MULTILINE)) == 2
+    if name != "README.md":  # which is made again
+        with pytest.raises(InputError, match=f"{folder}"):
+            runs(NAME, folder.parent, "published") if name == MANIFEST else Document(folder).readme()
 
 
 def test_results_of_another_experiment_are_not_taken_for_those_of_this_one(folder: Path) -> None:

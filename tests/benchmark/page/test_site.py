@@ -27,6 +27,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     for name in ("reproduce", "speed"):
         shutil.copytree(RESULTS / name, folder / "results" / name)
+    (folder / "results" / "reproduce" / "README.md").write_text("<b>by hand</b>", encoding="utf-8")
+    (folder / "results" / "reproduce" / "other.html").touch()
     (folder / "results" / "mine").mkdir()
     (folder / "results" / "mine" / "manifest.json").write_text("{}", encoding="utf-8")
     (folder / "site").mkdir()
@@ -94,7 +96,8 @@ def test_site_has_page_documents_and_api(built: Path) -> None:
     pages = "CONTRIBUTING benchmark/glossary benchmark/guide columns envs envs/model index results/index"
     assert names >= {*(f"{name}/README.html" for name in guides), *(f"{name}.html" for name in pages.split())}
     assert names >= {"results/reproduce/claims.csv", "results/scenes.svg", "search.js", "CITATION.cff"}
-    assert "old.html" not in names
+    assert not {"old.html", "results/reproduce/other.html"} & names
+    assert "by hand" not in (built / "results" / "reproduce" / "README.html").read_text(encoding="utf-8")
     assert not any(name.startswith("results/mine") for name in names)
     assert "load_scenario" in (built / "envs.html").read_text(encoding="utf-8")
     guide = (built / "envs" / "scenarios" / "README.html").read_text(encoding="utf-8")
