@@ -54,13 +54,8 @@ def rendered(template: Path, known: Mapping[str, object]) -> str:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == str(template)]
         line = getattr(error, "lineno", None) or [0, *lines][-1]
-<<<<<<< HEAD
-        reason = f"column {error} is missing" if isinstance(error, KeyError) else str(error).removesuffix(".")
-        raise InputError(f"{template}, line {line}: {reason}.") from error
-=======
         reason = f"column {error} is missing" if isinstance(error, KeyError) else str(error).rstrip(".")
         raise InputError(f"{template}, line {line}: {reason or type(error).__name__}.") from error
->>>>>>> 89b78ddab7460949d9c2a6f80d98597434144cd5
 
 
 def _wrapped(text: str, indent: str = "") -> str:
