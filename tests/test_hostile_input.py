@@ -38,6 +38,10 @@ scenario = { "grid.rows" = 250, "grid.columns" = 400, ping_limit = 1 }
 GRID = f"{EXPERIMENT}[grids.all]\n" + "".join(
     f"axes.a{axis}.{i}.settings.key{axis} = {i}\n" for axis in range(7) for i in range(10)
 )
+READINGS = "".join(
+    f"[readings.{name}]\nquestion = '?'\nanswer = '!'\n"
+    for name in ("default", *(f"r{i}" for i in range(10)))
+)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -58,6 +62,13 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (f"{'.'.join('a' * 3000)} = 1", "not valid TOML: maximum recursion depth"),
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
         (GRID, "axes: more than 10,000 points: accepted: at most 10,000 points"),
+        (
+            f"{GRID[: GRID.index('axes.a4')]}{READINGS}",
+            "grids: 110,000 conditions: accepted: at most 100,000",
+        ),
+        (f"{EXPERIMENT}[solved]\ngrowth = 1.0000001\n", "solved.growth = 1.0000001: "),
+        # From [0, 0], the target region of S1 is ten steps away.
+        (EXPERIMENT.replace("horizon = 200", "horizon = 10"), "S1: no policy succeeds within horizon = 10; "),
         (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
         # By hand: 120 observations, 50,001 times 1 byte of greedy actions and 5 values of 4 bytes.
         (LONG.replace("500", "20000"), f"records of {120 * 50_001 * 21 / 1e6:,.0f} MB"),
@@ -120,7 +131,7 @@ def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture
     zeros = "".join(f"{key} = 0.0\n" for key in read_toml(SCENARIO_DIRECTORY / "S1.toml")["rewards"])
     (tmp_path / "Flat.toml").write_text(f"{text[: text.index('[rewards]')]}[rewards]\n{zeros}")
     (tmp_path / "mine.toml").write_text(EXPERIMENT.replace('"S1"', f'"{tmp_path}/Flat.toml"'))
-    flat = ["--agent", "operator:neg", "--scenario", f"{tmp_path}/Flat.toml", "--observation", "index"]
+    flat = ["--agent", "tests.fuzz:up", "--scenario", f"{tmp_path}/Flat.toml", "--observation", "index"]
     for arguments in (["run", f"{tmp_path}/mine.toml"], ["assess", *flat]):
         assert "so scores" in refused(capsys, *arguments, "--results", tmp_path / "out")
     assert not (tmp_path / "out").exists()

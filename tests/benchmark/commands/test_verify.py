@@ -223,6 +223,7 @@ def test_templates_reach_neither_files_nor_code(expression: str, tmp_path: Path)
         ("{{ number('summary', 'success') }}", r"line 3: summary\.csv has \d+ rows"),
         ("{% include 'other.md' %}", r"line 3: 'other\.md' not found"),
         ("{{ 'a' + 1 }}", r"line 3: .*str"),
+        ("{{ 'a' * 10**15 }}", r"line 3: MemoryError\."),
     ],
 )
 def test_a_mistake_in_a_template_is_named_by_its_line(text: str, said: str, tmp_path: Path) -> None:

@@ -292,6 +292,7 @@ def test_missing_and_changed_choices_are_refused(
         ("low = 0.03", "low = 0.0", "low = 0.0: accepted: above 0, or scale"),
         ('low = 0.03, high = 1.0, scale = "log"', "values = [0.5, 0.5]", "0.5 is named twice"),
         ('low = 0.03, high = 1.0, scale = "log"', "low = -1e308, high = 1e308", "closer values"),
+        ("low = 0.03", "low = 0.9999", "low = 0.9999, high = 1.0: accepted: numbers that differ in 3 digits"),
         ("low = 0.03", "whole = true, low = 0.03", "accepted: whole numbers, both"),
         ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),
         ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
