@@ -150,7 +150,7 @@ def check_scores(runs: Iterable[RunSpecification]) -> None:
         for start in starts:
             check_anchors(compile_scenario(scenario), horizon, start)
         if not largest_success(compile_scenario(scenario), horizon):
-            accepted = "accepted: another horizon, or another scenario"
+            accepted = "accepted: a longer horizon, or another scenario"
             raise InputError(f"{scenario.name}: no policy succeeds within horizon = {horizon}; {accepted}.")
 
 

@@ -81,7 +81,7 @@ def _problems(
                 yield from unfounded(experiment, folder)
         elif any(is_stored):
             print(f"{experiment.name}: not drawn again, since there is no report.")
-    if not (reports or ended or structure) and options.experiment is not None:
+    if not (reports or checked or structure) and options.experiment is not None:
         raise InputError(f"{path}: no run of {options.experiment} is stored or published; run it first.")
     yield from rewritten(reports, options.results)
 

@@ -26,7 +26,7 @@ _T = TypeVar("_T")
 def load_report(name: str, source: str = "benchmark.reports") -> Report:
     """Returns a report, by a key of `REPORTS`, or `module:attribute` of one that lives elsewhere.
 
-    What is no report is an InputError, whose message begins with the source, the file that named it.
+    Anything but a report raises an InputError, whose message begins with the source, the file that named it.
     """
     if name not in REPORTS and ":" not in name:
         unknown_name(source, "report", name, REPORTS, "module:attribute")
@@ -36,7 +36,7 @@ def load_report(name: str, source: str = "benchmark.reports") -> Report:
 def load_items(report: Report, declared: Mapping[str, Any], source: str) -> tuple[Item, ...]:
     """Returns a report's items, with those that an experiment's table `report` adds, without those it omits.
 
-    A name that is unknown or taken, and what is no item, are an InputError that begins with the source.
+    An unknown or taken name, or anything but an item, raises an InputError that begins with the source.
     """
     names = [item.name for item in report.items]
     for name in declared["omit"]:

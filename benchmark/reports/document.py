@@ -152,7 +152,7 @@ def front(results: Path) -> str:
     """Returns the README of the repository, whose numbers and verdicts are those of published tables.
 
     Its template has all lookups of texts by folder, as in `of.when.number(...)`. A folder that is damaged,
-    lacks what README cites, or does not show what is claimed is an InputError.
+    lacks what README cites, or does not show what is claimed raises an InputError.
     """
 
     def text(name: str, title: str = "") -> str:

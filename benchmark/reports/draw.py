@@ -45,7 +45,7 @@ def draw(
 
     The folder is replaced when all files are there, so a failure leaves it as it was. If they are
     identical to the published ones, and none holds measured times, the manifest is the published one, too.
-    `seeds` replace the declared ones. Missing runs are an InputError, unless the report is `partial`.
+    `seeds` replace the declared ones. Missing runs raise an InputError, unless the report is `partial`.
     """
     if partial and not report.can_be_partial:
         raise InputError(f"--partial: {directory.name}: accepted: a comparison or a map.")
@@ -78,8 +78,8 @@ def draw(
 def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
     """Returns the report of an experiment, with the items that it declares.
 
-    If it has none, or asks for something else than the experiment has, that is an InputError; so is a missing
-    package, if the report is drawn now.
+    Raises an InputError if it has none, if the report does not fit the experiment or, if it is drawn now, a
+    package is missing.
     """
     declared, where = experiment.report, experiment.argument
     if declared is None:

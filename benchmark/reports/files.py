@@ -22,7 +22,7 @@ _BEFORE: Final = ".before"  # ends the name of a folder for the moment in which 
 def alone(folder: Path) -> Iterator[None]:
     """Waits until no other process writes to a folder, and removes what killed ones have left there.
 
-    A missing folder is made; one that cannot be written is an InputError.
+    A missing folder is made; one that cannot be written raises an InputError.
     """
     with _input_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -45,7 +45,7 @@ def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
     """Yields an empty folder that takes a folder's place at the end, unless there is an exception.
 
     What the old one has besides stays, except files with stale names: these were made before. The caller must
-    be `alone` in the folder around it. What cannot be written is an InputError.
+    be `alone` in the folder around it. What cannot be written raises an InputError.
     """
 
     def outdated(directory: str, names: list[str]) -> list[str]:

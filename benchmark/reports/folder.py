@@ -86,7 +86,7 @@ class Folder:
         """Returns a file's content; raises an InputError if it is not listed, missing or changed."""
         with self.reading(file):
             if (path := self.path / file).exists() and not path.is_file():
-                raise ValueError("it is no file")  # but a pipe, perhaps, which never ends
+                raise ValueError("it is not a regular file")  # but a pipe, perhaps, which never ends
             content = path.read_bytes()
             if hashlib.sha256(content).hexdigest() != self.manifest["files"][file]:
                 raise ValueError(f"{MANIFEST} lists another digest")

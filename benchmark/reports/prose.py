@@ -31,8 +31,8 @@ class ClaimError(InputError):
 def written(folder: Folder, template: Path | None = None) -> str | None:
     """Returns the text written for a folder of results, in Markdown; None if there is none for these runs.
 
-    The template is by default that of a shipped experiment. If it has a mistake, or cites what the tables
-    lack, that is an InputError; if they do not show what it claims, a ClaimError. On another type of
+    The template is by default that of a shipped experiment. A mistake in it, or citing what the tables
+    lack, raises an InputError; a claim that they do not show, a ClaimError. On another type of
     processor nets learn differently, so there a claim can fail without any error.
     """
     manifest = folder.manifest

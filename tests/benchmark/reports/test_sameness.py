@@ -82,7 +82,7 @@ def test_stamp_sees_changed_inputs_and_files(made: Path) -> None:
     assert not sameness.is_up_to_date(made, sameness.digest_of_inputs("runs", "other seeds"))
     for file in (made / "a.csv", made / ".stamp", made / "manifest.json"):
         content = file.read_bytes()
-        file.write_bytes(content.replace(b"a", b"e"))
+        file.write_bytes(b"?" + content[1:])
         assert not sameness.is_up_to_date(made, inputs)
         file.unlink()
         assert not sameness.is_up_to_date(made, inputs)
