@@ -15,6 +15,7 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.commands import verify
 from benchmark.execution.store import Record, Store
+from benchmark.page import build
 from benchmark.reports import load_report
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
@@ -122,6 +123,7 @@ def test_changed_texts_are_reported(results: Path, tmp_path: Path) -> None:
     shutil.copytree(results, tmp_path, dirs_exist_ok=True)
     shutil.copytree(ROOT / "results" / "speed", tmp_path / "speed")
     reports = {"reproduce_smoke": load_report("replication")}
+    build.write(tmp_path, "reproduce_smoke")  # also the list of results
     assert [*verify.rewritten(reports, tmp_path)] == []
     paths = tmp_path / "reproduce_smoke" / "index.html", tmp_path / "speed" / "README.md"
     for path in paths:

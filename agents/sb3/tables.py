@@ -103,7 +103,7 @@ def saved_table(
         agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects=_attributes(path, cls, modules))
     except Exception as error:  # whatever the saved objects raise
         reason = first_line(error).partition(". ")[0]  # of torch's, advice on its arguments follows
-        accepted = f"accepted: what model.save of {algorithm} wrote, if it needs no other code"
+        accepted = f"accepted: what model.save of {algorithm} wrote"
         raise InputError(f"{path}: cannot be loaded: {reason}; {accepted}.") from error
     return agent_table(agent, str(path), model, observation, normalization)
 

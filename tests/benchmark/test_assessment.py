@@ -211,7 +211,7 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
         ({"observation": "coordinates"}, r"zip: observation_space = .* accepted in Moody with"),
         (
             {"algorithm": "stable_baselines3:PPO"},
-            "zip: cannot be loaded: .* accepted: what model.save of stable_baselines3:PPO has",
+            "zip: cannot be loaded: .* accepted: what model.save of stable_baselines3:PPO wrote",
         ),
         ({"stochastic": True}, "stochastic = True: accepted only with action probabilities"),
         ({"algorithm": None}, "zip: algorithm = None: accepted: module:class"),
