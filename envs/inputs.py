@@ -153,7 +153,7 @@ def seen(text: str) -> str:
 
 
 def distinct(values: ValuesT, where: str = "") -> ValuesT:
-    """Refuses, by a ValueError, values of which two look alike."""
+    """Refuses, by a ValueError, values of which two are the same as readers see them, see `seen`."""
     known = set[str]()
     for text in (seen(str(value)) for value in values):
         require(text not in known, f"{where}{shortened(text)} is named twice", "each once")
@@ -187,7 +187,7 @@ def read_toml(path: Path, largest: int = 20_000_000) -> dict[str, Any]:
         if path.stat().st_size > largest or not path.is_file():
             raise OSError(0, f"accepted: a file of at most {largest:,} bytes")
         if _LONG_KEY.search(text := path.read_text(encoding="utf-8")):
-            raise RecursionError("maximum recursion depth exceeded by a key")
+            raise ValueError("a key has more than 50 parts")
         data = tomllib.loads(text)
         json.dumps(data, default=str)  # as `parse` does
     except OSError as error:

@@ -103,7 +103,7 @@ def inert(text: str) -> str:
     return _ACTIVE.sub(lambda match: _ENTITIES[match[0]], " ".join(text.split()))
 
 
-def contained(markdown: str) -> str:
+def local_only(markdown: str) -> str:
     """Returns Markdown in which nothing but files of the repository is shown or linked."""
     return _REMOTE.sub(lambda match: _ENTITIES[match[0]], markdown)
 

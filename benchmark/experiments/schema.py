@@ -417,7 +417,7 @@ class Declaration(Table):
             require(is_used, f"grids.{name}.tuned_by = {grid.tuned_by}", "variants with a key tuned_by, too")
 
     def _check_report(self) -> None:
-        """Refuses labels that look alike, and pairs that are declared twice, either way round."""
+        """Refuses labels that readers see as the same, and pairs declared twice, either way round."""
         names = tuple(Path(name).stem for name in self.scenarios), self._learners, self.readings
         inputs.distinct(names[0], "scenarios: ")
         inputs.distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")

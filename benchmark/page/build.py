@@ -26,7 +26,7 @@ from markupsafe import Markup
 from benchmark import __version__
 from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import in_dark, learner_style, svg
-from benchmark.drawing.tables import contained, inert, plain
+from benchmark.drawing.tables import inert, local_only, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.reports import explorer, files, prose, sameness
 from benchmark.reports.document import Document, templates_in
@@ -204,7 +204,7 @@ class _Part:
 
     def inline(self, text: str) -> Markup:
         """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
-        return self._html(self._parser.parseInline(contained(text)))
+        return self._html(self._parser.parseInline(local_only(text)))
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links that lead from the page to files of the folder."""
@@ -332,5 +332,5 @@ def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
         headline = (document or Document(path)).headline or inert(folder.manifest["description"])
-        return contained(plain(headline.partition("\n\n")[0]))
+        return local_only(plain(headline.partition("\n\n")[0]))
     return ""

@@ -91,7 +91,7 @@ class Document:
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
         known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
         text = templates_in(template.parent).get_template(template.name).render(**known, **more)
-        return tables.contained(re.sub(r"\n{3,}", "\n\n", text).strip("\n"))
+        return tables.local_only(re.sub(r"\n{3,}", "\n\n", text).strip("\n"))
 
     def readme(self) -> str:
         """Returns README of the folder; raises an InputError if it cannot be made, or a file was changed."""

@@ -85,7 +85,7 @@ def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> 
             "rows.0 = [-1e+300, 1e+300, 0.0, 0.0, 1.0]: acc",
         ),
         (r"rows = \[\[0\.0", "rows = [[1.1e-9", "rows.0 = [1.1e-09, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
-        ("score = ", f"{'a.' * 100_000}b = 1\nscore = ", "not valid TOML: maximum recursion depth"),
+        ("score = ", f"{'a.' * 100_000}b = 1\nscore = ", "not valid TOML: a key has more than 50 parts"),
         (r"rows = \[\[0\.0, ", "rows = [[", "rows.0 = [0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
         (r"rows = .*", "rows = []", "rows = []: "),
         ('scenario = "S1"', 'scenario = "S9"', "unknown scenario S9; accepted: "),

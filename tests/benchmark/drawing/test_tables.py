@@ -12,7 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from markupsafe import Markup
 
-from benchmark.drawing.tables import LINK, contained, link, paragraph, plain, read_csv, to_markdown, write_csv
+from benchmark.drawing.tables import (
+    LINK,
+    link,
+    local_only,
+    paragraph,
+    plain,
+    read_csv,
+    to_markdown,
+    write_csv,
+)
 from tests.support import markdown_parser, mistyped_columns
 
 
@@ -123,12 +132,12 @@ def test_markdown_keeps_code_and_emphasis() -> None:
 
 def test_markdown_shows_and_links_files_of_the_repository_alone() -> None:
     local = "![a](b.svg) [c](../d/README.md#e) [0.5](f.csv#row=2;4-5) < 1, [0, 1] @ S1"
-    assert contained(local) == local
+    assert local_only(local) == local
     texts = ["![a](https://b.org)", "[a](//b.org)", r"[a](/\b.org)", "[a](javascript:b)", "[a](b 'c')", "<b>"]
     for text in [*texts, "https://b.org", "www.b.org", "a@b.org", "x\n\n[a]: https://b.org\n\n![a]"]:
-        rendered = markdown_parser().render(contained(text))
+        rendered = markdown_parser().render(local_only(text))
         assert not re.search("<(?!/?p>)", rendered), text
-        assert contained(contained(text)) == contained(text)
+        assert local_only(local_only(text)) == local_only(text)
     assert (
         link("[a](https://b.org)", "t", pd.DataFrame(index=[0]))
         == "[[a]&#40;https&#58;//b.org)](t.csv#row=2)"
