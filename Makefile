@@ -54,7 +54,7 @@ report: $(BASE) ## the page and the texts of results, from the tables that are t
 	$(PY) -m benchmark report --results $(RESULTS)
 
 docs: $(DOCS) ## the site: page, guide, keys of files, columns of tables, API, in build/site/
-	$(PY) -m benchmark.page.site $(RESULTS) $(SITE) $(PACKAGES)
+	$(PY) -m benchmark.publish.page.site $(RESULTS) $(SITE) $(PACKAGES)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)
 	$(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)

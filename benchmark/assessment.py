@@ -32,7 +32,7 @@ with needed_by("benchmark.assessment"):
     from benchmark.drawing.maps import draw_policy, policy_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.experiments import experiment_names
-    from benchmark.reports.folder import SCORES, Folder, with_titles
+    from benchmark.folder import SCORES, Folder, with_titles
 
 Act = Callable[[Any], object]  # from an observation to an action, or to the probability of each action
 

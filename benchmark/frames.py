@@ -16,8 +16,8 @@ with needed_by("benchmark.frames"):
     from benchmark.assessment import RESULTS
     from benchmark.execution.store import NoRunsError, Store
     from benchmark.experiments import Experiment, all_specifications, load_experiment
-    from benchmark.reports.folder import SCORES, Folder, with_titles
-    from benchmark.reports.manifest import digest_of
+    from benchmark.folder import SCORES, Folder, with_titles
+    from benchmark.publish.manifest import digest_of
 
 _PUBLISHED: Final = ((SCORES, "runs.csv"), ("curves.csv", "success.csv", "learning.csv"))  # runs, curves
 Where = str | Path

@@ -18,8 +18,8 @@ from pydantic import AfterValidator, Field
 from agents.dynamic_programming import evaluate
 from benchmark.assessment import HORIZON, RESULTS, Assessment
 from benchmark.drawing.tables import to_markdown
-from benchmark.reports import files
-from benchmark.reports.templates import templates_in
+from benchmark.publish import files
+from benchmark.publish.templates import templates_in
 from envs import ACTIONS, InputError, load_scenario
 from envs.inputs import Line, Table, check_file_name, parse, read_toml, shortened, unknown_name
 from envs.observations import OBSERVATIONS, compile_seen

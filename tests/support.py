@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from benchmark.experiments import Experiment, RunSpecification
-from benchmark.reports.folder import MANIFEST, write_manifest
+from benchmark.folder import MANIFEST, write_manifest
 from envs import load_scenario
 
 ROOT: Final = Path(__file__).parents[1]

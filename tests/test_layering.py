@@ -35,7 +35,7 @@ def test_no_arrow_points_backwards(layer: str) -> None:
         assert not imported(path) & above, path
 
 
-ROOMS = ("experiments", "execution", "analysis", "drawing", "reports", "page", "commands")
+ROOMS = ("experiments", "execution", "analysis", "drawing", "studies", "publish", "commands")
 
 
 @pytest.mark.parametrize("room", ROOMS)
@@ -62,7 +62,7 @@ def test_only_the_deep_learners_load_torch() -> None:
 def test_torch_is_loaded_only_when_somebody_trains_a_net() -> None:
     code = (
         "import sys; from benchmark.experiments import *; "
-        "from benchmark.execution import driver; from benchmark.reports import draw\n"
+        "from benchmark.execution import driver; from benchmark.publish import draw\n"
         "all_specifications(load_experiment('compare_deep'))\n"
         "assert not {'torch', 'stable_baselines3', 'rliable'} & set(sys.modules)"
     )

@@ -30,7 +30,7 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
 }
 
 
-# Others use what these make: tests/test_pipeline.py, tests/benchmark/reports and tests/benchmark/page.
+# Others use what these make: tests/test_pipeline.py, tests/benchmark/studies and tests/benchmark/publish.
 TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs"}
 
 

@@ -15,8 +15,8 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.commands import verify
 from benchmark.execution.store import Record, Store
-from benchmark.page import build
-from benchmark.reports import load_report
+from benchmark.publish.page import build
+from benchmark.studies import load_report
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
 from tests.support import ROOT, make, mistyped_columns

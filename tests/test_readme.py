@@ -12,7 +12,7 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.experiments import load_experiment
-from benchmark.reports import document
+from benchmark.publish import document
 from envs import scenario_names
 from tests.support import ROOT
 
@@ -25,7 +25,7 @@ FILES = (
     "benchmark/experiments/README.md",
     "benchmark/glossary.md",
     "benchmark/publishing.md",
-    "benchmark/reports/README.md",
+    "benchmark/studies/README.md",
     "envs/scenarios/README.md",
 )
 PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in FILES}
@@ -147,7 +147,7 @@ def test_every_extension_has_a_test() -> None:
     rows = [row.strip("|").split("|") for row in table.splitlines()[2:]]
     assert len(rows) >= 10
     for added, _, tests in rows:
-        assert re.search(r"`tests/\w+/(\w+/)?test_\w+\.py`", tests), added
+        assert re.search(r"`tests/(\w+/)+test_\w+\.py`", tests), added
 
 
 def test_readme_is_made_of_the_published_tables() -> None:

@@ -14,9 +14,9 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
-from benchmark.page import build as page
-from benchmark.reports import document, draw, files, prose, sameness
-from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.folder import MANIFEST, Folder
+from benchmark.publish import document, draw, files, prose, sameness
+from benchmark.publish.page import build as page
 from benchmark.sealed import sealed
 from envs import InputError
 from envs.inputs import check_all

@@ -19,7 +19,7 @@ from benchmark.execution.machine import usable_cores
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
-from benchmark.reports import draw
+from benchmark.publish import draw
 from envs import InputError
 from envs.packages import needed_by
 

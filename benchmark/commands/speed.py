@@ -2,8 +2,8 @@
 
 import argparse
 
-from benchmark.page import build as page
-from benchmark.reports import speed
+from benchmark import speed
+from benchmark.publish.page import build as page
 
 
 def main(options: argparse.Namespace) -> int:

@@ -17,9 +17,10 @@ from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.experiments.search import chosen_file, read_chosen
-from benchmark.page import build as page
-from benchmark.reports import Report, document, draw, files, sameness
-from benchmark.reports.folder import README, Folder
+from benchmark.folder import README, Folder
+from benchmark.publish import document, draw, files, sameness
+from benchmark.publish.page import build as page
+from benchmark.studies import Report
 from envs import InputError
 
 

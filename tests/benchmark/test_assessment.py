@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
 from benchmark.assessment import Act, assess, draw_map, standing_of
-from benchmark.reports.folder import write_manifest
+from benchmark.folder import write_manifest
 from envs import EVENTS, InputError, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table

@@ -14,7 +14,7 @@ from benchmark.__main__ import main
 from benchmark.assessment import assess
 from benchmark.commands.verify import rewritten
 from benchmark.leaderboard import checked, submit, texts
-from benchmark.reports import load_report
+from benchmark.studies import load_report
 from envs import ACTIONS, InputError, load_scenario
 from tests.support import ROOT
 

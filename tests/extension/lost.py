@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from benchmark.analysis.frames import by_population
 from benchmark.analysis.intervals import proportion
 from benchmark.drawing.style import figure_of
-from benchmark.reports.item import item
+from benchmark.studies.item import item
 
 
 @item("lost", "runs without any success", {"scenario": "", "learner": "", "share": "share of runs"},

@@ -40,7 +40,7 @@ class Scaled(QRDQN):
 BESIDE = """
 import helper_of_mine
 from tests.agents.plain import Q_LEARNING as LEARNER
-from benchmark.reports.item import item
+from benchmark.studies.item import item
 
 @item("beside", "a number", {"number": "number"})
 def ITEM(data):

@@ -5,7 +5,7 @@ from pathlib import Path
 from agents.tabular.learner import Q_LEARNING as Q_LEARNING
 from benchmark.__main__ import main
 from benchmark.experiments import all_specifications
-from tests.benchmark.reports.conftest import experiment_of
+from tests.benchmark.studies.conftest import experiment_of
 
 PLAIN = """
 description = "A table in S1 and S3."

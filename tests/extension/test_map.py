@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from benchmark.__main__ import main
-from tests.benchmark.reports.test_map import EXPERIMENT
+from tests.benchmark.studies.test_map import EXPERIMENT
 
 MINE = """
 extends = "BASE"

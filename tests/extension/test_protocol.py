@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from tests.benchmark.reports.conftest import results_of
+from tests.benchmark.studies.conftest import results_of
 
 EXPERIMENT = """
 description = "Does exploring less pay, and does it when actions are forgotten?"

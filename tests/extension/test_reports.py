@@ -12,12 +12,13 @@ import pytest
 from benchmark.analysis.frames import by_population
 from benchmark.drawing.tables import link
 from benchmark.experiments import Experiment, load_experiment
-from benchmark.reports import document, draw, load_report
-from benchmark.reports.document import Document
-from benchmark.reports.folder import Folder
-from benchmark.reports.item import Estimate, Report, called, item
+from benchmark.folder import Folder
+from benchmark.publish import document, draw
+from benchmark.publish.document import Document
+from benchmark.studies import load_report
+from benchmark.studies.item import Estimate, Report, called, item
 from envs import InputError
-from tests.benchmark.reports.conftest import experiment_of, results_of
+from tests.benchmark.studies.conftest import experiment_of, results_of
 
 ITEM = Path(__file__).with_name("lost.py")
 EXPERIMENT = """

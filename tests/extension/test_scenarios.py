@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 
 import envs
-from benchmark.reports.explorer import FILE
-from tests.benchmark.reports.conftest import results_of
+from benchmark.studies.explorer import FILE
+from tests.benchmark.studies.conftest import results_of
 
 RIGHT, PING = 3, 4
 CORRIDOR = """

@@ -12,7 +12,7 @@ from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from envs import InputError
 from envs.observations import compile_seen
-from tests.benchmark.reports.conftest import experiment_of
+from tests.benchmark.studies.conftest import experiment_of
 
 EXPERIMENT = """
 description = ""

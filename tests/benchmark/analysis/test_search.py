@@ -14,7 +14,7 @@ from benchmark.execution import driver
 from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
-from tests.benchmark.reports.conftest import experiment_of
+from tests.benchmark.studies.conftest import experiment_of
 
 SMALL = load_experiment("tuning_smoke")
 LONGER = """

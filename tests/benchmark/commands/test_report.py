@@ -6,7 +6,7 @@ import pytest
 
 from benchmark.commands import parse_seeds
 from benchmark.commands.report import folder_name, other_seeds
-from tests.benchmark.reports.conftest import experiment_of
+from tests.benchmark.studies.conftest import experiment_of
 
 EXPERIMENT = """
 description = "Two tables."

@@ -16,10 +16,10 @@ from benchmark.__main__ import main
 from benchmark.commands import verify
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import chosen_file
-from benchmark.reports import prose
-from benchmark.reports.document import Document
-from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.templates import rendered
+from benchmark.folder import MANIFEST, Folder
+from benchmark.publish import prose
+from benchmark.publish.document import Document
+from benchmark.publish.templates import rendered
 from benchmark.sealed import sealed, unsealed
 from envs import InputError
 from tests.support import ROOT, reseal
@@ -145,9 +145,9 @@ EVIL = "{{ cycler.__init__.__globals__.os.system('touch MARKER') }}"
     "changes",
     [
         {"report": {"kind": "marker_module:REPORT"}},
-        {"report": {"kind": "benchmark.reports.../marker_module:REPORT"}},
+        {"report": {"kind": "benchmark.studies.../marker_module:REPORT"}},
         {"report": {"kind": "comparison", "items": ["marker_module:item"]}},
-        {"report": {"kind": "comparison", "items": ["benchmark.reports:load_report"]}},
+        {"report": {"kind": "comparison", "items": ["benchmark.studies:load_report"]}},
         {"argument": "../marker"},
         {"argument": "MARKER/marker"},
         {"experiment": "../marker", "argument": "../marker.toml"},

@@ -17,7 +17,7 @@ from matplotlib.quiver import Quiver
 
 from benchmark.drawing.maps import actions, gallery, heat, shipped, triangles
 from benchmark.drawing.style import svg
-from benchmark.page.build import SCENES
+from benchmark.publish.page.build import SCENES
 from envs import compile_scenario, load_scenario, scenario_names
 from envs.scene import BORDERS, COLOURS, scene_of
 from tests.support import ROOT

@@ -21,8 +21,8 @@ from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import _KNOWN, INK, WIDTH, figure_of, learner_style, name_lines, save_figure
 from benchmark.drawing.tables import read_csv
 from benchmark.experiments import load_experiment
-from benchmark.reports import draw
-from benchmark.reports.item import drawing
+from benchmark.publish import draw
+from benchmark.studies.item import drawing
 from tests.support import ROOT
 
 PUBLISHED = {  # figures of every kind of report that are drawn from tables alone

@@ -12,7 +12,7 @@ import pytest
 from agents import load_algorithm
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from benchmark.experiments.schema import EXPERIMENT_DIRECTORY, Declaration, experiment_names, read_experiment
-from benchmark.reports import load_report
+from benchmark.studies import load_report
 from envs import InputError, load_scenario
 from envs.inputs import parse, read_toml
 from tests.support import ROOT, specifications

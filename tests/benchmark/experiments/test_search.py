@@ -12,7 +12,7 @@ from benchmark.experiments.search import Choice, Space, Span, trials
 from benchmark.sealed import sealed
 from envs import InputError
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.benchmark.reports.conftest import experiment_of
+from tests.benchmark.studies.conftest import experiment_of
 
 SPACE: Space = {
     "learning_rate": Span(low=0.01, high=1, scale="log", why="-"),

@@ -1,0 +1,179 @@
+"""A report as a document: Markdown with places for items. README is one rendering of it, the page another.
+
+The template of a kind of report has the functions `show` and `fold`, which place an item by its name (of
+what is folded, README has the figure and a link to the table), `has`, which says whether there is such an
+item, and `others`, which places the items that an experiment adds. `manifest`, `folder` and the filter
+`text`, which makes a text of users inert, are there, too. All of it is made from published files alone, so
+texts can be corrected without a single run.
+"""
+
+import html
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Final
+
+import pandas as pd
+
+from benchmark.drawing import tables
+from benchmark.experiments import PUBLISHED
+from benchmark.folder import MANIFEST, README, Folder, with_titles
+from benchmark.publish import files, prose
+from benchmark.publish.templates import templates_in as templates_in
+from benchmark.studies import REPORTS, load_items, load_report
+from benchmark.studies.item import Item, Report
+from envs import InputError
+
+_FRAME: Final = Path(__file__).parent / "README.md.jinja"
+_FRONT: Final = Path(__file__).parent / "front.md.jinja"
+
+
+class Document:
+    """The document of a folder of results."""
+
+    def __init__(self, path: Path, report: Report | None = None) -> None:
+        """Takes the report of an experiment, see `draw.report_of`, or finds that of this project.
+
+        Manifests come from anywhere, so they name no code of others. Something that is damaged or missing
+        raises an InputError.
+        """
+        self.folder = Folder(path)
+        declared, source = self.folder.manifest["report"], str(path / MANIFEST)
+        with self.folder.reading():
+            if report is None:
+                for name in (declared["kind"], *declared["items"]):
+                    if name not in REPORTS and not name.startswith("benchmark.studies."):
+                        reason = f"report: {name}: code of users runs only if you name its experiment"
+                        raise InputError(f"{source}: {reason}, as in: report EXPERIMENT.")
+                report = load_report(declared["kind"], source)
+                report = replace(report, items=load_items(report, declared, source))
+            self.report, self.items = report, report.items
+            self.question = declared["question"] or report.question
+
+    @cached_property
+    def headline(self) -> str | None:
+        """The finding in Markdown: as it is written by hand, or else the sentence that the report makes."""
+        try:
+            return prose.written(self.folder, self.report.finding) or self.report.headline(self.folder)
+        except prose.ClaimError:
+            return self.report.headline(self.folder)
+
+    def has(self, name: str) -> bool:
+        """Returns whether there is an item with something to show."""
+        has_files = f"{name}.csv" in self.folder or self.folder.figure(name)
+        return bool(has_files) and name in [item.name for item in self.items]
+
+    def shown(self, item: Item) -> pd.DataFrame:
+        """Returns an item's table as readers see it, of Markdown texts; empty if there is none here."""
+        if f"{item.name}.csv" not in self.folder:
+            return pd.DataFrame()
+        return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
+
+    def render(
+        self, insert: Callable[[Item, bool], str], template: Path | None = None, **more: object
+    ) -> str:
+        """Returns the document as Markdown.
+
+        `insert` returns what stands for an item, given whether it is shown on demand alone. The template is
+        by default that of the report; `more` is what it needs besides.
+        """
+        n_own = len(self.items) - len(self.folder.manifest["report"]["items"])
+        named = {item.name: item for item in self.items}
+
+        def show(name: str, *, is_folded: bool = False) -> str:
+            return insert(named[name], is_folded) if self.has(name) else ""
+
+        def others() -> str:
+            return "\n\n".join(insert(item, False) for item in self.items[n_own:])
+
+        template = template or self.report.document
+        functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
+        known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
+        text = templates_in(template.parent).get_template(template.name).render(**known, **more)
+        return tables.local_only(re.sub(r"\n{3,}", "\n\n", text).strip("\n"))
+
+    def readme(self) -> str:
+        """Returns README of the folder; raises an InputError if it cannot be made, or a file was changed."""
+        self.folder.check()
+
+        def insert(item: Item, is_folded: bool) -> str:
+            file, frame = self.folder.figure(item.name), self.shown(item)
+            parts, table = [f"![{item.caption}]({file})"] if file else [], f"{item.name}.csv"
+            if is_folded and table in self.folder:
+                parts.append(f"[{table}]({table}): {item.description}.")
+            elif not frame.empty:
+                frame = frame.map(lambda text: html.unescape(tables.plain(text)))  # `to_markdown` escapes it
+                parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
+            return "\n\n".join(parts)
+
+        with self.folder.reading():
+            return self.render(insert, _FRAME, body=self.render(insert)) + "\n"
+
+    @property
+    def learners(self) -> str:
+        """A Markdown table of the learners: their names, and where their settings come from; or empty."""
+        manifest, rows = self.folder.manifest, list[dict[str, str]]()
+        plus = " or more" if manifest["report"].get("looks") else ""
+        for variant, declared in manifest["algorithms"].items():
+            search = declared["tuned_by"].partition(":")[0]
+            rank = f", rank {declared['rank']}" if "rank" in declared else ""
+            sources = [f"search `{search}`{rank}" if search else "declared"]
+            sources += [f"{key} declared" for key in declared["changed"]]
+            others = manifest.get("searches", {}).items() if search else ()
+            sources += [f"search `{other}` in the grid `{grid}`" for grid, other in others]
+            for observation in declared["settings"]:
+                varied = declared.get("varied", {}).get(observation, {}).items()
+                tables_of = [(*table.split("."), "`, `".join(keys)) for table, keys in varied]
+                changed = [
+                    f"`{keys}` changed in the {kind[:-1]} `{table}`" for kind, table, keys in tables_of
+                ]
+                name, policy = f"{variant}, {observation}", declared["policy"]
+                row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`", "policy": policy}
+                if not manifest["search"]:
+                    row |= {"settings": "; ".join([*sources, *changed]), "runs": f"{declared['runs']}{plus}"}
+                rows.append(row)
+        return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
+
+    @property
+    def listed(self) -> str:
+        """A Markdown table of the files."""
+        rows = []
+        for item in self.items:
+            first, *others = [file for file in item.files() if file in self.folder] or [""]
+            if first:
+                ends = [file.removeprefix(item.name) for file in others]
+                rows.append((", ".join([first, *ends]), item.description))
+        rows.append((MANIFEST, "what made the runs: versions, commit, machine, times; digests of files"))
+        return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
+
+
+def front(results: Path) -> str:
+    """Returns the README of the repository, whose numbers and verdicts are those of published tables.
+
+    Its template has all lookups of texts by folder, as in `of.when.number(...)`. A folder that is damaged,
+    lacks what README cites, or does not show what is claimed raises an InputError.
+    """
+
+    def text(name: str, title: str = "") -> str:
+        return prose.paragraphs(Folder(results / name), title)
+
+    def figure(name: str, item: str) -> str:
+        return f"results/{name}/{Folder(results / name).figure(item)}"
+
+    for name in PUBLISHED:
+        prose.written(Folder(results / name))  # also of those that README does not cite
+    of = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
+    template = templates_in(_FRONT.parent).get_template(_FRONT.name)
+    with Folder(results / next(iter(PUBLISHED))).reading():
+        answer = prose.SENTENCES.split(text(next(iter(PUBLISHED))))
+        rendered = template.render(figure=figure, text=text, answer=answer, of=of)
+    if failed := [claim for lookups in of.values() for claim in lookups.failed]:
+        raise prose.ClaimError(*(f"README: tables do not show that {claim}." for claim in failed))
+    return rendered
+
+
+def write(path: Path, report: Report | None = None) -> None:
+    """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
+    files.write_text(path / README, Document(path, report).readme())

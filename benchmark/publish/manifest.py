@@ -1,0 +1,93 @@
+"""The manifest of a folder of results: what was run, and from the records what ran it."""
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from benchmark.analysis.records import Provenance
+from benchmark.experiments import DEFAULT_CONDITION, RunSpecification
+from benchmark.studies.data import Data
+
+
+def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
+    """Returns the manifest; drawing again gives the same."""
+    declared, runs = data.experiment.declared, data.specifications
+    sizes = Counter(run.population for run in runs)
+    largest = max(sizes, key=lambda population: sizes[population])
+    # One run of each learner in each scenario, by default or else under the first condition that has it.
+    first: dict[tuple[str, str], RunSpecification] = {}
+    populations = [group.population for group in data.groups]
+    populations.sort(key=lambda population: population.condition.axes["reading"] != DEFAULT_CONDITION)
+    for population in populations:
+        first.setdefault((population.scenario.name, population.learner.name), population.first)
+    searches = {name: grid.tuned_by for name, grid in declared.grids.items() if grid.tuned_by}
+    option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
+    return {
+        "experiment": declared.name,
+        "description": declared.description,
+        "command": f"python -m benchmark run {declared.argument}{option} --report",
+        "partial": data.note,
+        "argument": declared.argument,
+        **declared.model_dump(mode="json", include={"report", "solved", "search"}),
+        "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
+        **({"searches": searches} if searches else {}),
+        "horizon": declared.horizon,
+        "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in first.values()},
+        "algorithms": _variants(data, first, sizes),
+        "note": declared.note.strip(),
+        "readings": {
+            name: reading.model_dump(include={"title", "question", "answer"})
+            | ({"curve": reading.curve} if name == DEFAULT_CONDITION and reading.curve == "table" else {})
+            for name, reading in declared.readings.items()
+        },
+        "runs": len(runs),
+        "seeds": sizes[largest],
+        "first_seed": min(run.seed for run in runs if run.population == largest),
+        "digest": digest_of(runs),
+        **_made_by(data.provenance),
+    }
+
+
+def digest_of(runs: Sequence[RunSpecification]) -> str:
+    """Returns what tells runs from any others."""
+    return hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
+
+
+def _variants(
+    data: Data, first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
+) -> dict[str, dict[str, Any]]:
+    variants: dict[str, dict[str, Any]] = {}
+    settings: dict[str, dict[str, object]] = {}
+    for (_, name), run in first.items():
+        learner = data.experiment.learners[name]
+        declared = {"algorithm", "title", "reference_for", "policy", "tuned_by", "rank"}
+        about = learner.declared.model_dump(include=declared)
+        about |= {"family": learner.family, "packages": learner.algorithm.packages}
+        about |= {"changed": learner.changed, "runs": sizes[run.population]}  # in a scenario
+        of_forms = settings.setdefault(learner.variant, {})
+        of_forms[learner.observation] = run.settings.model_dump(mode="json")
+        variants.setdefault(learner.variant, about | {"settings": of_forms})
+    for population in (group.population for group in data.groups):
+        for table, change in population.condition.changes.items():
+            for key in change.settings:  # of a reading, or of a grid or one of its axes
+                varied = variants[population.learner.variant].setdefault("varied", {})
+                by_table = varied.setdefault(population.learner.observation, {})
+                keys = by_table.setdefault(".".join(table.split(".")[:2]), [])
+                keys += [key] if key not in keys else []
+    return variants
+
+
+def _made_by(provenance: Sequence[Provenance]) -> dict[str, object]:
+    keys = {"commits": "commit", "machines": "machine", "processors": "processor", "versions": "versions"}
+    # Records that were made before the processor was noted do not have it.
+    texts = {
+        key: {json.dumps(run[name], sort_keys=True) for run in provenance if name in run}
+        for key, name in keys.items()
+    }
+    return {key: [json.loads(text) for text in sorted(values)] for key, values in texts.items()} | {
+        "first_started_at": min(run["started_at"] for run in provenance),
+        "last_started_at": max(run["started_at"] for run in provenance),
+        "busy_time_s": round(sum(run["wall_time_s"] for run in provenance), 3),
+    }

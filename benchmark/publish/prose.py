@@ -1,0 +1,101 @@
+"""Texts written by hand, whose numbers are looked up in published tables and whose claims are checked.
+
+The finding of an experiment is a template beside its file: of `when.toml`, it is `when.md.jinja`.
+Every number in it is a link to its rows, and every other statement is guarded by a `claim` about the tables.
+Its first paragraph is the answer. A paragraph may start with a title in bold, by which the README of this
+repository includes it and those after it. Results of other seeds, or of some of the runs, have no such text.
+"""
+
+import re
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import pandas as pd
+
+from benchmark.drawing import tables
+from benchmark.experiments import EXPERIMENT_DIRECTORY, experiment_names
+from benchmark.folder import Folder, with_titles
+from benchmark.publish.templates import rendered
+from envs import InputError
+from envs.words import listed
+
+SENTENCES: Final = re.compile(r"(?<=\.) (?=[A-Z*])")  # where one ends
+_TITLE: Final = re.compile(r"^\*\*(.+?)\.\*\* ", re.MULTILINE)
+
+
+class ClaimError(InputError):
+    """The tables do not show what a text claims."""
+
+
+def written(folder: Folder, template: Path | None = None) -> str | None:
+    """Returns the text written for a folder of results, in Markdown; None if there is none for these runs.
+
+    The template is by default that of a shipped experiment. A mistake in it, or citing what the tables
+    lack, raises an InputError; a claim that they do not show, a ClaimError. On another type of
+    processor nets learn differently, so there a claim can fail without any error.
+    """
+    manifest = folder.manifest
+    if template is None and manifest.get("argument") in experiment_names():
+        template = EXPERIMENT_DIRECTORY / f"{manifest['argument']}.md.jinja"
+    is_as_declared = not manifest.get("partial") and " --seeds " not in manifest.get("command", "")
+    if template is None or not (is_as_declared and template.is_file()):
+        return None
+    lookups = Lookups(folder)
+    functions = {name: getattr(lookups, name) for name in vars(Lookups) if name[0] != "_"}
+    text = rendered(template, functions)
+    if lookups.failed:
+        where = f"{folder.path}: its tables do not show, as {template.name} claims,"
+        raise ClaimError(*(f"{where} that {claim}." for claim in lookups.failed))
+    paragraphs = [" ".join(paragraph.split()) for paragraph in text.split("\n\n")]
+    return "\n\n".join(filter(None, paragraphs))
+
+
+def paragraphs(folder: Folder, title: str = "") -> str:
+    """Returns the paragraphs of a folder's text below a title, by default above all, as one without links."""
+    first, *others = _TITLE.split(tables.plain(written(folder) or ""))
+    titled = {name: f"**{name}.** {text}" for name, text in zip(others[::2], others[1::2], strict=True)}
+    return " ".join(({"": first} | titled)[title].split())
+
+
+class Lookups:
+    """The functions that a text has. A learner is given by its name, as in "ppo, coordinates"."""
+
+    def __init__(self, folder: Folder) -> None:
+        self._frame = cache(lambda table: with_titles(folder.frame(table), {}))
+        self.failed: list[str] = []
+
+    def rows(self, table: str, **where: object) -> pd.DataFrame:
+        """Returns the rows of a table with these values; of a list, with any of its values."""
+        frame = self._frame(table)
+        for key, value in where.items():
+            frame = frame[frame[key].isin(value if isinstance(value, list) else [value])]
+        return frame
+
+    def row(self, table: str, **where: object) -> pd.Series:
+        """Returns the only row of a table with these values."""
+        rows = self.rows(table, **where)
+        if len(rows) != 1:
+            raise ValueError(f"{table}.csv has {len(rows)} rows with {where}, not one")
+        return rows.iloc[0]
+
+    def number(self, table: str, column: str, form: str = ",.0f", **where: object) -> str:
+        """Returns a number, or with the form "time" seconds, with a link to its row."""
+        row = self.row(table, **where)
+        text = tables.duration(row[column]) if form == "time" else format(row[column], form)
+        return tables.link(text, table, row)
+
+    def count(self, table: str, of: str = "", **where: object) -> str:
+        """Returns how many rows have these values, or how many different values a column has in them."""
+        rows = self.rows(table, **where)
+        return tables.link(str(rows[of].nunique() if of else len(rows)), table, rows)
+
+    def names(self, table: str, column: str, **where: object) -> str:
+        """Returns the different values of a column, as a list in words."""
+        rows = self.rows(table, **where)
+        return tables.link(listed(map(str, rows[column].unique())), table, rows)
+
+    def claim(self, is_true: bool, sentence: str) -> str:
+        """Checks that a sentence is true of the tables; returns an empty text."""
+        self.failed += [] if is_true else [sentence]
+        return ""

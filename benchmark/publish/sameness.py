@@ -1,0 +1,110 @@
+"""Whether files are the same: as when they were made, as published, or as drawn again.
+
+A *stamp* beside a folder's files, which is not published, notes what they were made from: what is up to date
+need not be made again. A *certificate* says whether a folder is the same as another one, except files that
+hold measured times.
+"""
+
+import gzip
+import hashlib
+import json
+import platform
+import subprocess
+from collections.abc import Collection
+from contextlib import suppress
+from importlib.metadata import distributions
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from benchmark.execution.provenance import digest_of_code
+from benchmark.folder import MANIFEST, README, Folder, digests
+from envs import InputError
+
+STAMP: Final = ".stamp"
+REPOSITORY: Final = Path(__file__).parents[2]
+
+
+class Certificate(NamedTuple):
+    """What comparing a folder with another one gave."""
+
+    is_identical: bool
+    text: str
+
+
+def compare(
+    folder: Path, name: str, measured: Collection[str], other: Path | None = None
+) -> Certificate | None:
+    """Compares an experiment's folder with another one; returns None if there is no other one.
+
+    Args:
+      folder: What was made.
+      name: The experiment's name.
+      measured: Names of files that hold measured times.
+      other: A folder made from the same store, in which only files count that were made for it. By default it
+        is the folder of the last commit, and manifests, which say who made the files and when, do not count.
+    """
+    made = digests(folder)
+    if other is None:
+        where, expected = "the published results", _published(name)
+        made.pop(MANIFEST, None)
+    else:
+        known, where = {*made, *listed(other)}, f"the files in {other}"
+        expected = {file: digest for file, digest in digests(other).items() if file in known}
+    if not expected:
+        return None
+    compared = sorted({*made, *expected} - {*measured})
+    differing = [file for file in compared if made.get(file) != expected.get(file)]
+    n, n_apart = len(compared), len({*made, *expected} & {*measured})
+    apart = f"; files with measured times, not compared: {n_apart}" if n_apart else ""
+    if not differing:
+        return Certificate(True, f"{name}: identical to {where} ({n} of {n} files{apart}).")
+    files = f"{len(differing)} of {n} files: {', '.join(differing)}{apart}"
+    return Certificate(False, f"{name}: different from {where}: {files}.")
+
+
+def published_file(name: str, file: str) -> bytes | None:
+    """Returns the content of a file of the last commit's results; None if there is no such file."""
+    git = ["git", "-C", str(REPOSITORY), "show", f"HEAD:results/{name}/{file}"]
+    try:
+        return subprocess.run(git, check=True, capture_output=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def keep_published(folder: Path, name: str) -> None:
+    """Takes the published bytes of packed files that have the same content, since versions of zlib differ."""
+    for path in folder.glob("*.gz"):
+        published = published_file(name, path.name)
+        if published and gzip.decompress(published) == gzip.decompress(path.read_bytes()):
+            path.write_bytes(published)
+
+
+def is_up_to_date(folder: Path, inputs: str) -> bool:
+    """Returns whether a folder's files were made from these inputs and are as they were made."""
+    with suppress(InputError, OSError):
+        Folder(folder).check()
+        return (folder / STAMP).read_text(encoding="utf-8") == inputs
+    return False
+
+
+def listed(folder: Path) -> set[str]:
+    """Returns the names of the files that were made for a folder, if it has a sound manifest."""
+    with suppress(InputError):
+        return {MANIFEST, README, *Folder(folder).manifest["files"]}
+    return set()
+
+
+def digest_of_inputs(*parts: str) -> str:
+    """Returns the digest of inputs, together with Python, this project's code and all installed packages."""
+    packages = sorted({f"{package.name}=={package.version}" for package in distributions()})
+    inputs = (platform.python_version(), digest_of_code(), *packages, *parts)
+    return hashlib.sha256("\0".join(inputs).encode()).hexdigest()
+
+
+def _published(name: str) -> dict[str, str]:
+    """Returns the digests of an experiment's published files; none if the last commit has no such results."""
+    manifest, readme = (published_file(name, file) for file in (MANIFEST, README))
+    if manifest is None or readme is None:
+        return {}
+    files = json.loads(manifest).get("files", {})
+    return {**files, README: hashlib.sha256(readme).hexdigest()}

@@ -1,0 +1,291 @@
+"""Speed: each row compares this project with a common alternative, or a large size with a small one, in S1.
+
+Machines are noisy: the two sides of a row take turns, as do the rows, and the best turn of each side counts.
+Training whole nets takes too long for that: rates by CPU time are the units of all turns per second.
+"""
+
+import random
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final, NamedTuple, NoReturn
+
+import gymnasium
+import numpy as np
+import pandas as pd
+from numpy.random import SeedSequence
+
+from agents import Schedule, load_algorithm
+from agents.dynamic_programming import evaluate
+from agents.linear.tiles import tiles_of
+from agents.policy import uniform_policy
+from agents.process import N_ACTIONS
+from benchmark.drawing.tables import to_markdown, write_csv
+from benchmark.execution import provenance
+from benchmark.execution.progress import Display
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import Experiment, Reporting
+from benchmark.folder import Folder, write_manifest
+from benchmark.publish import document, files
+from benchmark.studies.item import COLUMNS, Item, Report, entry
+from envs import InputError, Model, compile_scenario, load_scenario
+from envs.inputs import parse, read_toml
+
+_ENV: Final = "envs:Proxemic/S1-v0"
+_NETS: Final = Path(__file__).with_name("speed_nets.toml")
+_LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
+_TILE_LOOP: Final = "the same loop with 16 tilings in Anywhere: weights in lists, traces in a dict"
+_SB3: Final = "Stable-Baselines3, by CPU time"
+_SIDES: Final = {"per_second": "this project", "baseline": "alternative"}  # by column
+Side = tuple[float, Callable[[], object]]  # how many units one call of a function does
+
+
+class Row(NamedTuple):
+    """Two ways to do the same."""
+
+    name: str
+    unit: str
+    ours: Side
+    other: Side
+    against: str
+    is_by_cpu_time: bool = False
+
+
+def measure(results: Path, *, smoke: bool) -> None:
+    """Measures all rows, or very little in a smoke test, and writes a folder among those of results.
+
+    Other commands that write there wait meanwhile, as they would disturb the measurement. A folder that
+    cannot be written is an InputError before anything is measured.
+    """
+    import agents.sb3.training  # a missing package is refused before anything is measured
+
+    agents.sb3.use_same_instructions()
+
+    directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
+    with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
+        print("speed: preparing what is measured ...", file=sys.stderr)
+        rows, published = all_rows(smoke, Path(scratch)), results / REPORT.name / "speed.csv"
+        frame = _measured(rows, 2 if smoke else 16, published)
+        print(to_markdown(frame))
+        manifest = {
+            "experiment": REPORT.name,
+            "description": "The speed of this project against common alternatives.",
+            "command": "make speed",
+            "argument": "",  # none: the command `report` does not draw it
+            "report": Reporting(kind=f"{__name__}:REPORT").model_dump(mode="json"),
+            "partial": "",
+            "note": "Measured with `--smoke`: the numbers mean nothing." if smoke else "",
+            "scenarios": {},
+            "algorithms": {},
+            "commits": [provenance.commit(Path(__file__))],
+            "machines": [provenance.machine()],
+            "processors": [provenance.processor()],
+            "versions": [provenance.versions("q_learning")],
+        }
+        write_csv(frame, aside / "speed.csv")
+        write_manifest(aside, manifest)
+        document.write(aside)
+    print(f"written to {directory}")
+
+
+def _measured(rows: list[Row], n_turns: int, published: Path) -> pd.DataFrame:
+    """Lets the sides of all rows take turns, fewer of them by CPU time, and tabulates their rates.
+
+    The first turn of a side, which compiles, imports and fills caches, does not count. The time left is
+    estimated from the published rates.
+    """
+    sides = {
+        (row, column): row.ours if column == "per_second" else row.other for row in rows for column in _SIDES
+    }
+    turns = {
+        f"{row.name.replace('_', ' ')}, {_SIDES[column]}, turn {turn + 1}": (row, column)
+        for turn in range(n_turns)
+        for row, column in sides
+        if turn < 5 or not row.is_by_cpu_time
+    }
+    costs, expected_s = dict.fromkeys(turns, 1.0), 0.0
+    with suppress(OSError, ValueError, KeyError):  # nothing is published, or of other rows
+        rates = pd.read_csv(published, index_col="name").to_dict()
+        costs = {turn: sides[side][0] / rates[side[1]][side[0].name] for turn, side in turns.items()}
+        expected_s = sum(costs.values())
+    seconds = defaultdict[tuple[Row, str], list[float]](list)
+    with Display("speed", costs, expected_s) as display:
+        for turn, (row, column) in turns.items():
+            display.advance([], name=turn)
+            clock = time.process_time if row.is_by_cpu_time else time.perf_counter
+            started_s = clock()
+            sides[row, column][1]()
+            seconds[row, column].append(clock() - started_s)
+            display.advance([turn])
+
+    def rate(row: Row, column: str) -> float:
+        units, counted = sides[row, column][0], seconds[row, column][1:]
+        return units * len(counted) / sum(counted) if row.is_by_cpu_time else units / min(counted)
+
+    columns = ["name", "per_second", "baseline", "unit", "against"]
+    measured = [(row.name, *(rate(row, side) for side in _SIDES), row.unit, row.against) for row in rows]
+    frame = pd.DataFrame(measured, columns=columns)
+    frame.insert(3, "ratio", frame["per_second"] / frame["baseline"])
+    return frame
+
+
+def all_rows(smoke: bool, scratch: Path) -> list[Row]:
+    """Lists all rows, which need an empty folder; for a smoke test they do a hundredth of the work."""
+
+    def size(n: int) -> int:
+        return max(n // 100, 1) if smoke else n
+
+    s1, anywhere = (compile_scenario(load_scenario(name)) for name in ("S1", "Anywhere"))
+    short, long, policy = size(20_000), size(100_000), uniform_policy(s1)
+    many, one = _kernel(s1, 1000, short), _kernel(s1, 1, short)
+    runs = _reading(scratch, size(10_000)), _reading(scratch, size(100))
+    in_anywhere, in_s1 = (_kernel(model, 100, long) for model in (anywhere, s1))
+    tiled = _training(anywhere, "linear_q_lambda", "coordinates", {"budget": long, "time_limit": 200}, 10)
+    tiles = tiles_of(anywhere, 16, 3).tolist()
+    batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
+    exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
+    played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
+    states = f"the same in S1; Anywhere has {len(anywhere.observation):,} states"
+    rows = [
+        Row("q_learning_kernel", "updates", _kernel(s1, 200, short), (long, partial(_loop, long)), _LOOP),
+        Row("tile_coding_kernel", "steps", tiled, (short, partial(_tile_loop, tiles, short)), _TILE_LOOP),
+        Row("vector_env_1000", "steps", batched, sync, "gymnasium.vector.SyncVectorEnv"),
+        Row("evaluate", "policies", exact, played, "1,000 simulated episodes, uniform random policy"),
+        # How cost grows: a ratio of 1 means in proportion.
+        Row("q_learning_agents", "updates", many, one, "1 agent at a time, by 1,000"),
+        Row("q_learning_anywhere", "updates", in_anywhere, in_s1, states),
+        Row("stored_statuses", "runs", *runs, "a store of 100 runs, by one of 10,000"),
+    ]
+    budget = 200 if smoke else 10_000
+    for net, declared in read_toml(_NETS).items():
+        for observation in declared.pop("observations"):
+            name = net.partition("_")[0]
+            settings = declared | {"budget": budget, "time_limit": 200}
+            ours = _training(s1, f"compiled_{name}", observation, settings, size(25))
+            stock = _training(s1, f"sb3_{name}", observation, settings, 1)
+            rows.append(Row(f"net_{net}_{observation}", "steps", ours, stock, _SB3, is_by_cpu_time=True))
+    return rows
+
+
+def _kernel(model: Model, n_agents: int, steps: int) -> Side:
+    return _training(model, "q_learning", "index", {"budget": steps, "record_every": steps}, n_agents)
+
+
+def _training(model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int) -> Side:
+    algorithm, budget = load_algorithm(name), declared["budget"]
+    settings = parse(algorithm.settings, declared, str(_NETS))
+    seeds = [SeedSequence([0, i]) for i in range(n_agents)]
+    return n_agents * budget, partial(algorithm.train, model, settings, observation, seeds, Schedule(budget))
+
+
+def _stepping(mode: str, times: int) -> Side:
+    envs = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode, max_episode_steps=-1)
+    envs.reset()
+    actions = np.random.default_rng(0).integers(0, N_ACTIONS, (times, 1000))
+    return actions.size, lambda: [envs.step(row) for row in actions]
+
+
+def _reading(folder: Path, n: int) -> Side:
+    path, q = folder / f"{n}.db", np.random.default_rng(0).random((120, 5))
+    with Store(path) as store:
+        store.add(Record(f"{i:064}", "{}", "done", {}, {"q": q}) for i in range(n))
+
+    def read() -> None:
+        with Store(path, read_only=True) as store:
+            store.statuses()
+
+    return n, read
+
+
+def _loop(steps: int) -> None:
+    """Learns in Python without NumPy, whose calls take longer than the arithmetic on a few numbers."""
+    env = gymnasium.make(_ENV, max_episode_steps=-1)
+    rng = random.Random(0)
+    q = [[0.0] * 5 for _ in range(120)]
+    observation, _ = env.reset(seed=0)
+    for _ in range(steps):
+        row = q[observation]
+        best = max(row)
+        if rng.random() < 0.6:
+            action = rng.randrange(5)
+        else:
+            action = rng.choice([a for a in range(5) if row[a] == best])
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else 0.9 * max(q[following]))
+        row[action] += 0.6 * (target - row[action])
+        observation = env.reset()[0] if terminated or truncated else following
+
+
+def _tile_loop(tiles: list[list[int]], steps: int) -> None:
+    """Learns as `_loop`, by Watkins's Q(lambda) over the tiles of every observation."""
+    env = gymnasium.make("envs:Proxemic/Anywhere-v0", max_episode_steps=200)
+    rng = random.Random(0)
+    weights = [[0.0] * 5 for _ in range(1 + max(map(max, tiles)))]
+    traces: dict[tuple[int, int], float] = {}
+
+    def values(o: int) -> list[float]:
+        return [sum(column) for column in zip(*(weights[tile] for tile in tiles[o]), strict=True)]
+
+    observation, _ = env.reset(seed=0)
+    for _ in range(steps):
+        row = values(observation)
+        best = [a for a in range(5) if row[a] == max(row)]
+        action = rng.randrange(5) if rng.random() < 0.6 else rng.choice(best)
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else 0.9 * max(values(following)))
+        kept = traces.items() if action in best else ()
+        traces = {pair: 0.81 * trace for pair, trace in kept if trace > 1e-3}
+        traces |= dict.fromkeys(((tile, action) for tile in tiles[observation]), 1.0)
+        change = 0.6 / len(tiles[observation]) * (target - row[action])
+        for (tile, a), trace in traces.items():
+            weights[tile][a] += change * trace
+        observation = following
+        if terminated or truncated:
+            observation, traces = env.reset()[0], {}
+
+
+def _play(episodes: int) -> None:
+    env = gymnasium.make(_ENV, max_episode_steps=200)
+    rng = random.Random(0)
+    for _ in range(episodes):
+        env.reset()
+        terminated = truncated = False
+        while not (terminated or truncated):
+            _, _, terminated, truncated, _ = env.step(rng.randrange(N_ACTIONS))
+
+
+def _headline(folder: Folder) -> str:
+    frame = folder.frame("speed")
+    nets = frame[frame["name"].str.fullmatch("net_(dqn|ppo)_(one_hot|coordinates)")].sort_values("ratio")
+    rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
+    q_learning, low, high = (entry(row, "ratio", "speed") for row in rows)
+    return (
+        f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN and "
+        f"PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
+    )
+
+
+def _shown(frame: pd.DataFrame) -> pd.DataFrame:
+    rows = [row for _, row in frame.iterrows()]
+    return pd.DataFrame({name: [entry(row, str(name), "speed") for row in rows] for name in frame})
+
+
+def _refuse(experiment: Experiment) -> NoReturn:
+    raise InputError(f"{experiment.argument}: report: accepted: a report that can be drawn of an experiment.")
+
+
+_ABOUT: Final = "rates of this project and of common alternatives, from the same run"
+_SPEED: Final = Item("speed", _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS["speed"])
+REPORT: Final = Report(
+    name="speed",
+    question="How fast is this project?",
+    check=_refuse,
+    items=(_SPEED,),
+    document=Path(__file__).with_name("speed.md.jinja"),
+    headline=_headline,
+)

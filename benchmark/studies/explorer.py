@@ -1,0 +1,197 @@
+"""The data of the page's explorer, one file of compressed JSON: what agents have learned, and where.
+
+Values over training are those of the first seed's agent, which was chosen before any result was seen; large
+tables are left out. Of the other agents there is the final greedy policy, of as many as fit. In the compiled
+scenarios, the page looks up what follows a step, and computes the optimum. Of a scenario with very many
+places, only some are shown, evenly spread among them, with what is observed there.
+"""
+
+import gzip
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.colors import to_hex
+from numpy.typing import NDArray
+
+from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records
+from benchmark.drawing.style import colour_map
+from benchmark.execution.store import VALUE_DECIMALS
+from benchmark.studies.item import writing
+from envs import ACTIONS, EVENTS, ZONES, Model
+from envs import scene as drawn
+from envs.model import MOVES
+from envs.scene import scene_of
+
+FILE: Final = "agents.json.gz"
+MOST_VALUED: Final = 500  # observations of a learner whose values are shown
+MOST_STATES: Final = 70_000  # of a scenario, in as many places as fit, but in one at least
+MOST_MASKS: Final = 480  # of the final policies of a learner, but of one agent at least
+_PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene` that the page's script uses
+_NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
+_FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one on
+
+
+# Decorates the function of the item with the explorer's file, which calls `write`.
+explorer_item: Final = writing(
+    "agents", "what the explorer on the page shows: values, policies and scenarios, as compressed JSON", FILE
+)
+
+
+def write(shown: Sequence[Records], path: Path) -> None:
+    """Writes the explorer's file; agents refer to their scene and to what they see by index."""
+    models = {records.model.scenario: records.model for records in shown}
+    scene_of_scenario = {scenario: _scene(model) for scenario, model in models.items()}
+    scenes: list[dict[str, object]] = []  # shared by scenarios that differ in what is observed
+    for scene in scene_of_scenario.values():
+        if scene not in scenes:
+            scenes.append(scene)
+    sights = []
+    for model in models.values():
+        seen = np.searchsorted(_seen(model), model.observation[_shown(model)])
+        observed = [component.name for component in model.components]
+        sights.append({"observed": observed, "changes": np.diff(seen, prepend=0).tolist()})
+    agents = []
+    for records in shown:
+        scenario = records.model.scenario
+        indices = {"scene": scenes.index(scene_of_scenario[scenario]), "sight": [*models].index(scenario)}
+        agents.append(_learner(records) | indices)
+    data = {
+        "actions": ACTIONS,
+        "events": EVENTS,
+        "zones": ZONES,
+        "decimals": VALUE_DECIMALS,
+        "no_number": _NO_NUMBER,
+        "first_mask": _FIRST_MASK,
+        "tolerance": OPTIMUM_TOLERANCE,
+        "colours": _colours(drawn.COLOUR_MAP),
+        "diverging": _colours(drawn.DIVERGING),
+        "palette": {name: "#{:02x}{:02x}{:02x}".format(*drawn.COLOURS[name]) for name in _PALETTE},
+        "clipped_share": drawn.CLIPPED_SHARE,
+        "triangles": drawn.TRIANGLES.tolist(),
+        "moves": MOVES.tolist(),
+        "scenes": scenes,
+        "sights": sights,
+        "agents": agents,
+    }
+    path.write_bytes(compressed(data))
+
+
+def compressed(data: object) -> bytes:
+    """Returns data as compressed JSON."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return gzip.compress(text.encode(), mtime=0)
+
+
+def _colours(name: str) -> list[str]:
+    return [to_hex(colour) for colour in colour_map(name)(np.linspace(0, 1, 33))]
+
+
+def _learner(records: Records) -> dict[str, object]:
+    """Returns a learner's first agent, with every second map of its training, and others' final policies.
+
+    Maps hold action values, `q`, or the action probabilities of a stochastic policy.
+    """
+    seen = _seen(records.model)
+    n_observations = len(seen)
+    last = len(records.map_indices) - 1
+    has_values = n_observations <= MOST_VALUED
+    chosen = [*(range(0, last, 2) if has_values and last > 1 else []), last]
+    points = records.map_indices[chosen]  # among the evaluation steps
+    first = records.agents[0]
+    n_shown = min(len(records.seeds), max(MOST_MASKS // n_observations, 1))
+    others = [agent["greedy"][-1, seen] for agent in records.agents[1:n_shown]]
+    return {
+        "scenario": records.scenario,
+        "variant": records.run.variant,
+        "observation": records.run.observation,
+        "horizon": records.run.horizon,
+        "unit": getattr(records.run.settings, "budget_unit", "steps"),
+        "kind": "probability" if first["stochastic"].shape[0] else "q",
+        "discount": records.run.settings.discount_factor,
+        "steps": [records.evaluation_steps[point] for point in points],
+        "score": _listed(records.unbounded_scores()[0, points]),
+        "success": _listed(first["success"][points]),
+        "values": _integers(first["values"][chosen][:, seen]) if has_values else None,
+        "greedy": _characters(first["greedy"][points][:, seen]),
+        "seeds": list(records.seeds[:n_shown]),
+        "others": {  # after the first
+            "score": _listed(records.unbounded_scores()[1:n_shown, -1]),
+            "success": _listed(records.arrays["success"][1:n_shown, -1]),
+            "greedy": _characters(np.array(others, dtype=np.uint8)),
+        },
+    }
+
+
+def _shown(model: Model) -> NDArray[np.int_]:
+    """Returns the states that are shown, in rising order."""
+    n_block = len(model.observation) // model.n_places
+    n_places = min(max(MOST_STATES // n_block, 1), model.n_places)
+    places = np.arange(n_places) * model.n_places // n_places
+    return np.asarray((places[:, None] * n_block + np.arange(n_block)).ravel())
+
+
+def _seen(model: Model) -> NDArray[np.int_]:
+    """Returns the observations that are shown, in rising order: if all states are shown, all."""
+    shown = _shown(model)
+    is_all = len(shown) == len(model.observation)
+    return np.arange(model.n_observations) if is_all else np.unique(model.observation[shown])
+
+
+def _scene(model: Model) -> dict[str, object]:
+    """Returns what a scenario looks like and what follows each action, whatever is observed of it.
+
+    `views` has a map for each place that is shown and phase. What follows is the same in many states, so
+    each refers to one of some `kinds`: flattened (kinds, A, K) lists of outcomes, (kinds, A) of others.
+    """
+    scenario, shown = model.scenario, _shown(model)
+    views = [scene_of(model, context) for context in np.unique(model.context[shown]).tolist()]
+    effects = {
+        "change": model.next_state[shown] - shown[:, None, None],
+        "probability": model.probability[shown],
+        "grid_reward": model.grid_reward[shown],
+        "issuer_reward": model.issuer_reward[shown],
+        "terminated": model.terminated[shown].astype(int),
+        "event": model.event[shown],
+    }
+    columns = np.concatenate([values.reshape(len(shown), -1) for values in effects.values()], axis=1)
+    _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
+    effects["over"] = model.is_over[shown].astype(int)
+    starts = np.concatenate([model.starts, model.unseen_starts])
+    n_places = len(views) // len(scenario.stages)
+    # Both only where there is something to tell, so that other files stay the same.
+    more = {"group": scenario.n_people} if scenario.group else {}
+    more |= {"of_places": model.n_places} if n_places < model.n_places else {}
+    return more | {
+        "rows": views[0].rows,
+        "columns": views[0].columns,
+        "walls": np.flatnonzero(views[0].is_wall).tolist(),
+        "outlines": [*drawn.BORDERS.values()],
+        "views": [view.as_json() for view in views],
+        "shape": [n_places, len(scenario.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
+        "ticks": scenario.ticks.tolist(),
+        "phases": [stage.name for stage in scenario.stages],
+        "starts": np.searchsorted(shown, starts[np.isin(starts, shown)]).tolist(),
+        "kind": kind.ravel().tolist(),
+        "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()},
+        "issuer_noise": float(model.issuer_noise.max()),
+    }
+
+
+def _listed(values: NDArray[np.float64]) -> list[float | None]:
+    return [None if math.isnan(value) else round(value, 6) for value in values.tolist()]
+
+
+def _integers(maps: NDArray[np.floating]) -> list[int]:
+    """Returns maps, (V, O, A), as integers, each less that of the map before: most are zero, and zip well."""
+    scaled = np.rint(maps.astype(np.float64) * 10**VALUE_DECIMALS)
+    # Only the values of nets about to diverge exceed two million; their digits are noise.
+    whole = np.where(np.isnan(scaled), _NO_NUMBER, np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1))
+    return [int(change) for change in np.diff(whole.astype(np.int64), axis=0, prepend=0).ravel()]
+
+
+def _characters(masks: NDArray[np.uint8]) -> str:
+    return (masks.ravel() + np.uint8(_FIRST_MASK)).tobytes().decode("ascii")

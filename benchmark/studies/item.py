@@ -1,0 +1,243 @@
+"""What a report is made of: items, each with its table, its figure and what its columns mean in one place.
+
+Functions of tables and figures are called with those arguments that they name: `runs` and `curves` (see
+`benchmark.analysis.frames`), `experiment`, `records`, which returns the `Records` of a population, and
+`is_partial`, whether runs are missing; a figure also with `table` (its own) and `tables` (all, by name).
+"""
+
+import inspect
+import math
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+import pandas as pd
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+from benchmark.analysis.intervals import Estimate as Estimate
+from benchmark.drawing.style import save_figure, settings
+from benchmark.drawing.tables import decimals_of, inert, link, show
+from benchmark.experiments import Experiment
+from benchmark.folder import Folder
+from benchmark.studies.data import Data
+from envs import InputError
+
+Frames = Mapping[str, pd.DataFrame]  # by the item's name
+Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Estimate`s
+Draw = Callable[..., Figure | None]
+Show = Callable[[pd.DataFrame], pd.DataFrame]
+T = TypeVar("T")
+# What columns mean: in any table, and in those of some kinds of reports.
+_FILE: Final = Path(__file__).with_name("columns.toml")
+COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+_ARGUMENTS: Final = ("runs", "curves", "experiment", "records", "is_partial")
+_KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
+
+
+@dataclass(eq=False)
+class Item:
+    """A table, a figure, or both; or a file of another form. A decorator of the table's function."""
+
+    name: str  # the stem of its files
+    description: str  # what its files hold
+    columns: Mapping[str, str] | None = None  # that readers see, with labels ("": the name); by default all
+    _: KW_ONLY
+    meanings: Mapping[str, str] | None = None  # of columns that do not mean the same everywhere
+    where: Show | None = None  # chooses the rows that readers see
+    is_measured: bool = False  # whether it holds measured times or memory, which differ every time
+    best: str = ""  # the column by which readers see rows sorted, the largest first; "-": the smallest
+    compute: Callable[..., Rows] | None = None
+    file: str = ""  # of another form
+    write: Callable[..., None] | None = None
+    caption: str = ""  # of the figure
+    draw: Draw | None = None
+    show: Show | None = None  # returns what readers see, if not the chosen columns
+
+    def __call__(self, compute: Callable[..., Rows]) -> "Item":
+        """Takes the function of the table."""
+        self.compute = compute
+        return self
+
+    def figure(self, caption: str) -> Callable[[Draw], Draw]:
+        """Decorates what draws the figure; it may return None."""
+
+        def register(function: Draw) -> Draw:
+            self.caption, self.draw = caption, function
+            return function
+
+        return register
+
+    def shown(self, function: Show) -> Show:
+        """Decorates what readers see of the table: a function that returns a data frame of Markdown texts."""
+        self.show = function
+        return function
+
+    def tabulate(self, data: Data) -> pd.DataFrame | None:
+        """Computes the table; None if there is nothing to tabulate."""
+        rows = None if self.compute is None else called(self.compute, data)
+        if rows is None or isinstance(rows, pd.DataFrame):
+            return rows
+        flat = [expanded(row) for row in rows]
+        return pd.DataFrame(flat) if flat else None
+
+    def picture(self, data: Data, tables: Frames) -> Figure | None:
+        """Draws the figure; None if there is nothing to draw."""
+        if self.draw is None or (self.compute is not None and self.name not in tables):
+            return None
+        return called(self.draw, data, tables=tables, table=tables.get(self.name))
+
+    def save(self, data: Data, tables: Frames, directory: Path) -> None:
+        """Writes the figure, marked if runs are missing, or the other file."""
+        with settings():
+            if (figure := self.picture(data, tables)) is not None:
+                if data.is_partial:
+                    figure.suptitle("PARTIAL: runs are missing", color="firebrick")
+                save_figure(figure, directory / f"{self.name}.svg")
+                plt.close(figure)  # if its author made it in pyplot
+        if self.write is not None:
+            called(self.write, data, path=directory / self.file)
+
+    def files(self) -> tuple[str, ...]:
+        """Lists the names that its files can have."""
+        return (self.file,) if self.file else (f"{self.name}.csv", f"{self.name}.svg")
+
+    def meaning(self, column: str) -> str | None:
+        """Returns what a column of its table means; None if nothing says so."""
+        return _meaning(column, {**COLUMNS["columns"], **(self.meanings or {})})
+
+    def display(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
+        if self.show is not None:
+            return self.show(frame)
+        if self.where is not None:
+            frame = self.where(frame)
+        hidden = {"variant", "observation"} if "learner" in frame else set[str]()
+        columns = self.columns or {str(name): "" for name in frame if name not in hidden}
+        decimals = {key: decimals_of(frame, key) for key in columns if key in frame}
+        rows = [row for _, row in self._sorted(frame).iterrows()]
+        shown = {
+            columns[key] or key.replace("_", " "): [entry(row, key, self.name, digits) for row in rows]
+            for key, digits in decimals.items()
+        }
+        return pd.DataFrame(shown)
+
+    def _sorted(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Returns the rows with the best first; those of a scenario and condition stay together."""
+        by = self.best.removeprefix("-")
+        if by not in frame or frame.empty:
+            return frame
+        is_ascending = by != self.best
+        keys = [key for key in _KEYS if key in frame]
+        parts = frame.groupby(keys, sort=False, dropna=False) if keys else [("", frame)]
+        return pd.concat(rows.sort_values(by, ascending=is_ascending, kind="stable") for _, rows in parts)
+
+
+item: Final = Item  # as a decorator
+
+
+def called(function: Callable[..., T], data: Data, **more: object) -> T:
+    """Calls a function with those arguments that it names, see the module's docstring."""
+    names, known = inspect.signature(function).parameters, (*_ARGUMENTS, *more)
+    for name in names:
+        if name not in known:
+            where = f"{function.__module__}: {function.__name__}"
+            raise InputError(f"{where}: argument {name}: accepted: {', '.join(known)}.")
+    return function(**{name: more[name] if name in more else getattr(data, name) for name in names})
+
+
+def labelled_columns(labels: Mapping[str, str], names: str) -> dict[str, str]:
+    """Returns the columns of these names, which spaces separate, with their labels; "" is the name.
+
+    >>> labelled_columns({"n": "runs"}, "learner n")
+    {'learner': '', 'n': 'runs'}
+    """
+    return {name: labels.get(name, "") for name in names.split()}
+
+
+def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
+    """Chooses no rows for readers, since the figure shows them."""
+    return frame.iloc[:0]
+
+
+def drawing(name: str, description: str, caption: str) -> Callable[[Draw], Item]:
+    """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
+    return lambda function: Item(name, description, caption=caption, draw=function)
+
+
+def writing(name: str, description: str, file: str) -> Callable[[Callable[..., None]], Item]:
+    """Makes an item of a function that writes a file of another form, whose argument `path` is its path."""
+    return lambda function: Item(name, description, file=file, write=function)
+
+
+def expanded(row: Mapping[str, object]) -> dict[str, object]:
+    """Returns a row with an estimate's interval in columns of their own.
+
+    >>> expanded({"n": 2, "share": Estimate(0.5, 0.1, 0.9)})
+    {'n': 2, 'share': 0.5, 'share_low': 0.1, 'share_high': 0.9}
+    """
+    flat: dict[str, object] = {}
+    for key, value in row.items():
+        if isinstance(value, Estimate):
+            flat |= {key: value.value, f"{key}_low": value.low, f"{key}_high": value.high}
+        else:
+            flat[key] = value
+    return flat
+
+
+def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> str:
+    """Returns an entry of a table as Markdown: a text, or a number with its interval and a link.
+
+    >>> entry(pd.Series({"steps": math.inf}, name=3), "steps", "cost")
+    '[never](cost.csv#row=5)'
+    """
+    value = row[key]
+    if isinstance(value, str):
+        return inert(value)
+    if pd.isna(value):
+        return "-"
+    text = f"{value:,}" if isinstance(value, int) else show(value, decimals)
+    if math.isinf(value):
+        text = "never"  # of steps until something happens
+    low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
+    is_open = low is None or high is None or math.isnan(low) or math.isinf(low)
+    ends = "" if is_open else f" [{show(low, decimals)}, {show(high, decimals)}]"
+    return link(text, table, row) + ends
+
+
+def _meaning(column: str, known: Mapping[str, str]) -> str | None:
+    """Returns what a column means; `*` is any other column.
+
+    >>> _meaning("every_cell_success_low", COLUMNS["columns"])
+    'lower end of the 95 % interval of `every_cell_success`'
+    """
+    if column in known:
+        return known[column]
+    for pattern, text in COLUMNS["affixes"].items():
+        if match := re.fullmatch(pattern, column):
+            name = next(filter(None, match.groups()))
+            if base := _meaning(name, {key: known[key] for key in known if key != "*"}):
+                return text.format(name=name, base=base)
+    return known.get("*")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Report:
+    """A kind of report: what it demands of an experiment, and what it shows."""
+
+    name: str
+    question: str  # the page's heading
+    check: Callable[[Experiment], None]  # raises InputError if it cannot report on the experiment
+    items: tuple[Item, ...]
+    document: Path  # a template of Markdown with places for the items, see `benchmark.publish.document`
+    headline: Callable[[Folder], str | None] = lambda _: None  # one sentence in Markdown, from tables alone
+    finding: Path | None = None  # the template of a text by hand, see `benchmark.publish.prose`
+    lead: str = ""  # the item whose figure stands above the headline on the page
+    packages: Sequence[str] = ()  # that it needs beyond the basic ones
+    reads_curves: bool = False  # whether curves alone are enough, see `Solved` in the experiments' schema
+    can_be_partial: bool = False  # whether it can be drawn if runs are missing
+    columns: Sequence[str] = ()  # results that it needs of runs; by default all
+    needed: Sequence[str] = ()  # items that others are made from, so that no experiment can omit them

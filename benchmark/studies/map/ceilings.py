@@ -1,0 +1,59 @@
+"""How much tables lose by what their rows cannot tell apart, computed exactly: an item for groups."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from agents.dynamic_programming import evaluate, solve
+from agents.policy import mask_policy
+from benchmark.analysis.records import OPTIMUM_TOLERANCE
+from benchmark.experiments import Experiment, title_of
+from benchmark.studies.item import COLUMNS, item
+from benchmark.studies.map.crossings import leading
+from envs import Scenario, compile_scenario
+from envs.observations import INDICES, compile_seen
+
+
+@item(
+    "ceilings",
+    "exact: the largest share of states before any PING in which one action per row can be optimal, and "
+    "success with these actions, which others may exceed",
+    {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
+    meanings=COLUMNS["ceilings"],
+)
+def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
+    """Tabulates the scene of each panel, with everything that can be drawn, and each form of index."""
+    for grid, scenario in _scenes(experiment).items():
+        model = compile_scenario(scenario)
+        q, value = solve(model, 1.0, experiment.declared.horizon, issuer_rewards=False)
+        states = model.fresh_state[~model.is_over[model.fresh_state]]
+        is_optimal = q[states] >= value[states, None] - OPTIMUM_TOLERANCE
+        n_states = len(q)
+        del q, value, model  # a large scene takes a gigabyte
+        for form in INDICES:
+            seen = compile_seen(scenario, form)
+            counts = np.zeros((seen.n_observations, is_optimal.shape[1]))
+            np.add.at(counts, seen.observation[states], is_optimal)
+            policy = mask_policy((1 << counts.argmax(axis=1)).astype(np.uint8))
+            yield {
+                "grid": grid,
+                "observation": form,
+                "table": title_of("table", form, "tabular"),
+                "states": n_states,
+                "rows": len(np.unique(seen.observation[states])),
+                "optimal": float(counts.max(axis=1).sum() / len(states)),
+                "success": float(evaluate(seen, policy, experiment.declared.horizon).success),
+            }
+
+
+def _scenes(experiment: Experiment) -> dict[str, Scenario]:
+    """Returns the scene of every panel's grid, with all places that there are."""
+    report, every = experiment.report, {"places": None, "unseen": 0}
+    assert report is not None
+    return {
+        grid: scene.model_copy(update={"issuer": scene.issuer.model_copy(update=every)})
+        for grid in dict.fromkeys(panel.grid or leading(experiment) for panel in report.panels)
+        for population in experiment.populations
+        if population.condition.axes.get("grid") == grid
+        for scene in [population.scenario]
+    }

@@ -1,0 +1,66 @@
+"""The report of a search for settings: what was chosen, what that bought, and what it cost."""
+
+from pathlib import Path
+from typing import Final
+
+from benchmark.analysis.search import COLUMNS
+from benchmark.drawing.tables import inert, link, show
+from benchmark.experiments import Experiment
+from benchmark.folder import Folder
+from benchmark.studies.item import Report
+from benchmark.studies.search import results
+from envs import InputError
+
+
+def check(experiment: Experiment) -> None:
+    """Refuses, by an InputError, an experiment without a search, or with looks."""
+    if experiment.declared.search is None:
+        raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
+    report, solved = experiment.report, experiment.declared.solved
+    of_maps = {key: getattr(report, key) for key in ("looks", "panels", "answer")}
+    of_maps |= {"solved.levels": solved and solved.levels}
+    for key in (key for key, value in of_maps.items() if value):
+        raise InputError(f"{experiment.argument}: {key} with report.kind = search: accepted: kind = map.")
+
+
+def headline(folder: Folder) -> str:
+    """Says what the best learner gains by chosen settings, if a gain is shown."""
+    table = folder.frame("chosen")
+    best = table.iloc[int(table["chosen"].argmax())]
+    default, chosen = (link(show(best[key]), "chosen", best) for key in ("default", "chosen"))
+    share = "the share of the logarithm of the budget that is saved"
+    measure = share if folder.manifest["solved"] else "success averaged over training"
+    n_trials = folder.manifest["search"]["trials"]
+    searched = f"the best of the declared settings and {n_trials:,} trial{'s' * (n_trials != 1)}"
+    if best["chosen"] == 0:
+        return f"No learner has learned in the search: with {searched}, {measure} is {chosen} for all."
+    learner = inert(folder.phrase(f"{best['variant']}, {best['observation']}"))
+    is_alone = (table["chosen"] == best["chosen"]).sum() == 1 < len(table)
+    who = f"the best learner, {learner}" if is_alone else learner
+    if best["gain_low"] > 0:
+        return f"With {searched}, {measure} goes from {default} to {chosen} for {who}."
+    if best["trial"] == 0:
+        return f"For {who}, the settings as declared stay {searched}: {measure} is {chosen}."
+    return f"With {searched}, no gain is shown for {who}: {measure} is {chosen}, and {default} as declared."
+
+
+REPORT: Final = Report(
+    name="search",
+    question="What does tuning buy, and what does it cost?",
+    check=check,
+    items=(
+        results.chosen,
+        results.picks,
+        results.cost,
+        results.trials,
+        results.around,
+        results.spaces,
+        results.scenes,
+    ),
+    document=Path(__file__).parent / "document.md.jinja",
+    headline=headline,
+    lead="picks",
+    reads_curves=True,
+    columns=COLUMNS,
+    needed=("chosen",),
+)

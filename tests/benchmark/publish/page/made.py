@@ -1,0 +1,86 @@
+"""A small report, whose page is tested: tables, figures, a finding, and agents for the explorer."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from benchmark.analysis.frames import RecordsOf
+from benchmark.drawing.style import figure_of
+from benchmark.drawing.tables import inert, link, show
+from benchmark.experiments import Experiment
+from benchmark.folder import Folder
+from benchmark.studies import explorer
+from benchmark.studies.item import Estimate, Frames, Report, drawing, item
+
+# HTML, an entity, a script's link, a picture of somebody else's, and blocks of Markdown.
+TEXT = r"""<script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1)) <img src=x onerror=alert(1)>
+![y](https://example.com/y.png) # heading"""
+NAMES = ["scenario", "variant", "observation"]
+SHOWN = {**dict.fromkeys(NAMES, ""), "score": "", "reached": "steps to 0.5", "remark": "", "verdict": ""}
+
+
+@item("summary", "success and score after training", SHOWN)
+def summary(curves: pd.DataFrame) -> Iterator[dict[str, object]]:
+    """A table with intervals, and with steps that are never reached."""
+    for names, rows in curves.groupby(NAMES, sort=False):
+        means = rows.groupby("step")["unbounded_score"].mean()
+        good, final = means[means >= 0.5], rows.loc[rows["step"] == rows["step"].max(), "score"]
+        yield dict(zip(NAMES, names, strict=True)) | {
+            "score": Estimate(final.mean(), final.min(), final.max()),
+            "reached": float(good.index[0]) if len(good) else float("inf"),
+            "remark": TEXT,
+            "verdict": "holds" if len(good) else "does not hold",
+        }
+
+
+@item("curves", "mean score over training")
+def mean_curves(curves: pd.DataFrame) -> Iterator[dict[str, object]]:
+    """A table that is shown on demand."""
+    for names, scores in curves.groupby([*NAMES, "step"], sort=False)["unbounded_score"]:
+        keys = dict(zip([*NAMES, "step"], names, strict=True))
+        yield keys | {"score": Estimate(scores.mean(), scores.min(), scores.max())}
+
+
+def _lines(frame: pd.DataFrame, column: str) -> Figure:
+    with figure_of(1, 1, (6.0, 3.0)) as (figure, axes):
+        for _, rows in frame.groupby(NAMES):
+            axes[0, 0].plot(rows["step"], rows[column].clip(0, 1))
+    return figure
+
+
+@mean_curves.figure("Mean score over training.")
+def _(table: pd.DataFrame) -> Figure:
+    return _lines(table, "score")
+
+
+@drawing("highest", "highest score of any run", "Highest score over training.")
+def highest(tables: Frames) -> Figure:
+    """A figure without a table."""
+    return _lines(tables["curves"], "score_high")
+
+
+def _headline(folder: Folder) -> str:
+    table = folder.frame("summary")
+    worst = table.iloc[int(table["score"].argmin())]
+    finding = f"The worst score is {link(show(worst['score']), 'summary', worst)}. {inert(TEXT)}"
+    return f"{finding}\n\nThe mean score of all is {link(show(table['score'].mean()), 'summary', table)}."
+
+
+@explorer.explorer_item
+def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
+    """What all learners know."""
+    explorer.write([records(population) for population in experiment.populations], path)
+
+
+REPORT = Report(
+    name="tested",
+    question="Is the page right?",
+    check=lambda _: None,
+    items=(summary, mean_curves, highest, agents),
+    document=Path(__file__).parent / "made.md.jinja",
+    headline=_headline,
+    lead="curves",
+    can_be_partial=True,
+)

@@ -1,0 +1,237 @@
+"""Tables of a comparison, by hand and by second methods."""
+
+import math
+import tempfile
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from rliable import metrics
+from scipy import stats
+
+from agents.dynamic_programming import from_starts, solve
+from benchmark.analysis.contrasts import VERDICTS
+from benchmark.analysis.records import Records, anchors
+from benchmark.drawing.tables import plain
+from benchmark.studies.data import Data
+from envs import compile_scenario, load_scenario
+from tests.benchmark.publish.sentences import check_links
+from tests.benchmark.studies.made import Cell, Made, compared, data_of, folder_of, item, table
+
+NEVER = math.inf
+
+
+def test_steps_count_from_the_last_evaluation_below_enough() -> None:
+    curves = [[0, 0.95, 0.5, 0.9, 1], [0, 0, 0, 0, 1], [1, 1, 1, 1, 0.5]]
+    early, late, never = np.array(curves)
+    cells = [
+        Cell("a", np.array([early] * 3 + [never])),
+        Cell("b", np.array([late] * 3 + [early])),
+        Cell("c", np.ones((2, 5))),
+    ]
+    a, b, c = table("steps", data_of(cells)).to_dict("records")
+    assert (a["share"], a["median_step"], a["budget"]) == (0.75, 300, 400)
+    assert a["step"] == NEVER  # the mean ends at (3 + 0.5) / 4
+    assert (b["share"], b["median_step"], b["step"]) == (1, 400, 400)
+    assert c["step"] == 0
+
+
+def test_wrong_pings_are_counted_per_1000_steps_of_training() -> None:
+    counts = np.array([[0, 10, 10, 40, 40], [0, 30, 30, 40, 60]])
+    data = data_of([Cell("a", np.zeros(2), wrong_pings=counts), Cell("b", np.zeros(2))])
+    frame, rates = table("summary", data), np.array([40, 60]) / 400 * 1000
+    assert frame["training_wrong_pings"].tolist() == [125, 0]
+    reach = stats.t.ppf(0.975, 1) * rates.std(ddof=1) / np.sqrt(2)
+    assert frame["training_wrong_pings_high"][0] == pytest.approx(125 + reach)
+    assert frame["training_wrong_pings_low"][0] == max(125 - reach, 0)
+
+
+def test_aggregates_by_a_second_method() -> None:
+    rng, sizes = np.random.default_rng(0), {"a": 10, "b": 30, "a_sb3": 10}
+    means = {"a": 0.5, "b": 0.6, "a_sb3": 0.5}
+    cells = [
+        Cell(name, np.zeros(size), scenario, score=rng.normal(means[name], 0.3, size),
+             reference_for="a" * (name == "a_sb3"))
+        for scenario in ("S1", "S2", "S3")
+        for name, size in sizes.items()
+    ]  # fmt: skip
+    data = data_of(cells)
+    frame = table("aggregate", data).set_index("variant").to_dict("index")
+    assert list(frame) == ["a", "a_sb3", "b"]  # a reference follows its learner
+    for name, row in frame.items():
+        unbounded = [np.asarray(cell.score) for cell in cells if cell.name == name]
+        clipped = [np.clip(values, 0, 1) for values in unbounded]
+        assert row["score"] == pytest.approx(np.mean([values.mean() for values in clipped]))
+        assert row["unbounded_score"] == pytest.approx(np.concatenate(unbounded).mean())
+        # Of numbers in [0, 1] the exact binomial interval is wider than the normal one.
+        error = np.sqrt(np.mean([values.var() / len(values) for values in clipped]) / 3)
+        low, high = row["score_low"], row["score_high"]
+        assert low < row["score"] - 1.96 * error < row["score"] + 1.96 * error < high
+
+
+def test_usual_measures_by_a_second_method() -> None:
+    rng = np.random.default_rng(0)
+    scores = {name: rng.uniform(0.0, high, (3, 12)) for name, high in (("table", 0.8), ("net", 1.0))}
+    cells = [
+        Cell(name, np.zeros(12), scenario, "deep" if name == "net" else "tabular", score=scores[name][i])
+        for i, scenario in enumerate(("S1", "S2", "S3"))
+        for name in scores
+    ]
+    data = data_of(cells, [("net", "table")], baseline=("table",))
+    state: Any = np.random.get_state()  # noqa: NPY002
+    frame = table("rliable", data).set_index("variant")
+    after: Any = np.random.get_state()  # noqa: NPY002
+    assert state[2] == after[2]
+    pd.testing.assert_frame_equal(frame, table("rliable", data).set_index("variant"))
+    for name, values in scores.items():
+        row: Any = frame.loc[name]
+        means = values.mean(axis=1)
+        expected = [stats.trim_mean(values.ravel(), 0.25), np.median(means), values.mean(), 1 - values.mean()]
+        assert row[["iqm", "median", "mean", "optimality_gap"]].tolist() == pytest.approx(expected)
+        error = 1.96 * np.sqrt(values.var(axis=1).mean() / 12 / 3)  # of strata with 12 runs each
+        assert [row["mean_low"], row["mean_high"]] == pytest.approx(
+            [row["mean"] - error, row["mean"] + error], abs=0.01
+        )
+    x, y = scores["net"].T, scores["table"].T
+    assert frame.loc["net", "p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
+    assert frame.loc["net", "over"] == "table, index"
+    assert frame["p_improvement"].isna().to_dict() == {"table": True, "net": False}
+
+
+def test_effects_are_differences_of_scenarios_by_hand() -> None:
+    shares = {("x", "S1"): 1.0, ("x", "S2"): 0.25, ("y", "S1"): 1.0, ("y", "S2"): 1.0}
+    cells = []
+    for (name, scenario), share in shares.items():
+        wrong = np.zeros((20, 5), dtype=int)
+        wrong[:, -1] = np.arange(20) % 2 + (4 if scenario == "S2" else 2)
+        cells.append(Cell(name, np.arange(20) < 20 * share, scenario, wrong_pings=wrong))
+    data = data_of(cells, effects=[("S2", "S1", "noise"), ("x @ S2", "y @ S2", "nets in S2")])
+    x, y, both = table("effects", data).to_dict("records")
+    assert (x["effect"], x["variant"]) == ("noise", "x")
+    assert (both["effect"], both["x"]) == ("nets in S2", "x, index @ S2")
+    assert [row["success_difference"] for row in (x, y, both)] == [-0.75, 0, -0.75]
+    low, high = (stats.binomtest(k, 20).proportion_ci() for k in (5, 20))
+    assert x["success_difference_low"] == pytest.approx(-0.75 - np.hypot(0.25 - low.low, high.high - 1))
+    # Two more wrong PINGs in 400 steps: 5 per 1,000; each side's half-width is Student's.
+    assert x["wrong_pings_difference"] == pytest.approx(5)
+    half = stats.t.ppf(0.975, 19) * np.std([0, 1] * 10, ddof=1) / np.sqrt(20) / 400 * 1000
+    assert x["wrong_pings_difference_high"] == pytest.approx(5 + np.hypot(half, half))
+
+
+def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> None:
+    shares = {"dqn": {"S2": 0.5, "S1": 0.125}, "q": {"S2": 0.25, "S1": 1.0}, "mine": {"S2": 0.0, "S1": 0.5}}
+    cells = [
+        Cell(name, np.arange(8) < 8 * share, scenario, "deep" if name == "dqn" else "tabular")
+        for name, by_scenario in shares.items()
+        for scenario, share in by_scenario.items()
+    ]
+    document = folder_of(tmp_path, data_of(cells, [("dqn", "q")]), "summary", "contrasts")
+    variant = document.folder.manifest["algorithms"]["q"]
+    variant |= {"title": "Q-learning table", "tuned_by": "tuning:q", "settings": {"index": {}, "offset": {}}}
+    shown = document.shown(item("summary")).map(plain)
+    assert {"variant", "observation"} & {*shown} == set()
+    assert shown[["scenario", "learner"]].to_numpy().tolist() == [
+        [scenario, {"q": "Q-learning table", "dqn": "dqn on the cells' index"}.get(name, name)]
+        for scenario in ("S2", "S1")
+        for name in sorted(shares, key=lambda name: -shares[name][scenario])
+    ]
+    success = shown["success probability"].str.extract(r"^(\S+) \[(\S+), (\S+)\]$")
+    assert success[0].tolist() == ["0.50", "0.25", "0.00", "1.00", "0.50", "0.12"]
+    assert success.map(lambda text: len(text.partition(".")[2])).eq(2).all().all()
+    contrasts = document.shown(item("contrasts"))
+    assert [*contrasts["x"], *contrasts["y"]] == ["dqn on the cells' index", "Q-learning table"]
+    # CSV files keep the order, and short names.
+    assert document.folder.frame("summary")["variant"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
+
+
+def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:
+    learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0, 0.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0, 0.0))}
+    scenarios = ["S1", "S2", "S3", "Hall", "Walls"]
+    few = compared(learners, [("x", "y")], ["y"], scenarios[:4], pool="none")
+    assert item("verdicts").tabulate(few) is None
+    tables = compared({"y": learners["y"]}, scenarios=scenarios, pool="none")
+    assert item("verdicts").tabulate(tables) is None  # there are no contrasts
+    learners["z"] = Made("deep", 1.0)
+    many = compared(learners, [("x", "y"), ("z", "y")], ["y"], scenarios, pool="none")
+    frame = table("verdicts", many)
+    assert [*frame] == ["x", "y", "n", "better", "worse", "equivalent", "neither learned"]
+    assert frame.to_numpy().tolist() == [
+        ["x, index", "y, index", 5, 1, 1, 2, 1],
+        ["z, index", "y, index", 5, 2, 0, 3, 0],
+    ]
+
+
+def test_a_difference_that_is_shown_within_the_margin_is_said() -> None:
+    learners = {"x": Made("deep", 0.93, 900), "y": Made("tabular", 1.0, 900)}
+    data = compared(learners, [("x", "y")], scenarios=["S1"])
+    shown = item("contrasts").display(table("contrasts", data))
+    assert shown["verdict on success"].tolist() == ["within 0.1, but measurably worse"]
+
+
+def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
+    scenarios = ["S1", "MoodyHidden"]
+    cells = [Cell("table", np.zeros(2), scenario) for scenario in scenarios]
+    cells += [Cell("search", np.zeros(2), scenario, "planner", "stochastic") for scenario in scenarios]
+    records = {}
+    for name in scenarios:
+        scenario = load_scenario(name)
+        run = SimpleNamespace(scenario=scenario, observation="index", horizon=200, variant="search")
+        random, optimal = anchors(compile_scenario(run.scenario), 200, "start")
+        found = [
+            {"stochastic_grid_return": np.array([random + score * (optimal - random)]),
+             "stochastic_success": np.array([success])}
+            for score, success in ((0.5, 0.5), (0.25, 0.75))
+        ]  # fmt: skip
+        records[name] = Records(cast(Any, run), found, range(2), [])
+    frame = table("scenarios", data_of(cells, records=records, pool="none")).set_index("scenario")
+    for name in scenarios:
+        model, row = compile_scenario(load_scenario(name)), frame.loc[name]
+        optimum = from_starts(model) @ solve(model, 1.0, 200, issuer_rewards=False).value
+        assert row["optimal_return"] == pytest.approx(optimum)
+        assert row["random_return"] < row["memoryless_return"] < row["optimal_return"]
+        # Of the search with the best return, which is not the one that succeeds most often.
+        assert (row["memoryless_score"], row["memoryless_success"]) == pytest.approx((0.5, 0.5))
+        assert row["observations"] == model.n_observations
+
+
+# Verdicts and the answer against the truth
+
+FAMILY = {"table": "tabular", "net": "deep", "other": "deep"}
+PAIRS = [("net", "table"), ("other", "table"), ("net", "other")]
+
+probabilities = st.lists(st.integers(0, 10).map(lambda tenths: tenths / 10), min_size=2, max_size=2)
+
+
+@settings(max_examples=12, phases=[Phase.explicit, Phase.generate])
+@given(
+    st.fixed_dictionaries(dict.fromkeys(FAMILY, probabilities)),
+    st.sampled_from([2, 10, 30, 200]),
+    st.sampled_from(["scenarios", "none"]),
+)
+def test_no_verdict_contradicts_the_truth(truth: dict[str, list[float]], n: int, pool: str) -> None:
+    """Runs succeed exactly as often as their true probability says, rounded to whole runs."""
+    exact = {name: [round(share * n) / n for share in shares] for name, shares in truth.items()}
+    learners = {name: Made(FAMILY[name], shares, n) for name, shares in exact.items()}
+    data: Data = compared(learners, PAIRS, ["table"], ["S1", "S2"], pool=pool)
+    for row in table("contrasts", data).to_dict("records"):
+        verdict = str(row["success_verdict"])
+        x, y = (exact[str(row[side]).split(",")[0]] for side in "xy")
+        index = {"S1": 0, "S2": 1}.get(row.get("scenario", ""))
+        differences = [a - b for a, b in zip(x, y, strict=True)]
+        difference = sum(differences) / 2 if index is None else differences[index]
+        assert verdict in VERDICTS
+        assert verdict != "better" or difference > 1e-9
+        assert verdict != "worse" or difference < -1e-9
+        assert verdict != "equivalent" or abs(difference) < 0.1 - 1e-9
+        assert (verdict == "no verdict") == (n < 10)
+    found = table("outcomes", data)["outcome"]
+    assert (found == "no verdict").all() == (n < 10)
+    if pool == "scenarios" and found[0] == "earns":
+        assert max(sum(exact[name]) for name in ("net", "other")) > sum(exact["table"])
+    with tempfile.TemporaryDirectory() as directory:
+        check_links(folder_of(Path(directory), data, "contrasts", "outcomes", "summary"), fewest=1)
