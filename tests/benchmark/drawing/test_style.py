@@ -21,7 +21,6 @@ from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import _KNOWN, INK, WIDTH, figure_of, learner_style, name_lines, save_figure
 from benchmark.drawing.tables import read_csv
 from benchmark.experiments import load_experiment
-from benchmark.publish import draw
 from benchmark.studies.item import drawing
 from tests.support import ROOT
 
@@ -148,7 +147,7 @@ def draw_all(folder: Path) -> None:
     for name, figures in PUBLISHED.items():
         tables = {path.stem: read_csv(path) for path in (ROOT / "results" / name).glob("*.csv")}
         data: Any = SimpleNamespace(experiment=load_experiment(name), is_partial=True)
-        report = draw.report_of(data.experiment, is_drawn=False)
+        report = report_of(data.experiment, is_drawn=False)
         for item in (item for item in report.items if item.name in figures):
             item.save(data, tables, folder)
     of_pyplot = drawing("pyplot", "", "")(lambda: cast(Any, plt.subplots()[0]))

@@ -12,7 +12,7 @@ import pytest
 from agents import load_algorithm
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from benchmark.experiments.schema import EXPERIMENT_DIRECTORY, Declaration, experiment_names, read_experiment
-from benchmark.studies import load_report
+from benchmark.studies import load_study
 from envs import InputError, load_scenario
 from envs.inputs import parse, read_toml
 from tests.support import ROOT, specifications
@@ -46,7 +46,7 @@ def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path)
 def test_shipped_experiments_are_sound(name: str) -> None:
     experiment = load_experiment(name)
     assert experiment.report is not None
-    load_report(experiment.report.kind).check(experiment)
+    load_study(experiment.report.kind).check(experiment)
     runs = all_specifications(experiment)
     assert len({run.digest for run in runs}) == len(runs)
 

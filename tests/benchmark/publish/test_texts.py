@@ -60,7 +60,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
     text = EXPERIMENT.replace("FOLDER", str(folder)).replace("EFFECT", json.dumps(EFFECT))
     experiment = experiment_of(folder / "mine-1.toml", text.replace("TITLE", json.dumps(TITLE)))
-    report = draw.report_of(experiment)
+    report = report_of(experiment)
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
         draw.draw(experiment, report, store, folder / "mine-1")

@@ -71,7 +71,7 @@ def results_of(path: Path, text: str) -> Path:
     experiment = experiment_of(path / "mine.toml", text)
     with Store(path / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, draw.report_of(experiment), store, path / "mine")
+        draw.draw(experiment, report_of(experiment), store, path / "mine")
     return path / "mine"
 
 
@@ -82,5 +82,5 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Drawn:
     experiment = experiment_of(results / "small.toml")
     with Store(results / "runs.db") as store:
         trained(experiment, store)
-        assert draw.draw(experiment, draw.report_of(experiment), store, results / "small").is_new
+        assert draw.draw(experiment, report_of(experiment), store, results / "small").is_new
     return Drawn(experiment, results, results / "small")

@@ -19,13 +19,13 @@ from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.publish import document
 from benchmark.publish.page import build
-from benchmark.studies import REPORTS
+from benchmark.studies import STUDIES
 from benchmark.studies.data import load
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.publish.page.made import TEXT
 from tests.support import ROOT, reseal
 
-REPORTS["made"] = "tests.benchmark.publish.page.made:REPORT"  # as if it were this project's
+STUDIES["made"] = "tests.benchmark.publish.page.made:STUDY"  # as if it were this project's
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",

@@ -17,7 +17,7 @@ from benchmark.folder import Folder
 from benchmark.publish import prose, sameness
 from benchmark.publish.document import Document
 from benchmark.publish.page import build
-from benchmark.studies import load_report
+from benchmark.studies import load_study
 from envs import InputError
 from tests.benchmark.publish.page.conftest import rows_of
 from tests.benchmark.publish.page.made import TEXT
@@ -98,7 +98,7 @@ def test_every_published_experiment_has_its_own_question() -> None:
     for name in PUBLISHED:
         report = load_experiment(name).report
         assert report is not None
-        asked.append(report.question or load_report(report.kind).question)
+        asked.append(report.question or load_study(report.kind).question)
     assert len({*asked}) == len(asked)
 
 
