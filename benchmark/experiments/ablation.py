@@ -30,11 +30,9 @@ def finding(tables: Tables) -> Names:
     )
     claim(with_one["success_high"].max() < 0.15, "with either change alone, success stays rare")
 
-    def success(learner: str) -> str:
-        return tables.number("aggregate", "success", ".2f", learner=learner)
-
-    def with_both(scenario: str) -> str:
-        return tables.number("summary", "success", ".2f", scenario=scenario, learner=BOTH)
-
     learners = {"default": DEFAULT, "target": TARGET, "rate": RATE, "both": BOTH}
-    return {"success": success, "with_both": with_both, **learners}
+    return {
+        "success": tables.numbers("aggregate", "success", "learner", ".2f"),
+        "with_both": tables.numbers("summary", "success", "scenario", ".2f", learner=BOTH),
+        **learners,
+    }

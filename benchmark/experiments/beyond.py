@@ -15,17 +15,19 @@ def finding(tables: Tables) -> Names:
     def better(net: str, baseline: str) -> str:
         return tables.names("contrasts", "scenario", x=net, y=baseline, success_verdict="better")
 
-    def anywhere(learner: str) -> str:
-        return tables.number("summary", "success", ".2f", scenario="Anywhere", learner=learner)
-
     def scenarios(outcome: str) -> str:
         return tables.names("outcomes", "scenario", outcome=outcome)
 
     def same_input(verdict: str) -> str:
         return tables.count("same_input", success_verdict=verdict)
 
-    names = {"better": better, "anywhere": anywhere, "scenarios": scenarios, "same_input": same_input}
-    return {**names, "table": TABLE, "softmax": SOFTMAX, "tiles": TILES}
+    return {
+        "better": better,
+        "anywhere": tables.numbers("summary", "success", "learner", ".2f", scenario="Anywhere"),
+        "scenarios": scenarios,
+        "same_input": same_input,
+        **{"table": TABLE, "softmax": SOFTMAX, "tiles": TILES},
+    }
 
 
 def _check_contrasts(tables: Tables) -> None:

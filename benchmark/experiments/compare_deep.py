@@ -12,10 +12,8 @@ def finding(tables: Tables) -> Names:
     _check_runs(tables)
     _check_verdicts(tables)
 
-    def success(learner: str) -> str:
-        return tables.number("aggregate", "success", ".2f", learner=learner)
-
     learners = {"table": TABLE, "linear": LINEAR, "tiles": TILES, "dqn": DQN, "ppo": PPO}
+    success = tables.numbers("aggregate", "success", "learner", ".2f")
     return {"success": success, "sb3_dqn": SB3_DQN, "sb3_ppo": SB3_PPO, **learners}
 
 

@@ -4,7 +4,7 @@ The text on `when.toml` is `when.md.jinja`. Beside it, the function `finding` of
 checks every claim, and returns what the text names. `benchmark.publish.prose` calls it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import pandas as pd
@@ -23,6 +23,11 @@ class Tables(Protocol):
 
     def number(self, table: str, column: str, form: str = ",.0f", **where: object) -> str:
         """Returns a number, or with the form "time" seconds, with a link to its row."""
+
+    def numbers(
+        self, table: str, column: str, keys: str, form: str = ",.0f", **where: object
+    ) -> Callable[..., str]:
+        """Returns a function that takes the values of keys, which spaces separate, and returns a number."""
 
     def count(self, table: str, of: str = "", **where: object) -> str:
         """Returns how many rows have these values, or how many different values a column has in them."""

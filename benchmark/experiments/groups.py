@@ -23,47 +23,31 @@ def finding(tables: Tables) -> Names:
     def steps(learner: str, grid: str, places: int = 1024) -> str:
         return tables.number("cells", "steps", grid=grid, learner=learner, point=f"groups {places}")
 
-    def shuffled_steps(learner: str) -> str:
-        return tables.number("cells", "steps", grid="code", learner=learner, point="permuted 100")
-
     def learned(learner: str, grid: str, point: str = MANY) -> str:
         return tables.number("cells", "n_solved", "", grid=grid, learner=learner, point=point)
-
-    def success(learner: str, grid: str, point: str) -> str:
-        return tables.number("cells", "success", ".2f", grid=grid, learner=learner, point=point)
-
-    def in_training(variant: str, observation: str) -> str:
-        where = {"grid": "three", "point": MANY, "step": 25_700}
-        where |= {"variant": variant, "observation": observation}
-        return tables.number("success", "success", ".2f", **where)
 
     def unseen(learner: str, grid: str, places: int) -> str:
         where = {"grid": grid, "learner": learner, "point": f"groups {places}"}
         return tables.number("cells", "unseen_success", ".2f", **where)
 
-    def cost(learner: str) -> str:
-        return tables.number("cpu", "cpu_time_s", "time", grid="two", learner=learner, point=MANY)
-
-    def wrong_pings(learner: str) -> str:
-        return tables.number("cells", "disagreements", grid="two", learner=learner, point=MANY)
-
-    def exact(column: str, grid: str, observation: str) -> str:
-        return tables.number("ceilings", column, ".2f", grid=grid, observation=observation)
+    success = tables.numbers("cells", "success", "learner grid point", ".2f")
 
     def with_cost(learner: str, cost: str) -> str:
         point = f"cost {cost}"
         return f"{success(learner, 'wrong_ping', point)} ({learned(learner, 'wrong_ping', point)})"
 
+    late = {"grid": "three", "point": MANY, "step": 25_700}
     return {
         "steps": steps,
-        "shuffled_steps": shuffled_steps,
+        "shuffled_steps": tables.numbers("cells", "steps", "learner", grid="code", point="permuted 100"),
         "learned": learned,
         "success": success,
-        "in_training": in_training,
+        "in_training": tables.numbers("success", "success", "variant observation", ".2f", **late),
         "unseen": unseen,
-        "cost": cost,
-        "wrong_pings": wrong_pings,
-        "exact": exact,
+        "cost": tables.numbers("cpu", "cpu_time_s", "learner", "time", grid="two", point=MANY),
+        "wrong_pings": tables.numbers("cells", "disagreements", "learner", grid="two", point=MANY),
+        "optimal": tables.numbers("ceilings", "optimal", "grid observation", ".2f"),
+        "exact_success": tables.numbers("ceilings", "success", "grid observation", ".2f"),
         "with_cost": with_cost,
         **{"table": TABLE, "cells": CELLS, "nearest": NEAREST, "two_nearest": TWO_NEAREST},
         **{"tiles": TILES, "ppo": PPO, "dqn": DQN, "entropy": ENTROPY, "map_ppo": MAP_PPO},

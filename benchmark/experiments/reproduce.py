@@ -14,14 +14,13 @@ def finding(tables: Tables) -> Names:
     def judged(agents: int, verdict: str) -> str:
         return tables.count("claims", "claim", agents=agents, verdict=verdict)
 
-    def variability_of(column: str, form: str = "") -> str:
-        where = {"claim": "variability-S2", "part": "S2/S1", "agents": 1000}
-        return tables.number("claims", column, form, **where)
-
+    variability_of = {"claim": "variability-S2", "part": "S2/S1", "agents": 1000}
     broken = ["undecided", "does not hold"]
     return {
         "judged": judged,
-        "variability": variability_of,
+        "variability": tables.number("claims", "value", ".2f", **variability_of),
+        "n_sets": tables.number("claims", "sets", "", **variability_of),
+        "n_agreeing": tables.number("claims", "sets_agreeing", "", **variability_of),
         "not_with_equal_pay": tables.count(
             "sensitivity", "claim", reading="equal_pay", claim=holding, verdict=broken
         ),

@@ -19,7 +19,4 @@ def finding(tables: Tables) -> Names:
     claim(ppo["chosen"].max() < 0.1, "the search found nothing for PPO")
     claim(nets["chosen"].max() == best[DQN], "DQN on offsets is the earliest net")
 
-    def early(learner: str) -> str:
-        return tables.number("chosen", "chosen", ".2f", learner=learner)
-
-    return {"early": early, "tiles": TILES, "dqn": DQN}
+    return {"early": tables.numbers("chosen", "chosen", "learner", ".2f"), "tiles": TILES, "dqn": DQN}

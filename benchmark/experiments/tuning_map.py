@@ -20,12 +20,9 @@ def finding(tables: Tables) -> Names:
     claim(is_against_tiles and steps.max() < 1e-9, "with more trials, nets beat tile coding less often")
     claim(rows[is_net]["chosen"].max() < rows[~is_net]["chosen"].min(), "all nets are below the others")
 
-    def early(learner: str) -> str:
-        return tables.number("chosen", "chosen", ".2f", learner=learner)
-
     def beats(learner: str) -> str:
         where = {"learner": learner, "scenario": "ManyPlaces"}
         one, eight = (tables.number("picks", "beats", ".2f", **where, trials=n) for n in (1, 8))
         return f"{one} to {eight}"
 
-    return {"early": early, "beats": beats}
+    return {"early": tables.numbers("chosen", "chosen", "learner", ".2f"), "beats": beats}

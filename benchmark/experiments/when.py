@@ -22,46 +22,29 @@ def finding(tables: Tables) -> Names:
     def places(x: str, y: str, verdict: str) -> str:
         return tables.names("contrasts", "places", grid="places", x=x, y=y, verdict=verdict)
 
-    def steps(learner: str, places: int) -> str:
-        return tables.number("cells", "steps", grid="places", learner=learner, places=places)
-
-    def shuffled_steps(learner: str) -> str:
-        return tables.number("cells", "steps", grid="code", learner=learner, point="permuted 100")
-
     def twice(learner: str, places: int) -> str:
         row = tables.row("cells", grid="places", learner=learner, places=places)
         return f"{min(2 * row['steps'], 80_000):,.0f}"
 
-    def wrong_pings(learner: str) -> str:
-        return tables.number("cells", "disagreements", grid="places", learner=learner, places=64)
-
     def learned(learner: str, grid: str, point: str) -> str:
         where = {"grid": grid, "learner": learner, "point": point}
         return f"{tables.number('cells', 'n_solved', '', **where)} of {tables.row('cells', **where)['n']}"
-
-    def unseen(learner: str, places: int) -> str:
-        where = {"grid": "places", "learner": learner, "places": places}
-        return tables.number("cells", "unseen_success", ".2f", **where)
-
-    def cpu(learner: str) -> str:
-        return tables.number("cpu", "cpu_time_s", "time", grid="places", learner=learner, places=64)
-
-    def crossing(column: str, net: str, opponent: str) -> str:
-        return tables.number("crossings", column, x=net, y=opponent)
 
     contrasts = tables.rows("contrasts", x=NETS, y=TILINGS)
     crossed = [tables.row("crossings", x=net, y=TILES)["x_later"] for net in (PPO, DQN)]
     undecided = tables.rows("contrasts", x=NETS, y=TILINGS, verdict="undecided", grid="noise")
     return {
         "places": places,
-        "steps": steps,
-        "shuffled_steps": shuffled_steps,
+        "steps": tables.numbers("cells", "steps", "learner places", grid="places"),
+        "shuffled_steps": tables.numbers("cells", "steps", "learner", grid="code", point="permuted 100"),
         "twice": twice,
-        "wrong_pings": wrong_pings,
+        "wrong_pings": tables.numbers("cells", "disagreements", "learner", grid="places", places=64),
         "learned": learned,
-        "unseen": unseen,
-        "cpu": cpu,
-        "crossing": crossing,
+        "unseen": tables.numbers("cells", "unseen_success", "learner places", ".2f", grid="places"),
+        "cpu": tables.numbers("cpu", "cpu_time_s", "learner", "time", grid="places", places=64),
+        "earliest": tables.numbers("crossings", "earliest", "x y"),
+        "latest": tables.numbers("crossings", "latest", "x y"),
+        "n_later": tables.numbers("crossings", "x_later", "x y"),
         "n_places": len(tables.rows("contrasts", grid="places", x=TILES, y=TABLE)),
         "n_points": len(contrasts) // 4,
         "n_contrasts": len(contrasts),

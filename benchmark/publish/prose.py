@@ -8,6 +8,7 @@ it. Results of other seeds, or of some of the runs, have no such text.
 """
 
 import re
+from collections.abc import Callable
 from functools import cache
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -98,6 +99,16 @@ class Lookups:
         row = self.row(table, **where)
         text = tables.duration(row[column]) if form == "time" else format(row[column], form)
         return tables.link(text, table, row)
+
+    def numbers(
+        self, table: str, column: str, keys: str, form: str = ",.0f", **where: object
+    ) -> Callable[..., str]:
+        """Returns a function that takes the values of keys, which spaces separate, and returns a number."""
+
+        def number(*values: object) -> str:
+            return self.number(table, column, form, **where, **dict(zip(keys.split(), values, strict=True)))
+
+        return number
 
     def count(self, table: str, of: str = "", **where: object) -> str:
         """Returns how many rows have these values, or how many different values a column has in them."""
