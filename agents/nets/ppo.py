@@ -117,7 +117,7 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 
 @compiled
 def _advance(agent: Ppo, until: int) -> None:
-    while agent.envs.taken[0] < until:
+    while agent.envs.n_steps[0] < until:
         agent.policy.is_known[:] = False
         agent.values.is_known[:] = False
         if not _roll_out(agent):
@@ -230,7 +230,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
             entropy -= batch.probability[r, a] * batch.log_probability[r, a]
         for a in range(N_ACTIONS):
             probability = float(batch.probability[r, a])
-            # By the log-probability of the action taken, and by those of all actions through the softmax.
+            # The slope passes through the action's own log-probability, and by the softmax through all.
             total = slope * (probability - (1.0 if a == action else 0.0))
             total += constants.ent_coef * probability * (batch.log_probability[r, a] + entropy)
             slopes[at + r * actor.stride + a] += total / n_rows

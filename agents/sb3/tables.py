@@ -66,10 +66,10 @@ def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[
     """Returns `policy_table` of an agent of any class; raises an exception if it does not say all."""
     name = type(agent).__name__
     methods = (agent.predict, getattr(agent.policy, "get_distribution", agent.predict))
-    taken = {argument for method in methods for argument in [*signature(method).parameters][1:]} - _ARGUMENTS
-    if taken:
-        kind = "has a memory" if "lstm_states" in taken else "depends on more than the observation"
-        raise ValueError(f"{name} {kind}: it takes {', '.join(sorted(taken))}")
+    extra = {argument for method in methods for argument in [*signature(method).parameters][1:]} - _ARGUMENTS
+    if extra:
+        kind = "has a memory" if "lstm_states" in extra else "depends on more than the observation"
+        raise ValueError(f"{name} {kind}: it takes {', '.join(sorted(extra))}")
     table = policy_table(agent, observations)
     if table.shape != (len(observations), len(ACTIONS)) or not np.isfinite(table).all():
         policy = type(agent.policy).__name__
@@ -131,8 +131,8 @@ def agent_table(
         for kind, space in expected.items():
             given = getattr(agent, f"{kind}_space")
             if given != space:
-                here = f'{model.scenario.name} with observation = "{observation}"'
-                raise InputError(f"{where}: {kind}_space = {given}; accepted in {here}: {space}.")
+                setting = f'{model.scenario.name} with observation = "{observation}"'
+                raise InputError(f"{where}: {kind}_space = {given}; accepted in {setting}: {space}.")
         inputs = net_inputs(agent, where, layers, observations, normalization)
         table = readable_table(agent, torch.as_tensor(inputs, device=agent.device))
     except InputError:

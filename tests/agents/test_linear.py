@@ -10,7 +10,7 @@ from numpy.random import SeedSequence
 from agents import Schedule, load_algorithm
 from agents.linear.tiles import tiles_of
 from agents.policy import ALL_ACTIONS
-from agents.tabular.kernel import LEAST_TRACE
+from agents.tabular.kernel import MIN_TRACE
 from benchmark.experiments import load_experiment
 from envs import InputError, Model, load_scenario
 from envs.inputs import parse
@@ -151,7 +151,7 @@ def textbook(model: Model, settings: Any, seed: SeedSequence, *, is_sarsa: bool)
             traces = {}
         error = target - values(o)[action]
         faded = {key: settings.discount * settings.trace_decay * trace for key, trace in traces.items()}
-        traces = {key: trace for key, trace in faded.items() if trace >= LEAST_TRACE}
+        traces = {key: trace for key, trace in faded.items() if trace >= MIN_TRACE}
         traces |= {(f, action): 1.0 for f in tiles[o]}
         rate = settings.learning_rate / (1 + step / (settings.halved_after or np.inf)) / settings.n_tilings
         for key, trace in traces.items():

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
-from agents.tabular.kernel import LEAST_TRACE
+from agents.tabular.kernel import MIN_TRACE
 from envs import Model
 
 WORD = 2**64
@@ -142,7 +142,7 @@ def textbook(
                 traces.clear()
             error = target - tables[0, o, action]
             faded = {pair: settings.discount * settings.trace_decay * traces[pair] for pair in traces}
-            traces = {pair: weight for pair, weight in faded.items() if weight >= LEAST_TRACE}
+            traces = {pair: weight for pair, weight in faded.items() if weight >= MIN_TRACE}
             traces[o, action] = 1.0
             for pair, weight in traces.items():
                 tables[0, *pair] += rate * error * weight
