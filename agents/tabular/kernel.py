@@ -213,7 +213,7 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
         weights: Numbers,
         move: Move,
     ) -> int:
-        """Moves the value of an action, and those of earlier ones by their traces; returns how many have any."""
+        """Moves the value of an action, and of earlier ones by their traces; returns how many have one."""
         o, a, half, rate, target, begins, n_traces, decay, takes_lowest = move
         if has_traces:
             n_traces = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
