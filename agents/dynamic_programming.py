@@ -55,7 +55,7 @@ class Starts(NamedTuple):
     """
 
     state: NDArray[np.int64]  # those with a probability above 0, rising
-    probability: NDArray[np.float64]  # of each
+    probability: NDArray[np.float64]  # the probability of each of them
     first: NDArray[np.int64]  # (places + 1,) index of the first start of each place
     n_block: int  # states of a place
 
@@ -89,7 +89,7 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
     """Computes the expected return of a policy under a time limit, and other expectations.
 
     Leading axes of the policy, (..., O, A), are a batch. Episodes are truncated after `horizon` steps, at
-    least 1, and start as in `from_starts`. A ValueError is raised if the policy is none of this model.
+    least 1, and start as in `from_starts`. A ValueError is raised if the policy does not fit the model.
     """
     shape = model.n_observations, len(ACTIONS)
     policy = np.asarray(policy, dtype=np.float64)
@@ -126,11 +126,11 @@ def _sweep(
     is a pass over that list.
     """
     n_transitions = starts.n_block * grid_reward.shape[1] * dynamics[0].shape[2]
-    index = np.full(len(grid_reward), -1, dtype=np.int32)  # of a state in `reached`
+    index = np.full(len(grid_reward), -1, dtype=np.int32)  # where a state is in `reached`; -1: nowhere
     reached = np.empty(starts.n_block, dtype=np.int64)  # the states reached, in the order of their discovery
     first = np.empty(starts.n_block + 1, dtype=np.int64)  # the first transition into each of them
     source = np.empty(n_transitions, dtype=np.int32)  # the index where each transition starts
-    probability = np.empty(n_transitions)  # of each transition
+    probability = np.empty(n_transitions)  # the probability of each transition
     for n in range(len(policies)):
         for g in range(len(starts.first) - 1):
             some = slice(starts.first[g], starts.first[g + 1])

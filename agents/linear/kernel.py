@@ -98,8 +98,8 @@ def train(
         weights = np.full((n_features, N_ACTIONS), initial_value / n_tilings)
         traced, strengths = np.empty(n_features * N_ACTIONS, np.int64), np.empty(n_features * N_ACTIONS)
         renewed = np.full(n_features * N_ACTIONS, -1)
-        masks = np.empty(n_observations, np.int64)  # of greedy actions
-        q = np.empty((2, N_ACTIONS))  # of this observation, and of the next one before the update
+        masks = np.empty(n_observations, np.int64)  # masks of greedy actions
+        q = np.empty((2, N_ACTIONS))  # values of this observation, and of the next one before the update
         state, stream = draw_start(starts, stream)
         o = U(observation[state])
         _add_up(weights, tiles, o, q, 0)

@@ -32,7 +32,7 @@ class Net(NamedTuple):
     width: NDArray[np.int64]  # (L,) of the outputs, with padding
     weights_at: NDArray[np.int64]  # (L,) of weights (inputs with padding, width)
     biases_at: NDArray[np.int64]  # (L,)
-    end: int  # of its parameters
+    end: int  # the index after its last parameter
     is_relu: bool  # what follows each layer but the last, else tanh
     ones: NDArray[np.int32]  # (O, ones) which inputs are 1, if all others are 0; else (O, 0)
     table: Numbers  # (O, inputs) if they are not; else (O, 0)

@@ -26,8 +26,8 @@ from agents.sb3.settings import PpoSettings
 from envs import Model
 
 _EPSILON = 1e-5  # Adam's in Stable-Baselines3
-_GAIN = math.sqrt(2)  # of the first weights of hidden layers, in Stable-Baselines3
-_GAINS = 0.01, 1.0  # of the last layer of actor and critic
+_GAIN = math.sqrt(2)  # scales the first weights of hidden layers, as in Stable-Baselines3
+_GAINS = 0.01, 1.0  # scale those of the last layers of actor and critic
 
 
 class Constants(NamedTuple):
@@ -57,7 +57,7 @@ class Probabilities(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """What is computed of a rollout, (E * L,) each."""
+    """What is computed from a rollout; each array is (E * L,)."""
 
     old_log_probability: Numbers
     advantage: Numbers

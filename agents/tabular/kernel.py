@@ -80,7 +80,7 @@ class Results(NamedTuple):
 class Turn(NamedTuple):
     """Where an agent is between two steps."""
 
-    unit: int  # of the budget
+    unit: int  # budget units so far
     state: np.uint64
     o: np.uint64
     a: np.uint64  # the next action if the rule is on-policy; else meaningless
@@ -242,12 +242,12 @@ def _draw_if(is_needed: bool, stream: Stream) -> tuple[np.uint64, Stream]:
 
 @inlined
 def _best_of_half(
-    has_two_tables: bool, halves: Numbers, row: np.uint64, takes_lowest: bool, word: np.uint64
+    has_two_tables: bool, rows: Numbers, row: np.uint64, takes_lowest: bool, word: np.uint64
 ) -> np.uint64:
     """Returns a best action by one of two tables; the lower half of a word chooses among several."""
     if not has_two_tables:
         return U(0)
-    _, mask = find_best(halves.reshape(-1, N_ACTIONS), row, takes_lowest)
+    _, mask = find_best(rows, row, takes_lowest)
     return choose_action(word, U(0), mask)
 
 
@@ -279,7 +279,7 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
         start, state, o, a, begins, episode_steps, steps, episodes, disagreements, n_traces, stream = turn
         by_episode, record_every = plan.by_episode, plan.record_every
         explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
-        a_next = a
+        a_next, rows = a, halves.reshape(-1, N_ACTIONS)
         n_records = -(-start // record_every)
         for unit in range(start, until):
             is_recorded = unit == n_records * record_every
@@ -302,7 +302,7 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
                 half = word >> U(63)
                 value = 0.0
                 if not outcome.terminates:
-                    best = _best_of_half(has_two_tables, halves, U(2) * o_next + half, takes_lowest, word)
+                    best = _best_of_half(has_two_tables, rows, U(2) * o_next + half, takes_lowest, word)
                     word, stream = _draw_if(is_on_policy, stream)
                     a_next = choose_action(word, explore_below, greedy[o_next])
                     best_value, mask = highest[o_next], greedy[o_next]
@@ -360,8 +360,7 @@ def _new_table(
 def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
 
-    Since the rule stands around the loop, what is kept on disk is told apart by a digest of the rule and of
-    the text of its file and of what that imports.
+    On disk, kernels are distinguished by a digest of the rule, of its file's text and of what that imports.
     """
     advance, has_two_tables, has_traces = _compile_advance(update), update.has_two_tables, update.has_traces
 

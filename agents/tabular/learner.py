@@ -29,7 +29,7 @@ from envs.model import ACTIONS, Model
 VERSION: Final = 3
 
 TrainingT = TypeVar("TrainingT", bound=Training)
-MAX_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
+MAX_RECORDS: Final = 10_000_000  # records of the largest action value that an agent may have
 
 
 class ValueSettings(LearnerSettings):
