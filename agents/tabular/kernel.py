@@ -216,8 +216,8 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
         """Moves the value of an action, and of earlier ones by their traces; returns how many have one."""
         o, a, half, rate, target, begins, n_traces, decay, takes_lowest = move
         if has_traces:
-            n_traces = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
-            n_traces = _trace(traced, weights, n_traces, decay, o * U(N_ACTIONS) + a)
+            kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
+            n_traces = int(_trace(traced, weights, kept, decay, o * U(N_ACTIONS) + a))
             error = target - q[o, a]
             for j in range(n_traces):
                 o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
@@ -248,7 +248,7 @@ def _best_of_half(
     if not has_two_tables:
         return U(0)
     _, mask = find_best(rows, row, takes_lowest)
-    return choose_action(word, U(0), mask)
+    return U(choose_action(word, U(0), mask))
 
 
 def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:

@@ -12,7 +12,6 @@ from agents.linear.tiles import tiles_of
 from agents.policy import ALL_ACTIONS
 from benchmark.experiments import load_experiment
 from envs import InputError, Model, load_scenario
-from envs.inputs import parse
 from envs.observations import compile_seen
 from tests.agents.test_tabular import MOVES
 from tests.agents.words import textbook
@@ -170,23 +169,6 @@ def test_an_agent_whose_values_grow_without_limit_has_diverged() -> None:
     assert np.isnan(training.q).all()
     assert (training.greedy[0, 2] == ALL_ACTIONS).all()
     assert (training.greedy[0, 1] != ALL_ACTIONS).any()
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({"tile_width": 0}, "tile_width = 0"),
-        ({"n_tilings": 10**6}, "n_tilings = 1000000"),
-        ({"halved_after": 0}, "halved_after = 0"),
-        ({"record_every": 5}, "unknown key record_every"),
-    ],
-)
-def test_wrong_settings_get_one_sentence(change: dict[str, Any], expected: str) -> None:
-    with pytest.raises(InputError) as caught:
-        parse(load_algorithm("linear_q_lambda").settings, change, "mine.toml")
-    assert str(caught.value).startswith("mine.toml: ")
-    assert expected in str(caught.value)
-    assert len(caught.value.args) == 1
 
 
 def test_features_that_do_not_fit_memory_are_refused(tmp_path: Path) -> None:
