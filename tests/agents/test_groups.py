@@ -37,7 +37,9 @@ SCENES: dict[str, dict[str, Any]] = {
 
 
 def test_writing_out_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    tables = override(read_toml(SCENARIO_DIRECTORY / "S1.toml"), ROOM | {"others": WALK}, "room")
+    tables = override(
+        read_toml(SCENARIO_DIRECTORY / "S1.toml"), ROOM | {"others": WALK, "grid.columns": 12}, "room"
+    )
     model = compile_scenario(parse(Scenario, tables, "room"))
     whole = process_of(model)
     assert len(whole.outcomes) < len(model.observation)  # states share their outcomes
