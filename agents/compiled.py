@@ -1,7 +1,7 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
 numba trusts its files: with a damaged one it fails, crashes or computes something else. And it looks only at
-the file of a function, not at the files of what the function calls; this module counts all of them.
+the file of a function, not at the files of what the function calls; all of them count.
 """
 
 import hashlib
@@ -32,9 +32,10 @@ def compiled(function: _Function, made_for: str = "") -> _Function:
     dispatcher: Any = numba.njit(nogil=True)(function)
     try:
         cached = FunctionCache(function)
-        stamp = made_for, cached._impl.locator.get_source_stamp(), digest_when_loaded(function.__module__)
+        locator = cached._impl.locator
+        stamp = made_for, locator.get_source_stamp(), digest_when_loaded(function.__module__)
         cached._cache_file = _Files(cached._cache_path, cached._impl.filename_base, stamp)
-        cached._impl.locator.ensure_cache_path = lambda: None  # `save` finds out
+        locator.ensure_cache_path = lambda: None  # `save` finds out
         dispatcher._cache = cached
     except (OSError, RuntimeError):  # numba finds no folder that can be written
         _say_unsaved()

@@ -126,7 +126,7 @@ def _sweep(
     is a pass over that list.
     """
     n_transitions = starts.n_block * grid_reward.shape[1] * dynamics[0].shape[2]
-    index = np.full(len(grid_reward), -1, dtype=np.int32)  # where a state is in `reached`; -1: nowhere
+    index = np.full(len(grid_reward), -1, dtype=np.int32)  # where states are in `reached`, or -1
     reached = np.empty(starts.n_block, dtype=np.int64)  # the states reached, in the order of their discovery
     first = np.empty(starts.n_block + 1, dtype=np.int64)  # the first transition into each of them
     source = np.empty(n_transitions, dtype=np.int32)  # the index where each transition starts
@@ -222,7 +222,7 @@ def _count_visits(
     probability: NDArray[np.float64],
     horizon: int,
 ) -> NDArray[np.float64]:
-    """Returns the expected number of steps that start in each state, given where transitions into it end."""
+    """Returns the expected number of steps in each state, given where transitions into it end."""
     before, after, visits = np.zeros(len(end)), np.empty(len(end)), np.zeros(len(end))
     before[: len(start_probability)] = start_probability
     for _ in range(horizon):

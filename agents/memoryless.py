@@ -169,7 +169,7 @@ def _carry_forward(
     distribution: NDArray[np.float64],
     visits: NDArray[np.float64],
 ) -> int:
-    """Fills the distributions after the first; returns before how many steps an episode may still go on."""
+    """Fills the distributions after the first; returns how many steps an episode can have."""
     next_state, outcome, terminated, observation = dynamics
     for t in range(len(distribution) - 1):
         distribution[t + 1] = 0.0
@@ -199,7 +199,7 @@ def _carry_back(
     distribution: NDArray[np.float64],
     gains: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Returns the values of states before the first step, and adds up what actions gain in all steps."""
+    """Returns the values of states at first, and adds up what actions gain in all steps."""
     next_state, outcome, terminated, observation = dynamics
     n_steps, n_block = distribution.shape
     value, next_value = np.zeros(n_block), np.zeros(n_block)

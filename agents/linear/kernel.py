@@ -99,7 +99,7 @@ def train(
         traced, strengths = np.empty(n_features * N_ACTIONS, np.int64), np.empty(n_features * N_ACTIONS)
         renewed = np.full(n_features * N_ACTIONS, -1)
         masks = np.empty(n_observations, np.int64)  # masks of greedy actions
-        q = np.empty((2, N_ACTIONS))  # values of this observation, and of the next one before the update
+        q = np.empty((2, N_ACTIONS))  # values of this observation and, before the update, the next
         state, stream = draw_start(starts, stream)
         o = U(observation[state])
         _add_up(weights, tiles, o, q, 0)

@@ -25,7 +25,7 @@ _SUMS: Final = 256  # partial sums of a norm, so that they fill vector registers
 
 
 class Net(NamedTuple):
-    """A net's shape, where its parameters lie, what it reads, and room for calls with rows of W numbers."""
+    """A net's shape, where its parameters lie, what it reads, and room for calls; rows have W numbers."""
 
     n_inputs: int
     n_outputs: NDArray[np.int64]  # (L,)

@@ -230,7 +230,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
             entropy -= batch.probability[r, a] * batch.log_probability[r, a]
         for a in range(N_ACTIONS):
             probability = float(batch.probability[r, a])
-            # The slope passes through the action's own log-probability, and by the softmax through all.
+            # The slope goes through the action's log-probability, and by the softmax through all.
             total = slope * (probability - (1.0 if a == action else 0.0))
             total += constants.ent_coef * probability * (batch.log_probability[r, a] + entropy)
             slopes[at + r * actor.stride + a] += total / n_rows

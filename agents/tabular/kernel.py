@@ -94,14 +94,14 @@ class Turn(NamedTuple):
 
 
 class Table(NamedTuple):
-    """What an agent learns, and what of it would else be computed anew in every step; all change in place."""
+    """What an agent learns, and what follows from it; all change in place."""
 
     q: Numbers  # (O, A)
     highest: Numbers  # (O,) the largest action value of each observation
     greedy: NDArray[np.int64]  # (O,) masks of greedy actions
     tree: Numbers  # (2,) if the largest value of the table is not recorded; else see `_new_tree`
     halves: Numbers  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
-    traced: NDArray[np.int64]  # (O * A,) pairs o * A + a that have traces, the latest last; (0,) if none have
+    traced: NDArray[np.int64]  # (O * A,) pairs o * A + a with traces, the latest last; or (0,)
     weights: Numbers  # (O * A,) of these traces
 
 
@@ -213,7 +213,7 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
         weights: Numbers,
         move: Move,
     ) -> int:
-        """Moves the value of an action, and of earlier ones by their traces; returns how many have one."""
+        """Moves the value of an action, and of earlier ones by traces; returns their number."""
         o, a, half, rate, target, begins, n_traces, decay, takes_lowest = move
         if has_traces:
             kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
@@ -244,7 +244,7 @@ def _draw_if(is_needed: bool, stream: Stream) -> tuple[np.uint64, Stream]:
 def _best_of_half(
     has_two_tables: bool, rows: Numbers, row: np.uint64, takes_lowest: bool, word: np.uint64
 ) -> np.uint64:
-    """Returns a best action by one of two tables; the lower half of a word chooses among several."""
+    """Returns a best action by one of two tables; a word's lower half chooses."""
     if not has_two_tables:
         return U(0)
     _, mask = find_best(rows, row, takes_lowest)
@@ -360,7 +360,7 @@ def _new_table(
 def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
 
-    On disk, kernels are distinguished by a digest of the rule, of its file's text and of what that imports.
+    On disk, kernels differ by a digest of the rule, of its file's text and of what that imports.
     """
     advance, has_two_tables, has_traces = _compile_advance(update), update.has_two_tables, update.has_traces
 
