@@ -110,7 +110,7 @@ class Model:
     @property
     def n_places(self) -> int:
         """J; the states of a place are contiguous, and an episode never leaves them."""
-        return len(self.scenario.standing)
+        return len(self.scenario.layout.standing)
 
     @cached_property
     def fresh_state(self) -> NDArray[np.int64]:
@@ -127,9 +127,9 @@ class Model:
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
-        place, phase = divmod(context, len(self.scenario.stages))
+        place, phase = divmod(context, len(self.scenario.layout.stages))
         _, n_ticks, *parts = _shape(self.scenario)
-        first = place * n_ticks + int(np.argmax(self.scenario.ticks == phase))
+        first = place * n_ticks + int(np.argmax(self.scenario.layout.ticks == phase))
         return np.arange(parts[-1]) + first * math.prod(parts)
 
     @cached_property
@@ -192,7 +192,7 @@ def compile_scenario(scenario: Scenario) -> Model:
 def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
     """Returns how many values each part of a state has."""
     n_delays, n_cells = 1 + scenario.is_delayed, len(scenario.grid.position)
-    return len(scenario.standing), len(scenario.ticks), n_delays, scenario.ping_limit, n_cells
+    return len(scenario.layout.standing), len(scenario.layout.ticks), n_delays, scenario.ping_limit, n_cells
 
 
 @lru_cache(maxsize=64)
@@ -211,9 +211,9 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
             if values.any():  # memory for zeros is not even touched
                 arrays[name][first * n_block :][: len(values)] = values
 
-    place, tick, cell = scenario.every_start.T
+    place, tick, cell = scenario.layout.starts.T
     starts = np.ravel_multi_index((place, tick, 0 * place, 0 * place, cell), shape).astype(np.int32)
-    is_seen = scenario.is_seen[place]
+    is_seen = scenario.layout.is_seen[place]
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
     observation, size = np.zeros(len(arrays["cell"]), dtype=np.int64), 1
     for component in components:
@@ -241,13 +241,13 @@ def _compile_places(
 ) -> dict[str, NDArray[np.generic]]:
     """Returns the arrays of a model over the states of some places."""
     rows, columns = scenario.grid.size
-    shape, n_phases = _shape(scenario), len(scenario.stages)
+    shape, n_phases = _shape(scenario), len(scenario.layout.stages)
     n_pings, n_cells = shape[3:]
     n_block = math.prod(shape[1:])
     here = np.arange(places[0] * n_block, (places[-1] + 1) * n_block)
     place, tick, delayed, pings, cell = np.unravel_index(here, shape)  # (S,) each
-    context = place * n_phases + scenario.ticks[tick]
-    zone_of = scenario.zone.reshape(-1, n_cells)  # (J * P, C)
+    context = place * n_phases + scenario.layout.ticks[tick]
+    zone_of = scenario.layout.zone.reshape(-1, n_cells)  # (J * P, C)
     zone = zone_of[context, cell]
 
     # The agent's part: event, grid reward and next cell
@@ -285,11 +285,11 @@ def _compile_places(
     issuer_reward[delayed == 1] += mean[delayed == 1, None]
     next_delayed = np.zeros(event.shape, dtype=np.int64)
     next_delayed[:, PING] = comes_late
-    ticks, chances = scenario.following
+    ticks, chances = scenario.layout.following
     next_tick = np.broadcast_to(ticks[tick][:, None], (*event.shape, ticks.shape[1]))  # (S, A, K)
-    if scenario.moves:
+    if scenario.layout.moves:
         is_person = zone_of == ZONES.index("issuer")  # (J * P, C)
-        next_context = place[:, None, None] * n_phases + scenario.ticks[next_tick]
+        next_context = place[:, None, None] * n_phases + scenario.layout.ticks[next_tick]
         waits = is_person[next_context, next_cell[:, :, None]] & ~terminated[:, :, None]
         next_tick = np.where(waits, tick[:, None, None], next_tick)
     next_tick = np.where(terminated[:, :, None], tick[:, None, None], next_tick)
@@ -324,16 +324,18 @@ def _compile_places(
 def _components(scenario: Scenario, *of_states: NDArray[np.int32]) -> tuple[Component, ...]:
     """Returns the observed components of all states, given (S,) their context, cell and wrong PINGs."""
     context, cell, pings = of_states
-    grid, n, n_phases = scenario.grid, scenario.n_people, len(scenario.stages)
+    grid, n, n_phases = scenario.grid, scenario.n_people, len(scenario.layout.stages)
     largest = np.maximum(np.array(grid.size) - 1, 1)
-    cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
-    standing = scenario.standing.reshape(-1, n)  # (J * P, people)
+    cells = np.array(scenario.layout.issuer_cells) @ (grid.columns, 1)
+    standing = scenario.layout.standing.reshape(-1, n)  # (J * P, people)
     spots = np.searchsorted(cells, standing)  # among the cells
     if n == 1:
         groups, group = np.arange(len(cells))[:, None], spots[:, 0]
     else:
         groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
-    shown = np.array(scenario.shown_cells)[groups]  # (places, people, 2)
+    shown = np.array(scenario.layout.shown_cells(scenario.issuer.permuted, scenario.draw))[
+        groups
+    ]  # (places, people, 2)
 
     def component(name: str) -> Component:
         match name:
@@ -365,7 +367,7 @@ def _relative(
     """
     grid, n = scenario.grid, scenario.n_people
     farthest, columns = np.array(grid.size) - 1, 2 * grid.columns - 1
-    standing = scenario.standing.reshape(-1, n)
+    standing = scenario.layout.standing.reshape(-1, n)
     offset = grid.position[standing][:, None] - grid.position[:, None]  # (J * P, C, people, 2)
     if name == "centre":
         offset, farthest = offset.sum(axis=2, keepdims=True), n * farthest
@@ -415,21 +417,21 @@ def _feedback(scenario: Scenario) -> Feedback:
     relative to the largest distance from a start in the same place.
     """
     position = scenario.grid.position
-    place, tick, cell = scenario.every_start.T
-    n_places, n_phases, n = scenario.standing.shape
+    place, tick, cell = scenario.layout.starts.T
+    n_places, n_phases, n = scenario.layout.standing.shape
     n_pings = scenario.ping_limit if scenario.own_feedback else 1
     shape, flat = (n_places, n_phases, n_pings, len(position)), (n_places * n_phases, n_pings, len(position))
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-    answering = [[it for it in others if it.feedback] for others in scenario.others_at]
+    answering = [[it for it in others if it.feedback] for others in scenario.layout.others]
     feedback = [scenario.issuer.feedback] * n + [it.feedback for it in answering[0] if it.feedback]
     if all(it.kind == "none" for it in feedback):
         return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)
     stands = np.empty((n_places, n_phases, len(feedback), 2), dtype=np.int_)
-    stands[:, :, :n] = position[scenario.standing]
+    stands[:, :, :n] = position[scenario.layout.standing]
     for p, others in enumerate(answering):
         stands[:, p, n:] = np.array([it.position for it in others]).reshape(-1, 2)
     from_start = np.zeros((n_places, len(feedback)), dtype=np.int_)
-    far = abs(position[cell][:, None] - stands[place, scenario.ticks[tick]]).sum(axis=2)
+    far = abs(position[cell][:, None] - stands[place, scenario.layout.ticks[tick]]).sum(axis=2)
     np.maximum.at(from_start, place, far)
     for p in range(n_phases):
         far = abs(position - stands[:, p, :, None]).sum(axis=3)  # (J, people, C), L1 distances
@@ -441,17 +443,20 @@ def _feedback(scenario: Scenario) -> Feedback:
                 case BoundedFeedback(kind="uniform", low=low, high=high):
                     value, width = (low + high) / 2, (high - low) / 2
                 case BoundedFeedback(low=low, high=high):
-                    value = np.where(scenario.zone[:, p, None] == ZONES.index("target"), high, low)
+                    value = np.where(scenario.layout.zone[:, p, None] == ZONES.index("target"), high, low)
                 case NoisyFeedback():
                     width = its.noise
                 case OwnFeedback():
                     rewards = np.zeros((2, n_places, n_pings, len(position)))  # lowest and highest
                     for j, _, c in np.argwhere(nearest == k).tolist():
                         person = [it for it in scenario.people_in(j, p) if it.feedback][k]
-                        zone, agent = ZONES[scenario.zone[j, p, c]], divmod(c, scenario.grid.columns)
+                        zone, agent = ZONES[scenario.layout.zone[j, p, c]], divmod(c, scenario.grid.columns)
                         if zone == "issuer" or scenario.grid.is_wall[c]:
                             continue
-                        distances, phase = (int(far[j, k, c]), int(from_start[j, k])), scenario.stages[p].name
+                        distances, phase = (
+                            (int(far[j, k, c]), int(from_start[j, k])),
+                            scenario.layout.stages[p].name,
+                        )
                         seen = partial(Ping, agent, person.position, person.heading, *distances, zone, phase)
                         rewards[:, j, :, c] = its.answers([*map(seen, range(n_pings))], scenario.name)
                     value, width = rewards.mean(axis=0), (rewards[1] - rewards[0]) / 2

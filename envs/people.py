@@ -6,32 +6,16 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, Tag, ValidationError, WrapValidator, model_validator
-from pydantic import ValidatorFunctionWrapHandler as Handler
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from envs.inputs import InputError, Line, Table, require, shortened
+from envs.inputs import InputError, Label, Line, Table, require, shortened
 from envs.packages import contained, imported
-from envs.regions import HEADINGS, Cell, Heading, Length, Regions, Ring
+from envs.regions import HEADINGS, Cell, Heading, Length, Place, Regions, Ring
 
 MAX_STATES: Final = 4_000_000  # of a scenario
 _MOST: Final = 1_000_000  # of a reward
 Reward = Annotated[float, Field(ge=-_MOST, le=_MOST)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
-
-
-def _checked_place(value: object, handler: Handler) -> object:
-    if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
-        value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
-    try:
-        return handler(value)
-    except ValidationError as error:
-        accepted = 'a cell [ROW, COLUMN], a list of at least one cell, or "anywhere"'
-        raise ValueError(f"accepted: {accepted}") from error
-
-
-# A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
-_Cells = Annotated[tuple[Cell, ...], Field(min_length=1)]
-Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_place)]
 
 
 class PlainFeedback(Table):
@@ -187,6 +171,38 @@ class Issuer(Table):
     """Where the person looks."""
     walk: Walk | None = None
     """How the person walks; by default not at all."""
+
+
+# Names and probabilities. Sorted, so that equal phases have equal hashes and draw alike.
+Chances = Annotated[
+    dict[str, Annotated[float, Field(gt=0, le=1)]],
+    Field(max_length=20),
+    AfterValidator(lambda chances: dict(sorted(chances.items()))),
+]
+
+
+class Phase(Table):
+    """What is different about the person for some time, and how the phase ends.
+
+    Either every phase lasts a number of `steps`, and the first follows the last; or every phase names with
+    which probability which other phase follows after each step (`next`), and stays otherwise. What a phase
+    does not give is as in the scenario's other tables.
+    """
+
+    omitted_at_default: ClassVar[Set[str]] = {"position", "heading", "regions", "steps", "next"}
+
+    name: Annotated[Label, Field(min_length=1, max_length=40)]
+    """Name of the phase, for pictures and for `next`."""
+    position: Cell | None = None
+    """Where the person stands in this phase."""
+    heading: Heading | None = None
+    """Where the person looks in this phase."""
+    regions: Regions | None = None
+    """The regions around the person in this phase."""
+    steps: Steps | None = None
+    """How many steps the phase lasts."""
+    next: Chances | None = None
+    """With which probability which other phase follows after each step, by name; the sum is at most 1."""
 
 
 class Group(Table):

@@ -111,10 +111,10 @@ class Scene:
 @kept_with_model
 def scene_of(model: Model, context: int = 0) -> Scene:
     """Returns the map of a model's cells with the issuer in one position and phase, see `Model.context`."""
-    scenario = model.scenario
+    scenario, layout = model.scenario, model.scenario.layout
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
-    position, phase = divmod(context, len(scenario.stages))
+    position, phase = divmod(context, len(layout.stages))
     people = [
         Glyph(
             "issuer" if person.regions else "bystander",
@@ -126,10 +126,10 @@ def scene_of(model: Model, context: int = 0) -> Scene:
     ]
     np.put(zone, [glyph.cell for glyph in people if glyph.kind == "bystander"], ZONES.index("outside"))
     circle = None
-    if isinstance((scenario.stages[phase].regions or scenario.regions).target, Ring):
-        centres, radii = circles(grid.position[scenario.standing[position, phase]][None])
+    if isinstance((layout.stages[phase].regions or scenario.regions).target, Ring):
+        centres, radii = circles(grid.position[layout.standing[position, phase]][None])
         circle = (*(centres[0] + 0.5).tolist(), float(radii[0]))
-    is_here = model.context[model.starts] // len(scenario.stages) == position
+    is_here = model.context[model.starts] // len(layout.stages) == position
     starts = np.unique(model.cell[model.starts[is_here]]).tolist()  # one of many is not marked
     is_floor = ~grid.is_wall.reshape(grid.size)
     return Scene(
@@ -142,7 +142,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         # ZONES are ordered by nearness.
         outlines={region: outlines(is_floor & (zone >= ZONES.index(region))) for region in BORDERS},
         glyphs=(*people, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
-        phase=scenario.stages[phase].name if len(scenario.stages) > 1 else "",
+        phase=layout.stages[phase].name if len(layout.stages) > 1 else "",
         circle=circle,
     )
 

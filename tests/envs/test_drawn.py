@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 
 from envs import InputError, compile_scenario, load_scenario
+from envs.layout import resolve
 from envs.model import PING
 from envs.observations import observation_table
 from tests.envs.test_model import assert_same_arrays, model_of
 
 
 def test_places_are_nested_and_differ_by_draw() -> None:
-    every = {load_scenario("Anywhere").places}
+    every = {load_scenario("Anywhere").layout.places}
     for draw in (0, 1):
         drawn = [
-            {*load_scenario("Anywhere", {"issuer.places": n, "draw": draw}).places} for n in (1, 4, 16, 111)
+            {*load_scenario("Anywhere", {"issuer.places": n, "draw": draw}).layout.places}
+            for n in (1, 4, 16, 111)
         ]
         assert [len(each) for each in drawn] == [1, 4, 16, 111]
         assert all(small < large for small, large in pairwise(drawn))
@@ -31,19 +33,22 @@ def test_a_new_draw_is_the_scenario_with_that_draw() -> None:
     for draw in (3, 4):
         checked = load_scenario("Anywhere", {"issuer.places": 8, "draw": draw})
         assert few.drawn(draw) == checked
-        assert few.drawn(draw).places == checked.places
-        np.testing.assert_array_equal(few.drawn(draw).every_start, checked.every_start)
+        assert few.drawn(draw).layout.places == checked.layout.places
+        np.testing.assert_array_equal(few.drawn(draw).layout.starts, checked.layout.starts)
 
 
 def test_no_episode_starts_in_an_unseen_place() -> None:
     changes = {"issuer.places": 4, "issuer.unseen": 6, "issuer.feedback": {"kind": "distance"}}
     scenario = load_scenario("Anywhere", changes | {"draw": 2})
-    model, met = compile_scenario(scenario), load_scenario("Anywhere", {"issuer.places": 4, "draw": 2}).places
+    model, met = (
+        compile_scenario(scenario),
+        load_scenario("Anywhere", {"issuer.places": 4, "draw": 2}).layout.places,
+    )
     assert model.n_places == 10
     place_of = model.context  # a single phase
-    assert {scenario.places[place] for place in place_of[model.starts]} == {*met}
-    unseen = {scenario.places[place] for place in place_of[model.unseen_starts]}
-    assert unseen == {*scenario.places} - {*met}
+    assert {scenario.layout.places[place] for place in place_of[model.starts]} == {*met}
+    unseen = {scenario.layout.places[place] for place in place_of[model.unseen_starts]}
+    assert unseen == {*scenario.layout.places} - {*met}
     starts = np.concatenate([model.starts, model.unseen_starts])
     assert (model.issuer_reward[starts, PING] == -1).all()  # relative to the distance from the start
 
@@ -70,22 +75,22 @@ def test_places_of_groups_are_drawn_as_those_of_one_person() -> None:
     room = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"}
     radii = {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
     changes: dict[str, Any] = room | radii | {"group": {"people": 2, "apart": [2, 3]}}
-    every = load_scenario("Anywhere", changes).places
+    every = load_scenario("Anywhere", changes).layout.places
     # Rows and columns aside: 0 and 2, 0 and 3, 2 and 0, 3 and 0; 1 and 2, 2 and 1, 2 and 2 in two directions.
     assert len(every) == 5 * 4 + 5 * 3 + 3 * 6 + 2 * 6 + 2 * (4 * 4 + 3 * 5 + 3 * 4)
     drawn: dict[int, list[set[Any]]] = {}
     for draw in (0, 1):
         few = [load_scenario("Anywhere", changes | {"issuer.places": n, "draw": draw}) for n in (2, 9, 40)]
-        assert all([*each.places] == sorted(each.places) for each in few)
-        drawn[draw] = [{*each.places} for each in few]
+        assert all([*each.layout.places] == sorted(each.layout.places) for each in few)
+        drawn[draw] = [{*each.layout.places} for each in few]
         assert [len(places) for places in drawn[draw]] == [2, 9, 40]
         assert all(small < large for small, large in pairwise([*drawn[draw], {*every}]))
     assert drawn[0][1] != drawn[1][1]
     scenario = load_scenario("Anywhere", changes | {"issuer.places": 9, "issuer.unseen": 31, "draw": 1})
     model, (_, seen, all_drawn) = compile_scenario(scenario), drawn[1]
-    assert {*scenario.places} == all_drawn
+    assert {*scenario.layout.places} == all_drawn
     for starts, places in ((model.starts, seen), (model.unseen_starts, all_drawn - seen)):
-        assert {scenario.places[place] for place in model.context[starts]} == places
+        assert {scenario.layout.places[place] for place in model.context[starts]} == places
 
 
 def test_what_walls_cut_off_is_not_drawn() -> None:
@@ -112,7 +117,8 @@ def test_ways_are_counted_before_they_are_listed(monkeypatch: pytest.MonkeyPatch
     tracemalloc.stop()
     assert peak < 100e6  # all pairs of cells take 100 million numbers
     expected = model_of(load_scenario("ThreeTalking", {"issuer.places": 3}))
-    monkeypatch.setattr("envs.scenario._AT_ONCE", 1000)
+    monkeypatch.setattr("envs.layout._AT_ONCE", 1000)
+    resolve.cache_clear()
     found = model_of(load_scenario("ThreeTalking", {"issuer.places": 3, "description": "in blocks"}))
     assert_same_arrays(found, expected)
 

@@ -145,8 +145,8 @@ def some_states(model: Model) -> list[int]:
 
 def assert_follows_the_tables(model: Model, tables: Tables) -> None:
     """Compares some states, with all actions, with the second implementation."""
-    reference = Reference(tables, model.scenario.places)
-    assert list(model.scenario.places) == reference.places
+    reference = Reference(tables, model.scenario.layout.places)
+    assert list(model.scenario.layout.places) == reference.places
     n_delays, n_pings = 1 + reference.is_delayed, tables["ping_limit"]
     shape = len(reference.places), len(reference.clock), n_delays, n_pings, len(reference.cells)
     assert len(model.observation) == math.prod(shape)
@@ -182,7 +182,7 @@ def assert_follows_the_tables(model: Model, tables: Tables) -> None:
 
 def assert_observes_its_parts(model: Model, tables: Tables) -> None:
     """Compares every observation with the numbers of its parts."""
-    reference = Reference(tables, model.scenario.places)
+    reference = Reference(tables, model.scenario.layout.places)
     contexts = [(place, phase) for place in reference.places for phase in range(len(reference.phases))]
     groups = [reference.people(*context)[: len(context[0])] for context in contexts]
     stands = [tuple(tuple(person["position"]) for person in group) for group in groups]
@@ -289,7 +289,7 @@ def test_any_scenario_follows_its_tables_or_is_refused_in_a_sentence(tables: Tab
 def test_shipped_groups_stand_in_so_many_ways(name: str, n_ways: int) -> None:
     path = SCENARIO_DIRECTORY / f"{name}.toml"
     assert f"each of {n_ways:,} ways to stand" in path.read_text(encoding="utf-8")
-    assert [*load_scenario(name).places] == (ways := Reference(read_toml(path)).places)
+    assert [*load_scenario(name).layout.places] == (ways := Reference(read_toml(path)).places)
     assert len(ways) == n_ways
 
 

@@ -84,7 +84,7 @@ def test_offset_is_the_issuers_cell_minus_the_agents(name: str) -> None:
     """In every state; where both stand does not matter to zones, nor to moves away from the room's edges."""
     model = compile_seen(load_scenario(name, {"observe": ["agent", "issuer", "wrong_pings"]}), "offset")
     assert model.scenario.observe == ("offset", "wrong_pings")
-    issuer = np.stack(np.divmod(model.scenario.standing[:, :, 0].ravel(), 12), axis=1)
+    issuer = np.stack(np.divmod(model.scenario.layout.standing[:, :, 0].ravel(), 12), axis=1)
     agent = np.stack([model.cell // 12, model.cell % 12], axis=1)
     offset = issuer[model.context] - agent
     assert (model.observation % (19 * 23) == (offset[:, 0] + 9) * 23 + offset[:, 1] + 11).all()

@@ -24,7 +24,9 @@ def seen(form: str, changes: dict[str, Any], agent: tuple[int, int], *people: tu
     """Returns what is observed in a cell with people in others: columns that are 1, and coordinates."""
     model = compile_seen(load_scenario("Anywhere", changes), form)
     is_here = model.cell == agent[0] * 6 + agent[1]
-    (o,) = {*model.observation[is_here & (model.context == model.scenario.places.index(people))].tolist()}
+    (o,) = {
+        *model.observation[is_here & (model.context == model.scenario.layout.places.index(people))].tolist()
+    }
     table = observation_table(model, f"{form}_one_hot")
     assert np.flatnonzero(table[o]).tolist() == sorted(observation_blocks(model)[o].tolist())
     if form in ("nearest", "centre"):
@@ -63,7 +65,7 @@ def test_every_observation_is_as_defined(form: str, changes: dict[str, Any]) -> 
     columns, coordinates = observation_blocks(model), observation_table(model, f"{form}_coordinates")
     number_of: dict[Any, int] = {}
     for o, cell, context in zip(model.observation, model.cell, model.context, strict=True):
-        people = model.scenario.places[context]
+        people = model.scenario.layout.places[context]
         offsets = sorted(
             ((r - cell // 6, c - cell % 6) for r, c in people), key=lambda it: (it[0] ** 2 + it[1] ** 2, it)
         )
