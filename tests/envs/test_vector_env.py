@@ -151,6 +151,7 @@ SEEDS: Final = "; accepted: None, a whole number from 0, or 2 of these, one per 
         (lambda env, seed: env.reset(seed=seed), [
             [1, 2, 3], [1], [], -1, [0, -1], 1.5, [1.5, 2], [None, "2"], "12", np.array([1.0, 2.0]),
             [[1], [2]],
+            [[1], [2]],
         ], SEEDS),
         (lambda env, mask: env.reset(seed=3, options={"reset_mask": mask}), [
             None, [True, False], np.zeros(2, bool), np.ones(3, bool), np.ones((2, 1), bool), np.ones(2, int),
