@@ -416,22 +416,22 @@ def _feedback(scenario: Scenario) -> Feedback:
     W is `ping_limit` if users' functions are given the wrong PINGs so far, else 1. Feedback by distance is
     relative to the largest distance from a start in the same place.
     """
-    position = scenario.grid.position
-    place, tick, cell = scenario.layout.starts.T
-    n_places, n_phases, n = scenario.layout.standing.shape
+    layout, position = scenario.layout, scenario.grid.position
+    n_places, n_phases, n = layout.standing.shape
     n_pings = scenario.ping_limit if scenario.own_feedback else 1
     shape, flat = (n_places, n_phases, n_pings, len(position)), (n_places * n_phases, n_pings, len(position))
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-    answering = [[it for it in others if it.feedback] for others in scenario.layout.others]
+    answering = [[it for it in others if it.feedback] for others in layout.others]
     feedback = [scenario.issuer.feedback] * n + [it.feedback for it in answering[0] if it.feedback]
     if all(it.kind == "none" for it in feedback):
         return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)
     stands = np.empty((n_places, n_phases, len(feedback), 2), dtype=np.int_)
-    stands[:, :, :n] = position[scenario.layout.standing]
+    stands[:, :, :n] = position[layout.standing]
     for p, others in enumerate(answering):
         stands[:, p, n:] = np.array([it.position for it in others]).reshape(-1, 2)
+    place, tick, cell = layout.starts.T
     from_start = np.zeros((n_places, len(feedback)), dtype=np.int_)
-    far = abs(position[cell][:, None] - stands[place, scenario.layout.ticks[tick]]).sum(axis=2)
+    far = abs(position[cell][:, None] - stands[place, layout.ticks[tick]]).sum(axis=2)
     np.maximum.at(from_start, place, far)
     for p in range(n_phases):
         far = abs(position - stands[:, p, :, None]).sum(axis=3)  # (J, people, C), L1 distances
@@ -443,26 +443,44 @@ def _feedback(scenario: Scenario) -> Feedback:
                 case BoundedFeedback(kind="uniform", low=low, high=high):
                     value, width = (low + high) / 2, (high - low) / 2
                 case BoundedFeedback(low=low, high=high):
-                    value = np.where(scenario.layout.zone[:, p, None] == ZONES.index("target"), high, low)
+                    value = np.where(layout.zone[:, p, None] == ZONES.index("target"), high, low)
                 case NoisyFeedback():
                     width = its.noise
                 case OwnFeedback():
-                    rewards = np.zeros((2, n_places, n_pings, len(position)))  # lowest and highest
-                    for j, _, c in np.argwhere(nearest == k).tolist():
-                        person = [it for it in scenario.people_in(j, p) if it.feedback][k]
-                        zone, agent = ZONES[scenario.layout.zone[j, p, c]], divmod(c, scenario.grid.columns)
-                        if zone == "issuer" or scenario.grid.is_wall[c]:
-                            continue
-                        distances, phase = (
-                            (int(far[j, k, c]), int(from_start[j, k])),
-                            scenario.layout.stages[p].name,
-                        )
-                        seen = partial(Ping, agent, person.position, person.heading, *distances, zone, phase)
-                        rewards[:, j, :, c] = its.answers([*map(seen, range(n_pings))], scenario.name)
-                    value, width = rewards.mean(axis=0), (rewards[1] - rewards[0]) / 2
+                    asked = np.argwhere(nearest == k)[:, [0, 2]]
+                    low, high = _own_rewards(scenario, its, (p, k), asked, far[:, k], from_start[:, k])
+                    value, width = (low + high) / 2, (high - low) / 2
                 case _ if its.kind == "none":
                     value = 0.0
-            mean[:, p] = np.where(nearest == k, value, mean[:, p])
-            noise[:, p] = np.where(nearest == k, width, noise[:, p])
-            is_late[:, p] = np.where(nearest == k, its.kind == "delayed", is_late[:, p])
+            is_nearest = nearest == k
+            mean[:, p] = np.where(is_nearest, value, mean[:, p])
+            noise[:, p] = np.where(is_nearest, width, noise[:, p])
+            is_late[:, p] = np.where(is_nearest, its.kind == "delayed", is_late[:, p])
     return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)
+
+
+def _own_rewards(
+    scenario: Scenario,
+    feedback: OwnFeedback,
+    at: tuple[int, int],
+    asked: NDArray[np.int_],
+    far: NDArray[np.int_],
+    from_start: NDArray[np.int_],
+) -> NDArray[np.float64]:
+    """Returns the lowest and highest rewards by a user's function, (2, J, ping_limit, C).
+
+    It is asked in a phase and by the person with a number, `at`, in the places and cells of `asked`, (n, 2).
+    Distances are of each cell, (J, C), and of the farthest start, (J,).
+    """
+    phase, person = at
+    layout, n_pings = scenario.layout, scenario.ping_limit
+    rewards = np.zeros((2, len(far), n_pings, far.shape[1]))
+    for j, c in asked.tolist():
+        zone = ZONES[layout.zone[j, phase, c]]
+        if zone == "issuer" or scenario.grid.is_wall[c]:
+            continue
+        its = [it for it in scenario.people_in(j, phase) if it.feedback][person]
+        agent, distances = divmod(c, scenario.grid.columns), (int(far[j, c]), int(from_start[j]))
+        seen = partial(Ping, agent, its.position, its.heading, *distances, zone, layout.stages[phase].name)
+        rewards[:, j, :, c] = feedback.answers([*map(seen, range(n_pings))], scenario.name)
+    return rewards
