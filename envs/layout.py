@@ -20,8 +20,8 @@ from envs.inputs import require
 from envs.people import Group, Issuer, Person, Phase, Walk
 from envs.regions import TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
 
-MAX_ZONES: Final = 100_000_000  # of cells, over all ways in which people may stand, and phases
-_AT_ONCE: Final = 1_000_000  # of them, to save memory
+MAX_ZONES: Final = 100_000_000  # cells, over all phases and all ways in which people may stand
+_AT_ONCE: Final = 1_000_000  # cells, to save memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Layout:
     stages: tuple[Phase, ...]  # (P,) those of walks are where people are; a single one without any
     others: tuple[tuple[Person, ...], ...]  # (P, others) the other people
     ways: NDArray[np.int_]  # (J, people) cells of the person and the group when an episode starts; rising
-    first_phases: NDArray[np.int_]  # of the ticks in which episodes may start
+    first_phases: NDArray[np.int_]  # phases of the ticks in which episodes may start
     zone: NDArray[np.int8]  # (J, P, C) index into `envs.regions.ZONES`
     is_start: NDArray[np.bool_]  # (J, first ticks, C) where episodes may start
     is_seen: NDArray[np.bool_]  # (J,) whether episodes with the person in a place are trained
@@ -179,9 +179,9 @@ def resolve(
     ticks = _ticks(stages)
     first = ticks if first_phase == "any" else ticks[:1]
     most = MAX_ZONES // (len(grid.position) * max(len(stages), len(first)))
-    taken = [grid.index(person.position) for people in others_at for person in people]
+    occupied = [grid.index(person.position) for people in others_at for person in people]
     cells = grid.cells_of(issuer.position)
-    cells = cells[~(grid.is_wall[cells] | np.isin(cells, taken))]
+    cells = cells[~(grid.is_wall[cells] | np.isin(cells, occupied))]
     _check_ways(len(cells), most, 1, group)
     ways = _ways_of_group(grid, cells, group, regions, most) if group else cells[:, None]
     zone = _find_zones(grid, issuer, regions, ways, stages, others_at)

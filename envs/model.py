@@ -45,7 +45,7 @@ Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 T = TypeVar("T")
 P = ParamSpec("P")
 Feedback = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]  # see `_feedback`
-_STATES_AT_ONCE: Final = 200_000  # that are compiled together, to save memory
+_STATES_AT_ONCE: Final = 200_000  # states that are compiled together, to save memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +53,12 @@ class Component:
     """A component of an observation."""
 
     name: str
-    of_state: NDArray[np.int32]  # (S,) its value, 0 to size - 1
+    value: NDArray[np.int32]  # (S,) that of each state, 0 to size - 1
     numbers: NDArray[np.int_]  # (size, D) what each value stands for, from 0
-    largest: NDArray[np.int_]  # (D,) of them
-    per_cell: int  # by how many a number rises from a cell to the next; 0 if it is no position
+    largest: NDArray[np.int_]  # (D,) the largest of these numbers
+    per_cell: int  # difference of a number between adjacent cells; 0 if it is no position
     ones: NDArray[np.int_]  # (size, people) which columns of the component's one-hot block are 1
-    width: int  # of this block
+    width: int  # number of columns of this block
 
     @property
     def size(self) -> int:
@@ -86,7 +86,9 @@ class Model:
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
     zone: NDArray[np.int8]  # (S,) index into ZONES
-    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)  # from it, and kept
+    derived: dict[Hashable, Any] = field(
+        default_factory=dict, init=False, repr=False
+    )  # what is derived from the model and kept with it
 
     def __reduce__(self) -> tuple[Callable[[Scenario], "Model"], tuple[Scenario]]:
         """Pickles only the scenario, from which the model is compiled again."""
@@ -138,7 +140,7 @@ class Model:
         return self.scenario.grid.position
 
     @property
-    def zone_of_cell(self) -> NDArray[np.int8]:
+    def zone_number_at(self) -> NDArray[np.int8]:
         """(F,) index into ZONES of each fresh state; in S1 to S3 of each cell."""
         return self.zone[self.fresh_state]
 
@@ -217,7 +219,7 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
     observation, size = np.zeros(len(arrays["cell"]), dtype=np.int64), 1
     for component in components:
-        observation += size * component.of_state
+        observation += size * component.value
         size *= component.size
     model = Model(
         scenario=scenario,
@@ -244,8 +246,8 @@ def _compile_places(
     shape, n_phases = _shape(scenario), len(scenario.layout.stages)
     n_pings, n_cells = shape[3:]
     n_block = math.prod(shape[1:])
-    here = np.arange(places[0] * n_block, (places[-1] + 1) * n_block)
-    place, tick, delayed, pings, cell = np.unravel_index(here, shape)  # (S,) each
+    state = np.arange(places[0] * n_block, (places[-1] + 1) * n_block)
+    place, tick, delayed, pings, cell = np.unravel_index(state, shape)  # (S,) each
     context = place * n_phases + scenario.layout.ticks[tick]
     zone_of = scenario.layout.zone.reshape(-1, n_cells)  # (J * P, C)
     zone = zone_of[context, cell]
@@ -300,7 +302,7 @@ def _compile_places(
     next_state = np.ravel_multi_index(tuple(following), shape)
 
     over = (zone == ZONES.index("issuer")) | scenario.grid.is_wall[cell]  # absorbing
-    next_state[over] = here[over][:, None, None]
+    next_state[over] = state[over][:, None, None]
     wrong_pings[over] = pings[over, None]
     event[over] = EVENTS.index("none")
     grid_reward[over] = issuer_reward[over] = issuer_noise[over] = 0.0
@@ -321,9 +323,10 @@ def _compile_places(
     }
 
 
-def _components(scenario: Scenario, *of_states: NDArray[np.int32]) -> tuple[Component, ...]:
+def _components(
+    scenario: Scenario, context: NDArray[np.int32], cell: NDArray[np.int32], pings: NDArray[np.int32]
+) -> tuple[Component, ...]:
     """Returns the observed components of all states, given (S,) their context, cell and wrong PINGs."""
-    context, cell, pings = of_states
     grid, n, n_phases = scenario.grid, scenario.n_people, len(scenario.layout.stages)
     largest = np.maximum(np.array(grid.size) - 1, 1)
     cells = np.array(scenario.layout.issuer_cells) @ (grid.columns, 1)
@@ -343,14 +346,13 @@ def _components(scenario: Scenario, *of_states: NDArray[np.int32]) -> tuple[Comp
                 ones = np.arange(len(grid.position))[:, None]
                 return Component(name, cell, grid.position, largest, 1, ones, len(ones))
             case "issuer":
-                numbers, of_state = shown.reshape(len(groups), -1), group[context].astype(np.int32)
-                return Component(name, of_state, numbers, np.tile(largest, n), 1, groups, len(cells))
+                numbers, value = shown.reshape(len(groups), -1), group[context].astype(np.int32)
+                return Component(name, value, numbers, np.tile(largest, n), 1, groups, len(cells))
             case "phase" | "wrong_pings":
-                of_state, size = (
-                    (context % n_phases, n_phases) if name == "phase" else (pings, scenario.ping_limit)
-                )
+                phases, counts = (context % n_phases, n_phases), (pings, scenario.ping_limit)
+                value, size = phases if name == "phase" else counts
                 numbers = np.arange(size)[:, None]
-                return Component(name, of_state, numbers, np.array([max(size - 1, 1)]), 0, numbers, size)
+                return Component(name, value, numbers, np.array([max(size - 1, 1)]), 0, numbers, size)
             case _:
                 return _relative(scenario, name, context, cell)
 
@@ -377,15 +379,15 @@ def _relative(
         offset = np.take_along_axis(offset, order[:, :, : scenario.n_seen, None], axis=2)
     index = (offset + farthest) @ (columns, 1)  # (J * P, C, people)
     size, n_seen = (2 * int(farthest[0]) + 1) * columns, index.shape[2]
-    values, of_cell = np.arange(size)[:, None], index[:, :, 0]
+    values, number_at = np.arange(size)[:, None], index[:, :, 0]
     if n_seen > 1:  # of the many combinations of offsets, only those that occur
         rows = index.reshape(-1, n_seen)
         first, number = numbered([*rows.T])
-        of_cell, values = number.reshape(of_cell.shape), rows[first]
+        number_at, values = number.reshape(number_at.shape), rows[first]
     numbers = np.stack(np.divmod(values, columns), axis=2).reshape(len(values), -1)
     return Component(
         name=name,
-        of_state=of_cell[context, cell].astype(np.int32),
+        value=number_at[context, cell].astype(np.int32),
         numbers=numbers,
         largest=np.tile(np.maximum(2 * farthest, 1), n_seen),
         per_cell=n if name == "centre" else 1,

@@ -12,9 +12,9 @@ from envs.inputs import InputError, Label, Line, Table, require, shortened
 from envs.packages import contained, imported
 from envs.regions import HEADINGS, Cell, Heading, Length, Place, Regions, Ring
 
-MAX_STATES: Final = 4_000_000  # of a scenario
-_MOST: Final = 1_000_000  # of a reward
-Reward = Annotated[float, Field(ge=-_MOST, le=_MOST)]
+MAX_STATES: Final = 4_000_000  # states of a scenario
+_MAX_REWARD: Final = 1_000_000
+Reward = Annotated[float, Field(ge=-_MAX_REWARD, le=_MAX_REWARD)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
 
 
@@ -86,19 +86,21 @@ class OwnFeedback(Table):
         """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
         function = contained()(self.function(source))
         try:
-            said, again = (np.array([np.broadcast_to(function(ping), 2) for ping in pings]) for _ in range(2))
+            answers, again = (
+                np.array([np.broadcast_to(function(ping), 2) for ping in pings]) for _ in range(2)
+            )
         except Exception as error:  # whatever the function raises
             reason = f"{type(error).__name__}: {error}".removesuffix(".")
         else:
-            if said.dtype.kind not in "iuf":
+            if answers.dtype.kind not in "iuf":
                 reason = "no number"
-            elif not ((abs(said) <= _MOST) & (said[:, :1] <= said)).all():
-                reason = shortened(str(said.tolist()))
-            elif not np.array_equal(said, again):
+            elif not ((abs(answers) <= _MAX_REWARD) & (answers[:, :1] <= answers)).all():
+                reason = shortened(str(answers.tolist()))
+            elif not np.array_equal(answers, again):
                 reason = "another answer when asked again"
             else:
-                return said.T.astype(np.float64)
-        accepted = f"a number from {-_MOST:,} to {_MOST:,}, or a pair of them, the lowest and the highest"
+                return answers.T.astype(np.float64)
+        accepted = f"a number from {-_MAX_REWARD:,} to {_MAX_REWARD:,}, or a pair of them, the lowest and the highest"
         where = f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
         raise InputError(f"{where}: {reason}; accepted: {accepted}.")
 
@@ -164,7 +166,7 @@ class Issuer(Table):
     unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
     """Further such places, drawn after these: part of the observations, but no episode starts with them."""
     permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Fraction of the cells where people may stand that are shown with another cell's coordinates."""
+    """Fraction of cells shown with another cell's coordinates."""
     feedback: Feedback
     """The reward that the person adds to every PING."""
     heading: Heading = "up"

@@ -286,7 +286,7 @@ def outlines(inside: NDArray[np.bool_]) -> tuple[Loop, ...]:
     (((0, 1), (0, 3), (1, 3), (1, 1)),)
     """
     padded = np.pad(inside, 1)
-    following: dict[Corner, list[Corner]] = {}  # ends of the edges that start here
+    following: dict[Corner, list[Corner]] = {}  # ends of the edges that start in a corner
     for row, column in np.argwhere(padded).tolist():
         top, left = row - 1, column - 1
         corners = ((top, left), (top, left + 1), (top + 1, left + 1), (top + 1, left))

@@ -24,13 +24,13 @@ from envs.regions import ZONES, Cell, Grid, Regions, Ring, listed
 from envs.sources import find_modules_in
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
-_MAX_STATES_OF_PLACE: Final = 100_000  # which are compiled together
+_MAX_STATES_OF_PLACE: Final = 100_000  # states that are compiled together
 # What can be seen of where people stand relative to the agent, see `envs.observations`.
 RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 # What can be observed, in the order of an observation.
 COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
 
-_CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
+_TOLERANCE: Final = 1e-9  # rounding in a sum of probabilities
 Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
 
 
@@ -184,7 +184,7 @@ class Scenario(Table):
         return any(shape.kind == "egg" for regions in self._regions for shape in regions.shapes)
 
     @property
-    def _regions(self) -> list[Regions]:  # of all people, in all phases
+    def _regions(self) -> list[Regions]:  # those of all people, in all phases
         further = chain((person.regions for person in self.others), (phase.regions for phase in self.phases))
         return [regions for regions in (self.regions, *further) if regions]
 
@@ -245,7 +245,7 @@ class Scenario(Table):
                 accepted = ", ".join(others) or "no phase"
                 require(name in others, f"{where}.next: {name} is not another phase", accepted)
             total = math.fsum(chances.values())
-            require(total <= 1 + _CERTAINTY_TOLERANCE, f"{where}.next: the sum {total:g}", "at most 1")
+            require(total <= 1 + _TOLERANCE, f"{where}.next: the sum {total:g}", "at most 1")
 
     def _check_walks(self) -> None:
         walking = walkers(self.issuer, self.others)
@@ -281,8 +281,8 @@ class Scenario(Table):
         self._check_floor("issuer.position", listed(self.issuer.position), at_some_time)
         self._check_floor("grid.start", listed(self.grid.start), first)
         for i, person in enumerate(others):
-            taken = {other.position for other in others if other is not person}
-            self._check_floor(f"others.{i}.position", [person.position], taken)
+            occupied = {other.position for other in others if other is not person}
+            self._check_floor(f"others.{i}.position", [person.position], occupied)
         for i, phase in enumerate(self.phases):
             self._check_floor(f"phases.{i}.position", listed(phase.position), first)
         for key, (position, walk) in walking.items():
@@ -294,13 +294,13 @@ class Scenario(Table):
                 where = f"{', '.join(walking) or 'others'}: two people at once in {json.dumps(cell)}"
                 require(cells.count(cell) == 1, where, "another position or walk")
 
-    def _check_floor(self, key: str, cells: Iterable[Cell], taken: Set[Cell]) -> None:
+    def _check_floor(self, key: str, cells: Iterable[Cell], occupied: Set[Cell]) -> None:
         """Refuses cells off the grid, in a wall or taken by others."""
         for cell in cells:
             self._check_inside(key, cell)
             where = f"{key} = {json.dumps(cell)}"
             require(not self.grid.is_wall[self.grid.index(cell)], f"{where} is a wall", "another cell")
-            require(cell not in taken, f"{where} is taken by another person", "another cell")
+            require(cell not in occupied, f"{where} is taken by another person", "another cell")
 
     def _check_inside(self, key: str, cell: Cell) -> None:
         (row, column), (rows, columns) = cell, self.grid.size
