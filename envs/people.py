@@ -100,7 +100,8 @@ class OwnFeedback(Table):
                 reason = "another answer when asked again"
             else:
                 return answers.T.astype(np.float64)
-        accepted = f"a number from {-_MAX_REWARD:,} to {_MAX_REWARD:,}, or a pair of them, the lowest and the highest"
+        numbers = f"a number from {-_MAX_REWARD:,} to {_MAX_REWARD:,}"
+        accepted = f"{numbers}, or a pair of them, the lowest and the highest"
         where = f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
         raise InputError(f"{where}: {reason}; accepted: {accepted}.")
 

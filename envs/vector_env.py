@@ -1,8 +1,9 @@
 """A batch of envs over one `Model`: array look-ups instead of a Python object per env."""
 
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -30,6 +31,7 @@ _INFO: Final = {
 Info = dict[str, Any]
 Actions = NDArray[np.integer]
 Observations = NDArray[Any]  # (N, ...)
+Draw = Callable[[], NDArray[np.float64]]  # draws numbers from [0, 1)
 
 
 class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
@@ -136,7 +138,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._over[chosen] = False
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
         self._begin(chosen, info)
-        return self._observe(), _with_masks(info, mask)
+        return self.observe(), _with_masks(info, mask)
 
     def step(
         self, actions: Actions
@@ -160,23 +162,13 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             raise InputError(f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {PING}.")
         fresh = np.flatnonzero(self._over)
         going = np.flatnonzero(~self._over)  # an env that is about to be reset takes no draws for its step
-        chosen = self._state * len(ACTIONS) + actions.astype(np.intp)
-        issuer_reward = self._issuer_reward.take(chosen)
-        if self.model.is_noisy:
-            noise = self._issuer_noise.take(chosen)
-            issuer_reward = draw_issuer_reward(issuer_reward, noise, self._draw(going))
-        if self.model.n_outcomes > 1:
-            outcome = (self._draw(going)[:, None] >= self._cumulated[chosen]).sum(axis=1)
-            self._state = self._next_state[chosen, outcome]
-        else:
-            self._state = self._first_state.take(chosen)
-        self._steps += 1
-        grid_reward, self._last_event = self._grid_reward.take(chosen), self._event.take(chosen)
-        terminated, truncated = self._terminated.take(chosen), self._steps >= self._limit
+        draw = partial(self._draw, going)
+        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(actions.astype(np.intp), draw)
+        self._last_event = self._event.take(taken)
         info = {
             "event": self._last_event.copy(),
             "zone": self._zone.take(self._state),
-            "wrong_pings": self._wrong_pings.take(chosen),
+            "wrong_pings": self._wrong_pings.take(taken),
             "grid_reward": grid_reward,
             "issuer_reward": issuer_reward,
             "is_success": self._last_event == TARGET_PING,
@@ -186,7 +178,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             self._begin(fresh, info)
         rewards = grid_reward + issuer_reward
         self._over = terminated | truncated
-        return self._observe(), rewards, terminated, truncated, _with_masks(info, True)
+        return self.observe(), rewards, terminated, truncated, _with_masks(info, True)
 
     def render(self) -> tuple[Any, ...]:
         """Returns what `ProxemicEnv.render` returns, of each env."""
@@ -196,8 +188,38 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             frames.append(self._single.render())
         return tuple(frames)
 
-    def _observe(self) -> Observations:
-        return self._table.take(self._observation.take(self._state), axis=0)  # copies
+    def advance(
+        self, actions: Actions, draw: Draw
+    ) -> tuple[
+        NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
+    ]:
+        """Moves every env by one action: the core of `step`, without checks, resets and info.
+
+        It draws (N,) numbers for noisy rewards, and then for outcomes if there are several. It returns (N,)
+        `state * A + action` before the move, the grid's and the issuer's rewards, terminated, and truncated.
+        """
+        taken = self._state * len(ACTIONS) + actions
+        issuer_reward = self._issuer_reward.take(taken)
+        if self.model.is_noisy:
+            issuer_reward = draw_issuer_reward(issuer_reward, self._issuer_noise.take(taken), draw())
+        if self.model.n_outcomes > 1:
+            chosen = (draw()[:, None] >= self._cumulated[taken]).sum(axis=1)
+            self._state = self._next_state[taken, chosen]
+        else:
+            self._state = self._first_state.take(taken)
+        self._steps += 1
+        truncated = self._steps >= self._limit
+        return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
+
+    def restart(self, envs: NDArray[np.intp], draw: Draw) -> None:
+        """Moves the agents of these envs, (n,), to a start, of several by draws from [0, 1), (n,)."""
+        n = len(self._starts)
+        self._state[envs] = self._starts[(draw() * n).astype(np.intp) if n > 1 else 0]
+        self._steps[envs] = 0
+
+    def observe(self) -> Observations:
+        """Returns a copy of the observations, (N, ...)."""
+        return self._table.take(self._observation.take(self._state), axis=0)
 
     def _draw(self, envs: NDArray[np.intp]) -> NDArray[np.float64]:
         """Returns a draw from the generator of each of these envs, and 0 for the others, (N,)."""
@@ -206,9 +228,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         return uniform
 
     def _begin(self, envs: NDArray[np.intp], info: Info) -> None:
-        n = len(self._starts)
-        self._state[envs] = self._starts[(self._draw(envs)[envs] * n).astype(np.intp) if n > 1 else 0]
-        self._steps[envs] = self._last_event[envs] = 0
+        self.restart(envs, lambda: self._draw(envs)[envs])
+        self._last_event[envs] = 0
         for name in _INFO:
             info[name][envs] = 0
         info["zone"][envs] = self._zone[self._state[envs]]
