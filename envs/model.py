@@ -140,7 +140,7 @@ class Model:
         return self.scenario.grid.position
 
     @property
-    def zone_number_at(self) -> NDArray[np.int8]:
+    def zone_of_cell(self) -> NDArray[np.int8]:
         """(F,) index into ZONES of each fresh state; in S1 to S3 of each cell."""
         return self.zone[self.fresh_state]
 
