@@ -54,7 +54,7 @@ def test_writing_out_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPat
 def test_all_groups_of_a_small_room(scene: str) -> None:
     tables = override(read_toml(SCENARIO_DIRECTORY / "S1.toml"), ROOM | SCENES[scene], "room")
     reference, model = Reference(tables), compile_scenario(parse(Scenario, tables, "room"))
-    assert [*model.scenario.places] == reference.places
+    assert [*model.scenario.layout.places] == reference.places
     shape = len(reference.places), len(reference.clock), 1, tables["ping_limit"], 4, 5
     n_states = math.prod(shape)
     assert len(model.observation) == n_states
