@@ -13,7 +13,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, NamedTuple, NoReturn
+from typing import Any, Final, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -29,11 +29,10 @@ from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import Experiment, Reporting
-from benchmark.folder import Folder, write_manifest
+from benchmark.folder import write_manifest
 from benchmark.publish import document, files
-from benchmark.studies.item import COLUMNS, Item, Report, entry
-from envs import InputError, Model, compile_scenario, load_scenario
+from benchmark.publish.document import SPEED
+from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 
 _ENV: Final = "envs:Proxemic/S1-v0"
@@ -66,18 +65,18 @@ def measure(results: Path, *, smoke: bool) -> None:
 
     agents.sb3.use_same_instructions()
 
-    directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
+    directory = results / (f"{SPEED}_smoke" if smoke else SPEED)
     with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
         print("speed: preparing what is measured ...", file=sys.stderr)
-        rows, published = all_rows(smoke, Path(scratch)), results / REPORT.name / "speed.csv"
+        rows, published = all_rows(smoke, Path(scratch)), results / SPEED / "speed.csv"
         frame = _measured(rows, 2 if smoke else 16, published)
         print(to_markdown(frame))
         manifest = {
-            "experiment": REPORT.name,
+            "experiment": SPEED,
             "description": "The speed of this project against common alternatives.",
             "command": "make speed",
             "argument": "",  # none: the command `report` does not draw it
-            "report": Reporting(kind=f"{__name__}:REPORT").model_dump(mode="json"),
+            "report": {"kind": SPEED, "question": "", "items": []},
             "partial": "",
             "note": "Measured with `--smoke`: the numbers mean nothing." if smoke else "",
             "scenarios": {},
@@ -257,35 +256,3 @@ def _play(episodes: int) -> None:
         terminated = truncated = False
         while not (terminated or truncated):
             _, _, terminated, truncated, _ = env.step(rng.randrange(N_ACTIONS))
-
-
-def _headline(folder: Folder) -> str:
-    frame = folder.frame("speed")
-    nets = frame[frame["name"].str.fullmatch("net_(dqn|ppo)_(one_hot|coordinates)")].sort_values("ratio")
-    rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
-    q_learning, low, high = (entry(row, "ratio", "speed") for row in rows)
-    return (
-        f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN and "
-        f"PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
-    )
-
-
-def _shown(frame: pd.DataFrame) -> pd.DataFrame:
-    rows = [row for _, row in frame.iterrows()]
-    return pd.DataFrame({name: [entry(row, str(name), "speed") for row in rows] for name in frame})
-
-
-def _refuse(experiment: Experiment) -> NoReturn:
-    raise InputError(f"{experiment.argument}: report: accepted: a report that can be drawn of an experiment.")
-
-
-_ABOUT: Final = "rates of this project and of common alternatives, from the same run"
-_SPEED: Final = Item("speed", _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS["speed"])
-REPORT: Final = Report(
-    name="speed",
-    question="How fast is this project?",
-    check=_refuse,
-    items=(_SPEED,),
-    document=Path(__file__).with_name("speed.md.jinja"),
-    headline=_headline,
-)

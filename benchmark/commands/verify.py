@@ -165,9 +165,9 @@ def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
     `reports` are those of the published experiments that are verified, by name.
     """
     texts, problems = dict[Path, str](), list[str]()
-    for name in [*reports, *[page.SPEED] * Folder(results / page.SPEED).is_there]:
+    for name in [*reports, *[document.SPEED] * Folder(results / document.SPEED).is_there]:
         try:
-            made = document.Document(results / name, reports.get(name))
+            made = document.document_of(results / name, reports.get(name))
             texts[results / name / README] = made.readme()
             print(f"{name}: all files in its manifest are unchanged ({len(made.folder.manifest['files'])}).")
         except InputError as error:

@@ -30,13 +30,12 @@ from benchmark.drawing.tables import inert, local_only, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, Folder
 from benchmark.publish import files, prose, sameness
-from benchmark.publish.document import Document, templates_in
+from benchmark.publish.document import SPEED, Document, document_of, templates_in
 from benchmark.studies import explorer
 from benchmark.studies.item import Item, Report
 from envs import InputError
 
 CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
-SPEED: Final = "speed"  # the folder with measurements of this project, at the end of the page of all chapters
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
@@ -126,7 +125,7 @@ class _Part:
 
     def __init__(self, path: Path, prefix: str, report: Report | None) -> None:
         """Reads its manifest and checks its files; `prefix` leads from the page to the folder."""
-        self.document = Document(path, report)
+        self.document = document_of(path, report)
         self.document.folder.check()
         self.folder = self.document.folder
         self.name = path.name
@@ -145,11 +144,11 @@ class _Part:
         headline = (document.headline or "").split("\n\n")
         # The report's lead comes first. If it stands beside the answer, the next one leads the report.
         drawn = [item for item in document.items if self.folder.figure(item.name)]
-        drawn.sort(key=lambda item: item.name != document.report.lead)
+        drawn.sort(key=lambda item: item.name != document.lead)
         answer: list[str] = []
         if self.prefix and self.name == next(iter(PUBLISHED)):  # the page opens with its finding, as written
             with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
-                if prose.written(self.folder, document.report.finding) is not None:
+                if prose.written(self.folder, document.finding) is not None:
                     answer = prose.SENTENCES.split(headline.pop(0))
         top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
@@ -332,6 +331,6 @@ def _scripts(name: str) -> dict[str, str]:
 def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        headline = (document or Document(path)).headline or inert(folder.manifest["description"])
+        headline = (document or document_of(path)).headline or inert(folder.manifest["description"])
         return local_only(plain(headline.partition("\n\n")[0]))
     return ""

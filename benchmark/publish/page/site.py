@@ -19,7 +19,7 @@ from pdoc import doc, render
 
 from benchmark import leaderboard
 from benchmark.publish import sameness
-from benchmark.publish.document import Document
+from benchmark.publish.document import document_of
 from benchmark.publish.page import build, reference
 from envs import InputError
 
@@ -100,7 +100,7 @@ def _documents(results: Path) -> dict[str, str]:
     files["results.README"] = results / "README.md"
     texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()} | made
     # Made again, as those in the folders may have been edited by hand.
-    again = {folder / "README.md": Document(folder).readme() for folder in build.published(results)}
+    again = {folder / "README.md": document_of(folder).readme() for folder in build.published(results)}
     again |= leaderboard.texts(results, print)
     texts |= {f"results.{path.parent.name}.README": text for path, text in again.items()}
     texts["envs.scenarios.README"] += f"\n{reference.scenarios()}"
