@@ -138,8 +138,9 @@ def _computed(assessment: Assessment) -> dict[str, Any]:
 
 def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
     """Returns the leaderboard's README, by its path; calls `refused` with a sentence on each bad file."""
-    folder, entries, shown = results / "leaderboard", list[dict[str, object]](), dict[object, str]()
-    for path in (paths := sorted(folder.glob("[!.]*.toml"))):
+    folder, entries = results / "leaderboard", list[dict[str, object]]()
+    paths = sorted(folder.glob("[!.]*.toml"))
+    for path in paths:
         try:
             each = checked(path)
         except InputError as error:
@@ -157,16 +158,23 @@ def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
             "declared search trials": f"{each.search_trials:,}",
         }
         entries.append(row)
-    for scenario, rows in pd.DataFrame(entries).groupby("scenario") if entries else ():
-        here = rows.sort_values(["success", "score"], ascending=False, kind="stable")
-        names = []
-        for name, behaviour in zip(here["name"], here["behaviour"], strict=True):
-            others = here["name"][(here["behaviour"] == behaviour) & (here["name"] != name)]
-            names.append(Markup(", same policy as ".join([name, *others])))
-        here = here.assign(name=names, score=_texts([*here["score"]]), success=_texts([*here["success"]]))
-        shown[scenario] = to_markdown(here.drop(columns=["scenario", "behaviour"]))
-    text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=shown)
+    frame = pd.DataFrame(entries)
+    tables = {scenario: _table(rows) for scenario, rows in frame.groupby("scenario")} if entries else {}
+    text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=tables)
     return {folder / "README.md": text} if paths else {}
+
+
+def _table(rows: pd.DataFrame) -> str:
+    """Returns the table of a scenario: the best first, each with the names of those with its behaviour."""
+    ranked = rows.sort_values(["success", "score"], ascending=False, kind="stable")
+    names = dict(ranked.groupby("behaviour")["name"].agg(list))
+    ranked["name"] = [
+        Markup(", same policy as ".join([name, *(other for other in names[behaviour] if other != name)]))
+        for name, behaviour in zip(ranked["name"], ranked["behaviour"], strict=True)
+    ]
+    for column in ("score", "success"):
+        ranked[column] = _texts([*ranked[column]])
+    return to_markdown(ranked.drop(columns=["scenario", "behaviour"]))
 
 
 def _behaviour(submission: Submission) -> str:

@@ -1,4 +1,4 @@
-"""Says which packages are missing, what this machine and the store have, and what an experiment costs here."""
+"""Says which packages are missing, what machine and store have, and what an experiment costs here."""
 
 import argparse
 import os
@@ -62,8 +62,9 @@ def main(options: argparse.Namespace) -> int:
 def _packages() -> Iterator[Finding]:
     for extra, modules in EXTRAS.items():
         missing = [PACKAGES.get(module, module) for module in modules if find_spec(module) is None]
-        text = f"{extra}, for {_USES[extra]}: {', '.join(missing) or 'nothing'} is missing"
-        yield _finding("packages", text, f"in a checkout, make .venv/.{extra} installs it" if missing else "")
+        found = f"missing: {', '.join(missing)}" if missing else "installed"
+        text = f"{extra}, for {_USES[extra]}: {found}"
+        yield _finding("packages", text, f"in a checkout, make .venv/.{extra} installs them" * bool(missing))
 
 
 def _machine(results: Path) -> Iterator[Finding]:

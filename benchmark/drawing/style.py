@@ -108,9 +108,7 @@ def svg(figure: Figure, *, is_tight: bool = False) -> str:
 
 
 @contextmanager
-def figure_of(
-    rows: int, columns: int, size: tuple[float, float]
-) -> Iterator[tuple[Figure, NDArray[Any]]]:
+def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
     """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns)."""
     with settings():
         figure = Figure(figsize=size, layout="constrained")

@@ -170,8 +170,8 @@ class Measurements(Document):
             rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
             q_learning, low, high = (entry(row, "ratio", SPEED) for row in rows)
         return (
-            f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN and "
-            f"PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
+            f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN "
+            f"and PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
         )
 
 

@@ -1,8 +1,8 @@
-"""Whether files are the same: as when they were made, as published, or as drawn again.
+"""Whether files are the same: as when they were made, or as published.
 
 A *stamp* beside a folder's files, which is not published, notes what they were made from: what is up to date
-need not be made again. A *certificate* says whether a folder is the same as another one, except files that
-hold measured times.
+need not be made again. A *certificate* says whether a folder is as published, except files that hold measured
+times.
 """
 
 import gzip
@@ -31,35 +31,23 @@ class Certificate(NamedTuple):
     text: str
 
 
-def compare(
-    folder: Path, name: str, measured: Collection[str], other: Path | None = None
-) -> Certificate | None:
-    """Compares an experiment's folder with another one; returns None if there is no other one.
+def compare(folder: Path, name: str, measured: Collection[str]) -> Certificate | None:
+    """Compares an experiment's folder with that of the last commit; returns None if there is none.
 
-    Args:
-      folder: What was made.
-      name: The experiment's name.
-      measured: Names of files that hold measured times.
-      other: A folder made from the same store, in which only files count that were made for it. By default it
-        is the folder of the last commit, and manifests, which say who made the files and when, do not count.
+    Manifests, which say who made the files and when, do not count, nor do files that hold measured times,
+    whose names are given.
     """
-    made = digests(folder)
-    if other is None:
-        where, expected = "the published results", _published(name)
-        made.pop(MANIFEST, None)
-    else:
-        known, where = {*made, *listed(other)}, f"the files in {other}"
-        expected = {file: digest for file, digest in digests(other).items() if file in known}
+    made, expected = digests(folder, but=(MANIFEST,)), _published(name)
     if not expected:
         return None
     compared = sorted({*made, *expected} - {*measured})
     differing = [file for file in compared if made.get(file) != expected.get(file)]
-    n, n_apart = len(compared), len({*made, *expected} & {*measured})
-    apart = f"; files with measured times, not compared: {n_apart}" if n_apart else ""
+    n, n_measured = len(compared), len({*made, *expected} & {*measured})
+    aside = f"; files with measured times, not compared: {n_measured}" if n_measured else ""
     if not differing:
-        return Certificate(True, f"{name}: identical to {where} ({n} of {n} files{apart}).")
-    files = f"{len(differing)} of {n} files: {', '.join(differing)}{apart}"
-    return Certificate(False, f"{name}: different from {where}: {files}.")
+        return Certificate(True, f"{name}: identical to the published results ({n} of {n} files{aside}).")
+    files = f"{len(differing)} of {n} files: {', '.join(differing)}{aside}"
+    return Certificate(False, f"{name}: different from the published results: {files}.")
 
 
 def published_file(name: str, file: str) -> bytes | None:

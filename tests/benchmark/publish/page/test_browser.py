@@ -19,9 +19,9 @@ from playwright.sync_api import Browser
 from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains, greedy_masks
 from benchmark.analysis.records import Records, optimal_values
-from benchmark.analysis.walk import CIRCLE, HORIZON, walk
+from benchmark.drawing.film import CIRCLE, HORIZON, walk
 from benchmark.drawing.tables import read_csv, write_csv
-from benchmark.folder import MANIFEST, write_manifest
+from benchmark.folder import MANIFEST, Folder, write_manifest
 from benchmark.publish.document import Document
 from benchmark.publish.page import build
 from benchmark.studies import explorer
@@ -59,46 +59,49 @@ def readout(opened: Opened, side: str) -> list[list[str]]:
     return [line.split("\t") for line in opened.panel(side, ".readout tbody").inner_text().splitlines()]
 
 
-@pytest.mark.parametrize(
-    ("key", "place", "cell"),
-    [(("room", *TABLE), 3, (2, 3)), (("S2", *TABLE), -1, (5, 5)), (("S2", *POLICY), -1, (9, 11)),
-     (("room", *NET), -1, (0, 0))],
-)  # fmt: skip
-def test_explorer_shows_what_was_stored(
-    opened: Opened, learners: Learners, key: tuple[str, str, str], place: int, cell: tuple[int, int]
-) -> None:
-    population = learners[key]
-    observed = cell[0] * population.model.scenario.grid.columns + cell[1]
-    chosen = shown_maps(population)[place]
-    opened.choose_both(*key)
-    n_maps = len(shown_maps(population))
-    assert opened.page.locator("#step").is_enabled() == (n_maps > 1)
-    if n_maps > 1:
-        opened.to_map(range(n_maps)[place])
-    opened.cell("right", *cell).hover()
-    assert f"Row {cell[0]}, column {cell[1]}" in opened.panel("right", ".readout").inner_text()
-    lines = readout(opened, "right")
-    arrays, step = population.agents[0], population.map_indices[chosen]
-    assert [line[0] for line in lines] == list(ACTIONS)
-    values = arrays["values"][chosen, observed]
-    assert [number(line[1]) for line in lines] == pytest.approx(values, nan_ok=True, abs=0.0006)
-    greedy = contains(arrays["greedy"][step, observed][None])[0]
-    assert {line[0] for line in lines if "greedy" in line[4]} == names(greedy)
-    optimum = optimal_values(population)[observed]
-    best = optimum >= optimum.max() - 1e-9
-    assert {line[0] for line in lines if "optimal" in line[4]} == names(best)
-    expected = best / best.sum() if key[1] == "ppo" else optimum
-    assert [number(line[2]) for line in lines] == pytest.approx(expected, abs=0.0006)
-    about = opened.panel("right", ".about").inner_text()
-    found = re.search(r"score (\S+), success probability (\S+?)\. Mean score of all runs: (\S+) ", about)
-    assert found is not None
-    assert ("This net has diverged" in about) == np.isnan(values).any()
-    means = (
-        population.unbounded_scores()[0, step],
-        arrays["success"][step],
-        population.unbounded_scores()[:, step].mean(),
+def test_explorer_shows_what_was_stored(opened: Opened, learners: Learners) -> None:
+    cases = (
+        (("room", *TABLE), 3, 17),
+        (("S2", *TABLE), -1, 65),
+        (("S2", *POLICY), -1, 119),
+        (("room", *NET), -1, 0),
     )
-    assert [number(text) for text in found.groups()] == pytest.approx(means, abs=0.0006)
+    for key, place, observed in cases:
+        population = learners[key]
+        maps = shown_maps(population)
+        opened.choose_both(*key)
+        assert opened.page.locator("#step").is_enabled() == (len(maps) > 1)
+        if len(maps) > 1:
+            opened.to_map(range(len(maps))[place])
+        cell = divmod(observed, population.model.scenario.grid.columns)
+        opened.cell("right", *cell).hover()
+        assert f"Row {cell[0]}, column {cell[1]}" in opened.panel("right", ".readout").inner_text()
+        lines = readout(opened, "right")
+        arrays, step = population.agents[0], population.map_indices[maps[place]]
+        assert [line[0] for line in lines] == list(ACTIONS)
+        values = arrays["values"][maps[place], observed]
+        assert [number(line[1]) for line in lines] == pytest.approx(values, nan_ok=True, abs=0.0006)
+        greedy = contains(arrays["greedy"][step, observed][None])[0]
+        assert {line[0] for line in lines if "greedy" in line[4]} == names(greedy)
+        optimum = optimal_values(population)[observed]
+        best = optimum >= optimum.max() - 1e-9
+        assert {line[0] for line in lines if "optimal" in line[4]} == names(best)
+        expected = best / best.sum() if key[1] == "ppo" else optimum
+        assert [number(line[2]) for line in lines] == pytest.approx(expected, abs=0.0006)
+        about = opened.panel("right", ".about").inner_text()
+        found = re.search(r"score (\S+), success probability (\S+?)\. Mean score of all runs: (\S+) ", about)
+        assert found is not None
+        assert ("This net has diverged" in about) == np.isnan(values).any()
+        scores = population.unbounded_scores()[:, step]
+        means = scores[0], arrays["success"][step], scores.mean()
+        assert [number(text) for text in found.groups()] == pytest.approx(means, abs=0.0006)
+    # The scale of a table's values ends at the limits of every back end.
+    opened.choose_both("S2", *TABLE)
+    population = learners["S2", *TABLE]
+    shown = population.agents[0]["values"][shown_maps(population)].astype(float)
+    ends = opened.panel("left", ".legend").inner_text().replace("≤", "").split("≥")
+    limits = colour_limits(shown[:, ~population.model.is_over[population.model.fresh_state]])
+    assert [number(text) for text in ends] == pytest.approx(limits, abs=0.006)
 
 
 def fills(opened: Opened, side: str = "left") -> list[str]:
@@ -124,14 +127,11 @@ def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_pag
     assert again.page.locator("#shown").input_value() == "difference"
 
 
-def test_mistyped_address_is_taken_as_far_as_it_goes(open_page: Open) -> None:
+def test_address_is_followed_as_far_as_it_goes(open_page: Open) -> None:
     opened = open_page(fragment="#explorer=%")
     for fragment in ("%", "nowhere.%E0.x~~nothing~7~~", "S2.dqn.~.~-3~"):
         opened.page.evaluate(f"location.hash = '#explorer={fragment}'")
         assert "Row 0, column 0" in opened.panel("left", ".readout").inner_text()
-
-
-def test_address_is_followed_and_names_the_experiment(opened: Opened) -> None:
     agent = "room.a-table_b.index"
     opened.page.evaluate(f"location.hash = '#explorer={agent}.reproduce~{agent}.compare_deep~1600~ping'")
     opened.wait_until("document.getElementById('step-text').textContent === '1,600 of 8,000'")
@@ -140,13 +140,8 @@ def test_address_is_followed_and_names_the_experiment(opened: Opened) -> None:
         source = opened.panel(side, ".about a.n").get_attribute("href")
         assert str(source).startswith(f"{expected}/curves.csv#row=")
     assert opened.page.locator("#shown").input_value() == "ping"
-
-
-def test_what_a_choice_changes_is_said(opened: Opened) -> None:
+    # What a choice changes is said.
     said = opened.panel("left", ".changed")
-    opened.choose_both("room", *TABLE)
-    opened.panel("left", "select[name=experiment]").select_option("reproduce")
-    assert said.inner_text() == ""
     opened.panel("left", "select[name=seed]").select_option("1")
     opened.choose("left", "room", *NET)
     assert said.inner_text() == ""
@@ -160,18 +155,7 @@ def test_what_a_choice_changes_is_said(opened: Opened) -> None:
     assert opened.page.locator("#shown-why").inner_text() == "Of these agents, only the policy is published."
 
 
-def test_scale_ends_at_the_limits_of_every_back_end(opened: Opened, learners: Learners) -> None:
-    opened.choose_both("S2", *TABLE)
-    population = learners["S2", *TABLE]
-    values = population.agents[0]["values"][shown_maps(population)].astype(float)
-    low, high = colour_limits(values[:, ~population.model.is_over[population.model.fresh_state]])
-    legend = [
-        number(text) for text in opened.panel("left", ".legend").inner_text().replace("≤", "").split("≥")
-    ]
-    assert legend == pytest.approx([low, high], abs=0.006)
-
-
-def test_outlines_surround_the_regions(opened: Opened) -> None:
+def test_outlines_and_keys(opened: Opened) -> None:
     # The issuer stands at row 3, column 5. The regions reach two cells and one cell away from it, so the edge
     # of the 5 x 7 cells cuts the target region.
     found = opened.panel("left", ".map .things path").evaluate_all(
@@ -179,9 +163,7 @@ def test_outlines_surround_the_regions(opened: Opened) -> None:
     )
     boxes = [[(x - 20) / 30, y / 30, width / 30, height / 30] for x, y, width, height in found]
     assert boxes == [[3, 1, 4, 4]] * 2 + [[4, 2, 3, 3]] * 2  # a border and a line each
-
-
-def test_explorer_by_keyboard_alone(opened: Opened) -> None:
+    # All works by keyboard alone.
     opened.panel("left", ".map").focus()
     for key in ("ArrowDown", "ArrowDown", "ArrowRight", "ArrowUp", "ArrowLeft", "ArrowLeft", "Enter"):
         opened.page.keyboard.press(key)
@@ -197,7 +179,7 @@ def test_explorer_by_keyboard_alone(opened: Opened) -> None:
     assert opened.page.locator("#learn").get_attribute("aria-pressed") == "false"
 
 
-def test_tables_sort(opened: Opened) -> None:
+def test_tables_sort_and_numbers_are_marked_in_their_rows(opened: Opened, results: Path) -> None:
     opened.unfold()
     table = opened.page.locator("#report-compare_deep [data-item=summary]")
 
@@ -211,10 +193,6 @@ def test_tables_sort(opened: Opened) -> None:
         for expected in (sorted(written), sorted(written, reverse=True), written):
             table.locator(f"th:nth-child({column}) button").click()
             assert shown(column) == expected
-
-
-def test_number_is_marked_in_the_rows_that_it_comes_from(opened: Opened, results: Path) -> None:
-    opened.unfold()
     header, *rows = rows_of(results / "compare_deep" / "summary.csv")
     for link, n_rows in (
         ("#report-compare_deep .sortable a.n", 1),
@@ -245,7 +223,7 @@ def test_without_javascript_all_but_the_explorer_is_there(open_page: Open) -> No
     assert "how close is too close" in text
     assert "The explorer needs JavaScript" in text
     assert opened.page.locator("table:visible").count() == 3
-    assert opened.page.locator("img:visible").count() == 5
+    assert opened.page.locator("img:visible").count() == 4
     assert opened.page.locator("#explore:visible").count() == 0
 
 
@@ -379,17 +357,19 @@ def colour_of(share: float) -> str:
     return str(to_hex(mpl.colormaps[COLOUR_MAP](share)))
 
 
-@pytest.mark.parametrize("name", SEEN)
-def test_every_scenario_is_walked_and_solved_as_in_python(explore: Explore, name: str) -> None:
-    opened, population = explore(name)
-    model = population.model
-    block = model.start - model.cell[model.start] + np.arange(len(model.position))
-    assert_optimum(opened, population, block, int(np.flatnonzero(~model.is_over[block])[-1]))
-    assert_walks(opened, population, population.agents[0]["greedy"][-1])
-    n_walls = int(model.scenario.grid.is_wall.sum())
-    assert opened.panel("left", ".map svg > g:first-child rect[fill='#55555f']").count() == n_walls
-    n_signs = len(model.scenario.people_in(0, 0)) * (1 + model.scenario.has_front)
-    assert opened.panel("left", ".map .things polygon[points]").count() == n_signs
+def test_every_scenario_is_walked_and_solved_as_in_python(explore: Explore, everything: Everything) -> None:
+    opened, _ = explore("Anywhere")
+    for name, population in everything[1].items():
+        for side in ("left", "right"):
+            opened.panel(side, "select[name=scenario]").select_option(name)
+        model = population.model
+        block = model.start - model.cell[model.start] + np.arange(len(model.position))
+        assert_optimum(opened, population, block, int(np.flatnonzero(~model.is_over[block])[-1]))
+        assert_walks(opened, population, population.agents[0]["greedy"][-1])
+        n_walls = int(model.scenario.grid.is_wall.sum())
+        assert opened.panel("left", ".map svg > g:first-child rect[fill='#55555f']").count() == n_walls
+        n_signs = len(model.scenario.people_in(0, 0)) * (1 + model.scenario.has_front)
+        assert opened.panel("left", ".map .things polygon[points]").count() == n_signs
 
 
 def test_the_person_is_moved_by_pointer_keys_and_menus(
@@ -564,18 +544,66 @@ def test_published_page_answers_at_once_and_is_short(open_page: Open, published:
     assert len(re.findall(rb"/Type\s*/Page\b", opened.page.pdf(format="A4"))) <= 8
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1366, "light"), (390, "dark")])
-def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
-    fragment = "#explorer=S2.ppo.one_hot~room.a-table_b.index~1600~values"
-    opened = open_page(fragment=fragment, color_scheme=scheme)
-    for each in (768, 1920, width):
-        opened.page.set_viewport_size({"width": each, "height": 844})
-        assert opened.page.evaluate("document.documentElement.scrollWidth") == each  # nothing sticks out
+def test_accessibility(open_page: Open, made: Path) -> None:
+    opened = open_page(made, "#explorer=S2.ppo.one_hot~room.a-table_b.index~1600~values")
+    opened.unfold()
+    for width, scheme, contexts in (
+        (1366, "light", (None, "dialog")),
+        (768, "light", ()),
+        (390, "dark", (None,)),
+    ):
+        opened.page.emulate_media(color_scheme=scheme)
+        opened.page.set_viewport_size({"width": width, "height": 844})
+        assert opened.page.evaluate("document.documentElement.scrollWidth") == width  # nothing sticks out
         cut = "document.querySelector('figure > .cut') !== null"  # the figures are 576 wide
-        opened.wait_until(f"({cut}) === {str(each < 576).lower()}")
-    opened.unfold("#explorer details, #report-compare_deep details")  # the other reports are the same
-    assert opened.page.evaluate("document.documentElement.scrollWidth") == width
-    opened.walk(1)
-    for context in (None, "dialog"):
-        assert violations(opened, context) == []
-        opened.page.locator("#explorer a.n").first.evaluate("link => link.click()")
+        opened.wait_until(f"({cut}) === {str(width < 576).lower()}")
+        opened.walk(1)
+        for context in contexts:
+            assert violations(opened, context) == []
+            opened.page.locator("#explorer a.n").first.evaluate("link => link.click()")
+
+
+# The map
+
+
+def test_map_ends_in_verdicts_and_a_table_whose_numbers_are_in_the_files(
+    open_page: Open, published: Path
+) -> None:
+    opened, folder = open_page(published), Folder(published / "when")
+    words = {"faster": "fewer steps than", "slower": "more steps than"}
+    cells, contrasts = folder.frame("cells"), folder.frame("contrasts")
+    slider, verdicts = opened.page.locator("#map-places"), opened.page.locator("#map-verdicts")
+    places = sorted({*cells["places"][cells["grid"] == "places"]})
+    for n in (places[0], 64):
+        slider.fill(str(places.index(n)))
+        assert opened.page.locator("#map-places + output").inner_text() == str(n)
+        assert f"With {n} place" in verdicts.inner_text()
+        rows = opened.page.locator("#map-table tbody tr").all()
+        shown = {tuple(row.locator("td").all_inner_texts()) for row in rows}
+        own = cells[(cells["grid"] == "places") & (cells["places"] == n)]
+        titles = own["variant"].str.cat(own["observation"], ", ").map(folder.title)
+        solved = own["n_solved"].astype(str).str.cat(own["n"].astype(str), " of ")
+        steps = own["steps"].map(lambda value: "never learns" if np.isinf(value) else f"{value:,.0f}")
+        assert len(shown) > 5
+        assert shown <= {*zip(titles, solved, steps, strict=True)}
+        said = verdicts.locator("li").all_inner_texts()
+        for _, row in contrasts[(contrasts["grid"] == "places") & (contrasts["places"] == n)].iterrows():
+            if row["verdict"] in words and "2" not in row["x"] + row["y"]:
+                x, y = folder.title(row["x"]), folder.title(row["y"])
+                assert f"{x}: {words[row['verdict']]} {y} ({row['n']} pairs of runs)" in said
+    # Where nothing was trained with as many places, the nearest number is shown, and said to be another one.
+    where = opened.page.locator("#map-where")
+    for label in where.locator("option").all_inner_texts()[1:]:
+        where.select_option(label=label)
+        n = int(re.findall(r"\d+", opened.page.locator("#map-places + output").inner_text())[0])
+        assert f"With {n} place" in verdicts.inner_text()
+        assert label in verdicts.inner_text()
+    seen = set()
+    for currency, unit in (("steps", "steps"), ("disagreements", "wrong PINGs"), ("cpu_time_s", "seconds")):
+        opened.page.locator(f"#map input[value={currency}]").check()
+        figure = opened.page.locator("#map .chart svg")
+        assert f"Median {unit}" in str(figure.get_attribute("aria-label"))
+        seen.add(figure.inner_html())
+        assert f"median {unit}" in opened.page.locator("#map-table").inner_text()
+    assert len(seen) == 3
+    assert violations(opened, "#map") == []

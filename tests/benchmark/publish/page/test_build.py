@@ -12,12 +12,11 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.drawing.tables import plain, show
-from benchmark.experiments import PUBLISHED, load_experiment
+from benchmark.experiments import PUBLISHED
 from benchmark.folder import Folder
 from benchmark.publish import prose, sameness
-from benchmark.publish.document import Document
+from benchmark.publish.document import SPEED, Document, document_of
 from benchmark.publish.page import build
-from benchmark.studies import load_report
 from envs import InputError
 from tests.benchmark.publish.page.conftest import rows_of
 from tests.benchmark.publish.page.made import TEXT
@@ -90,15 +89,11 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
     assert len(re.findall(r"<details[^>]*><summary>Mean score over training \(\d+ rows\)", page.source)) == 2
     assert "score: 0 is the random policy, -1 is worse & 2 < 3." in page.words
     for element in ("<em>learner</em>", "<h4>After training<", "<h5>In detail<", "<summary>Terms<"):
-        assert page.source.count(element) == 3
+        assert page.source.count(element) == 2
 
 
-def test_every_published_experiment_has_its_own_question() -> None:
-    asked = []
-    for name in PUBLISHED:
-        report = load_experiment(name).report
-        assert report is not None
-        asked.append(report.question or load_report(report.kind).question)
+def test_every_published_experiment_has_its_own_question(published: Path) -> None:
+    asked = [document_of(published / name).question for name in (*PUBLISHED, SPEED)]
     assert len({*asked}) == len(asked)
 
 
@@ -117,13 +112,22 @@ def test_answer_needs_the_runs_that_give_it(published: Path, tmp_path: Path) -> 
     answer = answer.replace("*", "")
     listed = re.findall(r"<li>(.*?)</li>", page.source.partition('class="answer"')[2].partition("</ul>")[0])
     assert re.sub("<.*?>", "", " ".join(listed)) == answer
-    names = [f"report-{name}" for name in (*PUBLISHED, build.SPEED)]
+    names = [f"report-{name}" for name in (*PUBLISHED, SPEED)]
     assert [value for name, value in page.attributes if name == "id" and value in names] == names
     shutil.copytree(published / "when", tmp_path / "when")
     cells = (tmp_path / "when" / "contrasts.csv").read_text(encoding="utf-8")
     (tmp_path / "when" / "contrasts.csv").write_text(cells.replace(",slower", ",faster"), encoding="utf-8")
     reseal(tmp_path / "when")
     assert 'class="answer"' not in build.write(tmp_path).read_text(encoding="utf-8")
+
+
+def test_an_experiment_may_be_called_as_a_part_of_the_page(published: Path, tmp_path: Path) -> None:
+    shutil.copytree(published / "when", tmp_path / "map")
+    reseal(tmp_path / "map", experiment="map")
+    page = Page(build.write(tmp_path, "map"))
+    ids = [value for name, value in page.attributes if name == "id"]
+    assert len(ids) == len({*ids})
+    assert {"map", "report-map"} <= {*ids}
 
 
 def in_one_line(text: str) -> str:
@@ -134,7 +138,7 @@ def test_page_has_no_elements_but_its_own(results: Path) -> None:
     page = Page(results / "index.html")
     assert page.open == []
     assert page.elements["script"] == 4  # its data, two experiments' agents, and its script
-    assert page.elements["img"] == 5  # leads of two, and another figure of each
+    assert page.elements["img"] == 4  # leads of two, and another figure of each
     assert not [name for name, _ in page.attributes if name.startswith("on")]
     targets = [value for name, value in page.attributes if name in ("href", "src", "data", "action")]
     assert not [target for target in targets if "script:" in target]
@@ -142,7 +146,7 @@ def test_page_has_no_elements_but_its_own(results: Path) -> None:
     assert not re.findall(r"@import|url\(|src=[\"']", source)
     assert "heading" not in re.findall(r"<h\d>(.*?)</h\d>", page.source)
     # Of every report: description, there and where it says how it was made, note, finding, and six rows.
-    assert in_one_line(page.words).count(in_one_line(TEXT)) == 3 * (2 + 1 + 1 + 6) + 1
+    assert in_one_line(page.words).count(in_one_line(TEXT)) == 2 * (2 + 1 + 1 + 6) + 1
 
 
 def test_every_link_leads_somewhere(folder: Path) -> None:
@@ -206,7 +210,7 @@ def test_damaged_manifests_are_refused(results: Path, tmp_path: Path, changes: d
 def test_git_has_the_published_results_and_ignores_those_of_users(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert {path.name for path in (ROOT / "results").glob("[!.]*/")} >= {*PUBLISHED, build.SPEED}
+    assert {path.name for path in (ROOT / "results").glob("[!.]*/")} >= {*PUBLISHED, SPEED}
     results = tmp_path / "results"
     shutil.copytree(ROOT / "results" / "equivalence", results / "equivalence")
     shutil.copy(ROOT / ".gitignore", tmp_path)
@@ -236,15 +240,17 @@ def test_list_of_results_has_their_findings_by_importance(results: Path, tmp_pat
     )
     assert [name for name, _, _ in listed] == ["compare_deep", "reproduce", "speed"]
     assert all(name == folder for name, folder, _ in listed)
-    assert all(finding.startswith("The worst score is ") for _, _, finding in listed)
+    assert [finding.partition(" is ")[0] for *_, finding in listed] == ["The worst score"] * 2 + [
+        "Tabular Q-learning"
+    ]
 
 
 def test_texts_of_all_folders_and_the_page_are_written_again(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(results, tmp_path / "results", ignore=shutil.ignore_patterns("README.md", "index.html"))
-    shutil.copytree(tmp_path / "results" / "speed", tmp_path / "results" / "mine")
-    shutil.copytree(tmp_path / "results" / "speed", tmp_path / "results" / "other")
+    shutil.copytree(tmp_path / "results" / "reproduce", tmp_path / "results" / "mine")
+    shutil.copytree(tmp_path / "results" / "reproduce", tmp_path / "results" / "other")
     reseal(tmp_path / "results" / "other", report={"kind": "of_another:REPORT", "items": [], "question": ""})
     assert main(["report", "--results", str(tmp_path / "results")]) == 0
     said = r".*other: its texts stay as they are: .* of_another:REPORT: code of users"
