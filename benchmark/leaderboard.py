@@ -26,9 +26,9 @@ from envs.observations import OBSERVATIONS, compile_seen
 from envs.scenario import scenario_names
 
 _HEAD: Final = "# Made by python -m benchmark assess --submit. Keys above scenario are declared, not checked."
-_TOLERANCE: Final = 1e-9  # of probabilities and scores
-_DECIMALS: Final = 12  # of scores and successes that count
-_LARGEST_FILE: Final = 2_000_000  # bytes: 250,000 numbers of a policy, and 2,000 rows with all digits
+_TOLERANCE: Final = 1e-9  # for probabilities and scores
+_DECIMALS: Final = 12  # compared in scores and successes
+_MAX_FILE: Final = 2_000_000  # bytes: 250,000 numbers of a policy, and 2,000 rows with all digits
 _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
 
 
@@ -104,7 +104,7 @@ def _check_name(path: Path) -> None:
 def checked(path: Path) -> Submission:
     """Reads a file, with scores computed again; one that says something else raises an InputError."""
     _check_name(path)
-    submission = parse(Submission, read_toml(path, _LARGEST_FILE), str(path))
+    submission = parse(Submission, read_toml(path, _MAX_FILE), str(path))
     for key, known in (("scenario", scenario_names()), ("observation", OBSERVATIONS)):
         if getattr(submission, key) not in known:
             unknown_name(str(path), key, getattr(submission, key), known)

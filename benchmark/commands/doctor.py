@@ -23,13 +23,13 @@ from benchmark.experiments import Experiment, all_specifications, load_experimen
 from envs import InputError
 from envs.packages import EXTRAS, PACKAGES
 
-_USES: Final = {
+_USES: Final = {  # by extra
     "reproduce": "all commands",
     "deep": "nets, speed and run --log",
     "docs": "make docs",
     "cluster": "run --cluster",
     "render": "windows of environments",
-}  # of the extras
+}
 _JOB_MEMORY: Final = 500_000_000  # bytes that a job with nets takes, about
 _MIN_DISK: Final = 1_000_000_000  # bytes
 

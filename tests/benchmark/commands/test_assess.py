@@ -40,6 +40,6 @@ def test_the_rank_is_that_of_python_in_any_folder(
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
     assert main(["assess", "--agent", "agent_elsewhere:act", "--observation", "coordinates"]) == 0
-    here = assess(import_module("agent_elsewhere").act, scenario="S1", observation="coordinates")
-    assert here.standing is not None
-    assert capsys.readouterr().out == f"{here}\n"
+    assessment = assess(import_module("agent_elsewhere").act, scenario="S1", observation="coordinates")
+    assert assessment.standing is not None
+    assert capsys.readouterr().out == f"{assessment}\n"

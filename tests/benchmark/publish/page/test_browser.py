@@ -239,23 +239,23 @@ ENDINGS = {
 def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) -> None:
     """Checks that the left agent walks from the start as Python's walk does."""
     model = population.model
-    taken = walk(model, masks, population.run.horizon)
-    had_choice = contains(masks)[model.observation[list(taken.states[:-1])]].sum(axis=1) > 1
+    walked = walk(model, masks, population.run.horizon)
+    had_choice = contains(masks)[model.observation[list(walked.states[:-1])]].sum(axis=1) > 1
     opened.page.locator("#walk-again").click()
-    opened.walk(len(taken.actions))
+    opened.walk(len(walked.actions))
     summary = opened.panel("left", ".walked").inner_text()
-    n_steps = len(taken.actions)
-    where = [f"row {row}, column {column}" for row, column in model.position[list(taken.cells)].tolist()]
+    n_steps = len(walked.actions)
+    where = [f"row {row}, column {column}" for row, column in model.position[list(walked.cells)].tolist()]
     assert summary.startswith(f"{n_steps} step{'s' if n_steps > 1 else ''} from {where[0]}.")
-    assert summary.endswith(ENDINGS[taken.ending].format(population.run.horizon))
+    assert summary.endswith(ENDINGS[walked.ending].format(population.run.horizon))
     lines = opened.panel("left", ".walk tbody").inner_text().splitlines()[::-1]
     cells = [line.split("\t") for line in lines]
     assert [line[1] for line in cells] == where[:-1]
-    assert [line[-4].split(" ")[0] for line in cells] == [ACTIONS[action] for action in taken.actions]
+    assert [line[-4].split(" ")[0] for line in cells] == [ACTIONS[action] for action in walked.actions]
     assert ["(tie of" in line[-4] for line in cells] == had_choice.tolist()
     phases = [stage.name for stage in model.scenario.stages]
     if len(cells[0]) == 7:
-        contexts = model.context[list(taken.states[:-1])] % len(phases)
+        contexts = model.context[list(walked.states[:-1])] % len(phases)
         assert [line[2] for line in cells] == [phases[phase] for phase in contexts]
 
 
