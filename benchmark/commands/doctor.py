@@ -20,6 +20,7 @@ from benchmark.execution.machine import free_memory, usable_cores
 from benchmark.execution.provenance import versions
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
+from benchmark.studies import report_of
 from envs import InputError
 from envs.packages import EXTRAS, PACKAGES
 
@@ -118,7 +119,7 @@ def _experiment(experiment: Experiment, options: argparse.Namespace) -> Iterator
         return
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing")
     folder = options.results / Path(options.experiment).stem
-    stage = " for the first stage" if experiment.has_stages else ""
+    stage = " for the first stage" if report_of(experiment).study.stages is not None else ""
     yield _finding("time", f"{estimate(missing, folder, min(options.jobs, usable_cores())).text}{stage}")
     free = shutil.disk_usage(_existing(options.results)).free
     size = sum(run.record_size for run in missing)  # before compression

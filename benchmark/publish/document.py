@@ -10,10 +10,9 @@ texts can be corrected without a single run.
 import html
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 
@@ -22,8 +21,9 @@ from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, README, Folder, with_titles
 from benchmark.publish import files, prose
 from benchmark.publish.templates import templates_in as templates_in
-from benchmark.studies import REPORTS, load_items, load_report
-from benchmark.studies.item import COLUMNS, Item, Report, entry
+from benchmark.studies import STUDIES, Study, load_study
+from benchmark.studies.item import COLUMNS, Item, entry
+from benchmark.studies.study import with_items
 from envs import InputError
 
 SPEED: Final = "speed"  # the folder of measurements of this project, and its table
@@ -34,8 +34,8 @@ _FRONT: Final = Path(__file__).parent / "front.md.jinja"
 class Document:
     """The document of a folder of results."""
 
-    def __init__(self, path: Path, report: Report | None = None) -> None:
-        """Takes the report of an experiment, see `draw.report_of`, or finds that of this project.
+    def __init__(self, path: Path, study: Study[Any, Any] | None = None) -> None:
+        """Takes the study of an experiment, see `report_of`, or finds that of this project.
 
         Manifests come from anywhere, so they name no code of others. Something that is damaged or missing
         raises an InputError.
@@ -43,16 +43,15 @@ class Document:
         self.folder = Folder(path)
         declared, source = self.folder.manifest["report"], str(path / MANIFEST)
         with self.folder.reading():
-            if report is None:
+            if study is None:
                 for name in (declared["kind"], *declared["items"]):
-                    if name not in REPORTS and not name.startswith("benchmark.studies."):
+                    if name not in STUDIES and not name.startswith("benchmark.studies."):
                         reason = f"report: {name}: code of users runs only if you name its experiment"
                         raise InputError(f"{source}: {reason}, as in: report EXPERIMENT.")
-                report = load_report(declared["kind"], source)
-                report = replace(report, items=load_items(report, declared, source))
-            self._headline, self.finding, self.lead = report.headline, report.finding, report.lead
-            self.name, self.items, self.template = report.name, report.items, report.document
-            self.question = declared["question"] or report.question
+                study = with_items(load_study(declared["kind"], source), declared, source)
+            self._headline, self.finding, self.lead = study.headline, study.finding, study.lead
+            self.name, self.items, self.template = study.name, study.items, study.document
+            self.question = declared["question"] or study.question
 
     @cached_property
     def headline(self) -> str | None:
@@ -67,14 +66,14 @@ class Document:
         has_files = f"{name}.csv" in self.folder or self.folder.figure(name)
         return bool(has_files) and name in [item.name for item in self.items]
 
-    def shown(self, item: Item) -> pd.DataFrame:
+    def shown(self, item: Item[Any]) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts; empty if there is none here."""
         if f"{item.name}.csv" not in self.folder:
             return pd.DataFrame()
         return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
 
     def render(
-        self, insert: Callable[[Item, bool], str], template: Path | None = None, **more: object
+        self, insert: Callable[[Item[Any], bool], str], template: Path | None = None, **more: object
     ) -> str:
         """Returns the document as Markdown.
 
@@ -100,7 +99,7 @@ class Document:
         """Returns README of the folder; raises an InputError if it cannot be made, or a file was changed."""
         self.folder.check()
 
-        def insert(item: Item, is_folded: bool) -> str:
+        def insert(item: Item[Any], is_folded: bool) -> str:
             file, frame = self.folder.figure(item.name), self.shown(item)
             parts, table = [f"![{item.caption}]({file})"] if file else [], f"{item.name}.csv"
             if is_folded and table in self.folder:
@@ -181,13 +180,13 @@ def _shown(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 _ABOUT: Final = "rates of this project and of common alternatives, from the same run"
-_SPEED: Final = Item(SPEED, _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS[SPEED])
+_SPEED: Final[Item[Any]] = Item(SPEED, _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS[SPEED])
 
 
-def document_of(path: Path, report: Report | None = None) -> Document:
+def document_of(path: Path, study: Study[Any, Any] | None = None) -> Document:
     """Returns the document of a folder of results, see `Document`, or of measured speed."""
     is_speed = Folder(path).manifest["report"]["kind"] == SPEED
-    return Measurements(path) if is_speed else Document(path, report)
+    return Measurements(path) if is_speed else Document(path, study)
 
 
 def front(results: Path) -> str:
@@ -215,6 +214,6 @@ def front(results: Path) -> str:
     return rendered
 
 
-def write(path: Path, report: Report | None = None) -> None:
+def write(path: Path, study: Study[Any, Any] | None = None) -> None:
     """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
-    files.write_text(path / README, document_of(path, report).readme())
+    files.write_text(path / README, document_of(path, study).readme())
