@@ -215,7 +215,7 @@ def test_tables_sort_and_numbers_are_marked_in_their_rows(opened: Opened, result
         opened.page.keyboard.press("Escape")
 
 
-def test_without_javascript_all_but_the_explorer_is_there(open_page: Open) -> None:
+def test_without_javascript_all_but_explorer_and_map_is_there(open_page: Open, published: Path) -> None:
     opened = open_page(java_script_enabled=False)
     for summary in opened.page.get_by_text("Details, figures and tables").all():
         summary.click()
@@ -225,6 +225,9 @@ def test_without_javascript_all_but_the_explorer_is_there(open_page: Open) -> No
     assert opened.page.locator("table:visible").count() == 3
     assert opened.page.locator("img:visible").count() == 4
     assert opened.page.locator("#explore:visible").count() == 0
+    with_map = open_page(published, java_script_enabled=False)
+    assert not with_map.page.locator("#map").is_visible()
+    assert with_map.page.locator("#finding img").is_visible()
 
 
 ENDINGS = {
@@ -447,19 +450,6 @@ def test_phase_and_wrong_pings_are_chosen(explore: Explore, everything: Everythi
     assert opened.panel("right", "select[name=pings]").input_value() == "3"  # the same room
 
 
-def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> None:
-    shutil.copytree(made, tmp_path / "mine")
-    (tmp_path / "mine" / "agents.json.gz").unlink()
-    reseal(tmp_path / "mine")
-    build.write(tmp_path, "mine")
-    opened = open_page(tmp_path / "mine")
-    assert opened.page.locator("#explorer, a[href='#explorer']").count() == 0
-    assert opened.page.locator("th button").count() > 0  # tables sort
-    opened.unfold()
-    opened.page.locator("table a.n").first.click()
-    assert opened.page.locator("dialog[open] tbody tr").count() > 0
-
-
 HOSTILE = """</script><script>hit = 1</script><img src=x onerror="hit = 1"><svg onload="hit = 1"> ' " on="
 ![a](https://h.invalid/a) [b](javascript:hit=1) [c](https://h.invalid/c) <https://h.invalid> www.h.invalid
 <style>* { background: url(https://h.invalid/e) }</style> {{ 7 * 7 }} <base href="https://h.invalid">"""
@@ -482,9 +472,16 @@ def test_hostile_results_run_nothing_and_ask_for_nothing(made: Path, tmp_path: P
         for figure in folder.glob("*.svg"):
             drawn = figure.read_text(encoding="utf-8")
             figure.write_text(drawn.replace("</svg>", DRAWN), encoding="utf-8")
+        if name == "compare_deep":
+            (folder / explorer.FILE).unlink()
         write_manifest(folder, manifest | ({} if name == "mine" else {"experiment": name}))
         opened = open_page(build.write(tmp_path, name).parent)
         opened.unfold()
+        if name == "compare_deep":  # all else works without agents
+            assert opened.page.locator("#explorer, a[href='#explorer']").count() == 0
+            assert opened.page.locator("th button").count() > 0
+            opened.page.locator("table a.n").first.click()
+            assert opened.page.locator("dialog[open] tbody tr").count() > 0
         assert opened.page.evaluate("typeof hit") == "undefined"
         assert opened.page.get_by_text("{{ 7 * 7 }}").count() > 10
         links = {*opened.page.evaluate("[...document.links].map((link) => link.href)")}
