@@ -17,9 +17,10 @@ from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.experiments.search import chosen_file, read_chosen
-from benchmark.folder import README, Folder
+from benchmark.folder import README, Folder, digests
 from benchmark.publish import document, draw, files, sameness
 from benchmark.publish.page import build as page
+from benchmark.publish.sameness import differing
 from benchmark.studies import Report, Study, report_of, runs_of
 from envs import InputError
 
@@ -123,17 +124,14 @@ def difference_of(before: Record, after: Record) -> str:
         {name: (array.dtype, array.shape, array.tobytes()) for name, array in record.arrays.items()}
         for record in (before, after)
     )
-    differing = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
-    if not differing:
+    if not (names := differing(old, new)):
         return ""
     recorded, now = (
         {**record.provenance["versions"], "machine": record.provenance["machine"]}
         for record in (before, after)
     )
-    others = "; ".join(
-        f"{key} {value}, here {now.get(key)}" for key, value in recorded.items() if value != now.get(key)
-    )
-    return f"differs in {', '.join(differing)}" + f" (recorded with {others})" * bool(others)
+    changed = [f"{key} {recorded.get(key)}, here {now.get(key)}" for key in differing(recorded, now)]
+    return f"differs in {', '.join(names)}" + f" (recorded with {'; '.join(changed)})" * bool(changed)
 
 
 def _redrawn(report: Report[Any, Any], store: Store, folder: Path, scratch: Path) -> Iterator[str]:
@@ -141,23 +139,16 @@ def _redrawn(report: Report[Any, Any], store: Store, folder: Path, scratch: Path
     name, made = experiment.name, scratch / experiment.name
     print(f"{name}: drawing tables and figures again ...", file=sys.stderr)
     draw.draw(report, store, made)
-    gone = {file: None for file in sameness.listed(folder) if (folder / file).exists()}
-    again = gone | {file: (made / file).read_bytes() for file in sameness.listed(made)}
-    differing = changed({folder / file: again[file] for file in sorted(again)})
-    if not differing:
-        print(f"{name}: identical to the files in {folder} ({len(again)} of {len(again)} files).")
-        return
-    files = f"{len(differing)} of {len(again)} files: {', '.join(path.name for path in differing)}"
-    yield (
-        f"{name}: different from the files in {folder}: {files}.\n"
-        f"{name}: 'report {experiment.argument}' makes them from the stored runs."
-    )
-
-
-def changed(again: Mapping[Path, bytes | None]) -> list[Path]:
-    """Returns the paths of files that are not as they are made again; None if a file is not made at all."""
-    there = {path: path.read_bytes() if path.is_file() else None for path in again}
-    return [path for path, content in again.items() if there[path] != content]
+    again, listed = digests(made), sameness.listed(folder)
+    there = {file: digest for file, digest in digests(folder).items() if file in again or file in listed}
+    n = len({*again, *there})
+    if other := differing(again, there):
+        yield (
+            f"{name}: different from the files in {folder}: {len(other)} of {n} files: {', '.join(other)}.\n"
+            f"{name}: 'report {experiment.argument}' makes them from the stored runs."
+        )
+    else:
+        print(f"{name}: identical to the files in {folder} ({n} of {n} files).")
 
 
 def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
@@ -194,6 +185,8 @@ def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator
     except InputError as error:
         problems += error.args
     yield from dict.fromkeys(problems)
-    for path in changed({path: text.encode() for path, text in texts.items()}):
+    again = {str(path): text.encode() for path, text in texts.items()}
+    there = {str(path): path.read_bytes() if path.is_file() else b"" for path in texts if path.exists()}
+    for path in map(Path, differing(again, there)):
         if path.exists() or (path.name == README and Folder(path.parent).is_there):
             yield f"{path}: different from what the tables make; 'report' writes it again."

@@ -10,7 +10,7 @@ import hashlib
 import json
 import platform
 import subprocess
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from importlib.metadata import distributions
 from pathlib import Path
@@ -40,14 +40,18 @@ def compare(folder: Path, name: str, measured: Collection[str]) -> Certificate |
     made, expected = digests(folder, but=(MANIFEST,)), _published(name)
     if not expected:
         return None
-    compared = sorted({*made, *expected} - {*measured})
-    differing = [file for file in compared if made.get(file) != expected.get(file)]
-    n, n_measured = len(compared), len({*made, *expected} & {*measured})
+    n, n_measured = len({*made, *expected} - {*measured}), len({*made, *expected} & {*measured})
+    other = [file for file in differing(made, expected) if file not in measured]
     aside = f"; files with measured times, not compared: {n_measured}" if n_measured else ""
-    if not differing:
+    if not other:
         return Certificate(True, f"{name}: identical to the published results ({n} of {n} files{aside}).")
-    files = f"{len(differing)} of {n} files: {', '.join(differing)}{aside}"
+    files = f"{len(other)} of {n} files: {', '.join(other)}{aside}"
     return Certificate(False, f"{name}: different from the published results: {files}.")
+
+
+def differing(made: Mapping[str, object], expected: Mapping[str, object]) -> list[str]:
+    """Lists the names under which two mappings hold different things, or only one of them holds any."""
+    return sorted(name for name in made.keys() | expected.keys() if made.get(name) != expected.get(name))
 
 
 def published_file(name: str, file: str) -> bytes | None:

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from agents.policy import ALL_ACTIONS, contains, greedy_masks
 from benchmark.analysis.records import Records, optimal_values
 from benchmark.drawing.film import CIRCLE, HORIZON, walk
 from benchmark.drawing.tables import read_csv, write_csv
-from benchmark.folder import MANIFEST, Folder, write_manifest
+from benchmark.folder import MANIFEST, write_manifest
 from benchmark.publish.document import Document
 from benchmark.publish.page import build
 from benchmark.studies import explorer
@@ -215,7 +214,7 @@ def test_tables_sort_and_numbers_are_marked_in_their_rows(opened: Opened, result
         opened.page.keyboard.press("Escape")
 
 
-def test_without_javascript_all_but_explorer_and_map_is_there(open_page: Open, published: Path) -> None:
+def test_without_javascript_all_but_the_explorer_is_there(open_page: Open) -> None:
     opened = open_page(java_script_enabled=False)
     for summary in opened.page.get_by_text("Details, figures and tables").all():
         summary.click()
@@ -225,9 +224,6 @@ def test_without_javascript_all_but_explorer_and_map_is_there(open_page: Open, p
     assert opened.page.locator("table:visible").count() == 3
     assert opened.page.locator("img:visible").count() == 4
     assert opened.page.locator("#explore:visible").count() == 0
-    with_map = open_page(published, java_script_enabled=False)
-    assert not with_map.page.locator("#map").is_visible()
-    assert with_map.page.locator("#finding img").is_visible()
 
 
 ENDINGS = {
@@ -508,39 +504,6 @@ def test_page_lets_no_script_or_request_pass_but_its_own(results: Path, browser:
     opened.page.close()
 
 
-def box_of(opened: Opened, selector: str) -> dict[str, float]:
-    """Returns where the first such element is in the window."""
-    box = opened.page.locator(selector).first.bounding_box()
-    assert box is not None
-    return {"x": box["x"], "y": box["y"], "width": box["width"], "height": box["height"]}
-
-
-def test_published_page_answers_at_once_and_is_short(open_page: Open, published: Path) -> None:
-    opened = open_page(published, viewport={"width": 1366, "height": 768})
-    opened.wait_until("performance.getEntriesByName('first-contentful-paint').length")
-    boxes = [box_of(opened, part) for part in ("nav", "h1", ".answer li:nth-child(3)", "#finding img")]
-    assert boxes[0]["y"] < boxes[1]["y"] < boxes[2]["y"]
-    assert all(0 <= box["x"] <= box["x"] + box["width"] <= 1366 for box in boxes)
-    assert all(box["y"] + box["height"] <= 768 for box in boxes)
-    assert opened.page.evaluate("document.documentElement.scrollHeight") < 15_000
-    # No two headings are the same, for who moves from one to the next.
-    headings = opened.page.locator("#finding, #results").locator("h1, h2, h3, h4, h5").all_text_contents()
-    assert [name for name, n in Counter(map(str.strip, headings)).items() if n > 1] == []
-    # The explorer opens with a table and a net that succeed, films of their training, and all views.
-    for side, family in (("left", "table"), ("right", "DQN|PPO")):
-        assert opened.panel(side, ".walked").inner_text().endswith("success.")
-        assert re.search(family, opened.panel(side, "select[name=learner]").input_value())
-    assert opened.page.locator("#learn").is_enabled()
-    assert opened.page.locator("#shown option:enabled").count() == 4
-    for width, least in ((1366, 560), (1920, 800)):
-        opened.page.set_viewport_size({"width": width, "height": 1080})
-        assert box_of(opened, "[data-side=right] .map svg")["width"] >= least
-    opened.choose("left", "LargeRoom", "Q(λ) table")
-    assert box_of(opened, "[data-side=left] .map path.mark[d^=M]")["width"] >= 8
-    # It is printed on at most eight pages.
-    assert len(re.findall(rb"/Type\s*/Page\b", opened.page.pdf(format="A4"))) <= 8
-
-
 def test_accessibility(open_page: Open, made: Path) -> None:
     opened = open_page(made, "#explorer=S2.ppo.one_hot~room.a-table_b.index~1600~values")
     opened.unfold()
@@ -558,49 +521,3 @@ def test_accessibility(open_page: Open, made: Path) -> None:
         for context in contexts:
             assert violations(opened, context) == []
             opened.page.locator("#explorer a.n").first.evaluate("link => link.click()")
-
-
-# The map
-
-
-def test_map_ends_in_verdicts_and_a_table_whose_numbers_are_in_the_files(
-    open_page: Open, published: Path
-) -> None:
-    opened, folder = open_page(published), Folder(published / "when")
-    words = {"faster": "fewer steps than", "slower": "more steps than"}
-    cells, contrasts = folder.frame("cells"), folder.frame("contrasts")
-    slider, verdicts = opened.page.locator("#map-places"), opened.page.locator("#map-verdicts")
-    places = sorted({*cells["places"][cells["grid"] == "places"]})
-    for n in (places[0], 64):
-        slider.fill(str(places.index(n)))
-        assert opened.page.locator("#map-places + output").inner_text() == str(n)
-        assert f"With {n} place" in verdicts.inner_text()
-        rows = opened.page.locator("#map-table tbody tr").all()
-        shown = {tuple(row.locator("td").all_inner_texts()) for row in rows}
-        own = cells[(cells["grid"] == "places") & (cells["places"] == n)]
-        titles = own["variant"].str.cat(own["observation"], ", ").map(folder.title)
-        solved = own["n_solved"].astype(str).str.cat(own["n"].astype(str), " of ")
-        steps = own["steps"].map(lambda value: "never learns" if np.isinf(value) else f"{value:,.0f}")
-        assert len(shown) > 5
-        assert shown <= {*zip(titles, solved, steps, strict=True)}
-        said = verdicts.locator("li").all_inner_texts()
-        for _, row in contrasts[(contrasts["grid"] == "places") & (contrasts["places"] == n)].iterrows():
-            if row["verdict"] in words and "2" not in row["x"] + row["y"]:
-                x, y = folder.title(row["x"]), folder.title(row["y"])
-                assert f"{x}: {words[row['verdict']]} {y} ({row['n']} pairs of runs)" in said
-    # Where nothing was trained with as many places, the nearest number is shown, and said to be another one.
-    where = opened.page.locator("#map-where")
-    for label in where.locator("option").all_inner_texts()[1:]:
-        where.select_option(label=label)
-        n = int(re.findall(r"\d+", opened.page.locator("#map-places + output").inner_text())[0])
-        assert f"With {n} place" in verdicts.inner_text()
-        assert label in verdicts.inner_text()
-    seen = set()
-    for currency, unit in (("steps", "steps"), ("disagreements", "wrong PINGs"), ("cpu_time_s", "seconds")):
-        opened.page.locator(f"#map input[value={currency}]").check()
-        figure = opened.page.locator("#map .chart svg")
-        assert f"Median {unit}" in str(figure.get_attribute("aria-label"))
-        seen.add(figure.inner_html())
-        assert f"median {unit}" in opened.page.locator("#map-table").inner_text()
-    assert len(seen) == 3
-    assert violations(opened, "#map") == []

@@ -13,9 +13,8 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.drawing.tables import plain, show
 from benchmark.experiments import PUBLISHED
-from benchmark.folder import Folder
-from benchmark.publish import prose, sameness
-from benchmark.publish.document import SPEED, Document, document_of
+from benchmark.publish import sameness
+from benchmark.publish.document import SPEED, Document
 from benchmark.publish.page import build
 from envs import InputError
 from tests.benchmark.publish.page.conftest import rows_of
@@ -56,22 +55,6 @@ class Page(HTMLParser):
             self.links[-1] = (*self.links[-1][:2], self.links[-1][2] + data)
 
 
-@pytest.fixture(params=["results", "published"])
-def folder(request: pytest.FixtureRequest) -> Path:
-    """A folder of results with a page."""
-    found: Path = request.getfixturevalue(request.param)
-    return found
-
-
-def test_published_list_is_what_the_code_makes(published: Path) -> None:
-    made, there = ((path / "README.md").read_text(encoding="utf-8") for path in (published, ROOT / "results"))
-    assert made == there, "README.md is out of date: run make report"
-    page = (published / "index.html").read_text(encoding="utf-8")
-    assert len(page.encode()) <= 4_500_000
-    assert "&lt;table" not in page
-    assert page.count('id="map"') == 1  # none for several scenes with the same numbers of places
-
-
 def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Path) -> None:
     page = Page(results / "index.html")
     assert build.write(results).read_text(encoding="utf-8") == page.source
@@ -92,11 +75,6 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
         assert page.source.count(element) == 2
 
 
-def test_every_published_experiment_has_its_own_question(published: Path) -> None:
-    asked = [document_of(published / name).question for name in (*PUBLISHED, SPEED)]
-    assert len({*asked}) == len(asked)
-
-
 def test_page_of_another_experiment_tells_of_it_alone(made: Path) -> None:
     page = Page(made / "index.html")
     assert "<h1>mine</h1>" in page.source
@@ -104,30 +82,6 @@ def test_page_of_another_experiment_tells_of_it_alone(made: Path) -> None:
     assert said.count(in_one_line(TEXT)) == 2 + 1 + 1 + 6 + 1
     for other in ("10 × 12", "64 places", "tile coding", "this benchmark counts", "results/"):
         assert other not in said
-
-
-def test_answer_needs_the_runs_that_give_it(published: Path, tmp_path: Path) -> None:
-    page = Page(published / "index.html")
-    answer = html.unescape(plain(str(prose.written(Folder(published / "when"))).partition("\n\n")[0]))
-    answer = answer.replace("*", "")
-    listed = re.findall(r"<li>(.*?)</li>", page.source.partition('class="answer"')[2].partition("</ul>")[0])
-    assert re.sub("<.*?>", "", " ".join(listed)) == answer
-    names = [f"report-{name}" for name in (*PUBLISHED, SPEED)]
-    assert [value for name, value in page.attributes if name == "id" and value in names] == names
-    shutil.copytree(published / "when", tmp_path / "when")
-    cells = (tmp_path / "when" / "contrasts.csv").read_text(encoding="utf-8")
-    (tmp_path / "when" / "contrasts.csv").write_text(cells.replace(",slower", ",faster"), encoding="utf-8")
-    reseal(tmp_path / "when")
-    assert 'class="answer"' not in build.write(tmp_path).read_text(encoding="utf-8")
-
-
-def test_an_experiment_may_be_called_as_a_part_of_the_page(published: Path, tmp_path: Path) -> None:
-    shutil.copytree(published / "when", tmp_path / "map")
-    reseal(tmp_path / "map", experiment="map")
-    page = Page(build.write(tmp_path, "map"))
-    ids = [value for name, value in page.attributes if name == "id"]
-    assert len(ids) == len({*ids})
-    assert {"map", "report-map"} <= {*ids}
 
 
 def in_one_line(text: str) -> str:
@@ -149,7 +103,12 @@ def test_page_has_no_elements_but_its_own(results: Path) -> None:
     assert in_one_line(page.words).count(in_one_line(TEXT)) == 2 * (2 + 1 + 1 + 6) + 1
 
 
-def test_every_link_leads_somewhere(folder: Path) -> None:
+def test_every_link_leads_somewhere(results: Path) -> None:
+    check_links(results)
+
+
+def check_links(folder: Path) -> None:
+    """Checks that every link of a folder's page leads to a file or a place of the page."""
     page = Page(folder / "index.html")
     assert len(page.links) > 100
     for _, target, _ in page.links:
@@ -168,7 +127,12 @@ def numbers_in(row: list[str], like: str) -> set[str]:
     return shown | {"1"} | ({"never"} if "inf" in row else set())  # 1: how many rows these are
 
 
-def test_every_number_is_in_the_row_that_it_links_to(folder: Path) -> None:
+def test_every_number_is_in_the_row_that_it_links_to(results: Path) -> None:
+    check_numbers(results)
+
+
+def check_numbers(folder: Path) -> None:
+    """Checks that every number of a folder's page is in the rows of the file that it links to."""
     checked = 0
     for kind, target, shown in Page(folder / "index.html").links:
         file, _, place = target.partition("#row=")
