@@ -50,7 +50,7 @@ examples:
   python -m benchmark watch --scenario S2 --learner dqn --save film.webp  a film of an agent that learns
   python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip  a trained agent, for SB3
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
-  python -m benchmark doctor compare_deep          examine this machine; estimate time and disk
+  python -m benchmark doctor compare_deep          what is missing here; estimate time and disk
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
 with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
@@ -225,7 +225,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(assess, "--search-trials", "N", "how many settings were tried; 0 without a search", int)
     _add(assess, "--note", "TEXT", "anything else, such as the settings or where the code is")
 
-    doctor = command("doctor", "examine the installation, the machine and the stored runs")
+    doctor = command("doctor", "say which packages are missing, and what this machine and the store have")
     about = f"{named}; then its time and disk are estimated, from published results"
     _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
     _add(doctor, "--jobs", "N", f"{jobs})", int)

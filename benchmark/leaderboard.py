@@ -167,13 +167,12 @@ def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
 def _table(rows: pd.DataFrame) -> str:
     """Returns the table of a scenario: the best first, each with the names of those with its behaviour."""
     ranked = rows.sort_values(["success", "score"], ascending=False, kind="stable")
-    names = dict(ranked.groupby("behaviour")["name"].agg(list))
     ranked["name"] = [
-        Markup(", same policy as ".join([name, *(other for other in names[behaviour] if other != name)]))
-        for name, behaviour in zip(ranked["name"], ranked["behaviour"], strict=True)
+        Markup(", same policy as ".join([row.name, *same[same != row.name]]))
+        for row in ranked.itertuples()
+        for same in [ranked["name"][ranked["behaviour"] == row.behaviour]]
     ]
-    for column in ("score", "success"):
-        ranked[column] = _texts([*ranked[column]])
+    ranked[["score", "success"]] = ranked[["score", "success"]].apply(lambda column: _texts([*column]))
     return to_markdown(ranked.drop(columns=["scenario", "behaviour"]))
 
 
