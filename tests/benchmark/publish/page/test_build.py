@@ -6,7 +6,6 @@ import shutil
 from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -157,7 +156,7 @@ def check_numbers(folder: Path) -> None:
     + [{"algorithms": 5}, {"last_started_at": 5}, {"report": {"kind": 5}}],
     ids=str,
 )
-def test_damaged_results_are_refused(results: Path, tmp_path: Path, change: Any) -> None:
+def test_damaged_results_are_refused(results: Path, tmp_path: Path, change: str | dict[str, object]) -> None:
     folder = shutil.copytree(results / "reproduce", tmp_path / "reproduce")
     if isinstance(change, str):
         (folder / change).write_bytes(b"{}")
