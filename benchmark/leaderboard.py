@@ -167,11 +167,9 @@ def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
 def _table(rows: pd.DataFrame) -> str:
     """Returns the table of a scenario: the best first, each with the names of those with its behaviour."""
     ranked = rows.sort_values(["success", "score"], ascending=False, kind="stable")
-    ranked["name"] = [
-        Markup(", same policy as ".join([row.name, *same[same != row.name]]))
-        for row in ranked.itertuples()
-        for same in [ranked["name"][ranked["behaviour"] == row.behaviour]]
-    ]
+    names = ranked["name"].groupby(ranked["behaviour"])
+    others = names.transform(lambda same: same.map(lambda name: [name, *same[same != name]]))
+    ranked["name"] = [Markup(", same policy as ".join(each)) for each in others]
     ranked[["score", "success"]] = ranked[["score", "success"]].apply(lambda column: _texts([*column]))
     return to_markdown(ranked.drop(columns=["scenario", "behaviour"]))
 

@@ -31,7 +31,7 @@ from envs.observations import observation_table
 MOODY = compile_scenario(load_scenario("Moody"))  # has two observed parts
 TABLE = observation_table(compile_scenario(load_scenario("S1")), "coordinates")
 SB3_PPO = {"algorithm": "stable_baselines3:PPO"}
-ROLLOUT = {"n_steps": 64, "n_epochs": 1}
+ROLLOUT: Any = {"n_steps": 64, "n_epochs": 1}
 REPLAY = {"learning_starts": 20, "learning_rate": lambda left: 1e-3 * left}
 
 
@@ -93,7 +93,8 @@ def test_saved_models_act_as_they_predict(cls: Any, arguments: Any, net: Any, tm
 def saved(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A PPO and a DQN that were trained for some steps in S1."""
     folder = tmp_path_factory.mktemp("saved")
-    for cls, settings in ((PPO, ROLLOUT), (DQN, {"learning_starts": 20, "buffer_size": 100})):
+    algorithms: Any = ((PPO, ROLLOUT), (DQN, {"learning_starts": 20, "buffer_size": 100}))
+    for cls, settings in algorithms:
         cls("MlpPolicy", env(), seed=0, device="cpu", **settings).learn(64).save(folder / cls.__name__)
     return {name: folder / f"{name}.zip" for name in ("PPO", "DQN")}
 
