@@ -61,8 +61,11 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
             _copy(folder / name, site / "results" / folder.name / name)
     _copy(results / "index.html", site / "results" / "index.html")
     render.configure(docformat="google", template_directory=_TEMPLATES, show_source=False)
-    with warnings.catch_warnings():  # annotations that only type checkers understand are shown as they are
+    with warnings.catch_warnings():
+        # Annotations that only type checkers understand are shown as they are.
         warnings.filterwarnings("ignore", "Error parsing type annotation")
+        # pdoc finds some of the modules inside packages by itself, too.
+        warnings.filterwarnings("ignore", "The module specification")
         pdoc(*chain(*map(_modules, packages)), output_directory=site / "api")
     template, documents = render.env.get_template("document.html.jinja2"), _documents(results)
     for path, text in documents.items():
