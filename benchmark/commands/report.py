@@ -22,7 +22,7 @@ from benchmark.studies import report_of
 from envs import InputError
 from envs.inputs import check_all
 
-_OURS: Final = (*experiment_names(), page.SPEED)  # folders of results
+_OURS: Final = (*experiment_names(), document.SPEED)  # folders of results
 
 
 def main(options: argparse.Namespace) -> int:

@@ -1,7 +1,7 @@
 """What all figures share: their style, the colours and markers of learners, and how they are saved."""
 
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from textwrap import fill
@@ -108,15 +108,10 @@ def svg(figure: Figure, *, is_tight: bool = False) -> str:
 
 
 @contextmanager
-def figure_of(
-    rows: int, columns: int, size: tuple[float, float], new: Callable[..., Figure] = Figure
-) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns).
-
-    It is closed with its last reference, unless it is new in pyplot, which is needed for a window alone.
-    """
+def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns)."""
     with settings():
-        figure = new(figsize=size, layout="constrained")
+        figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         yield figure, axes
         for text in figure.findobj(Text):

@@ -9,7 +9,7 @@ from tabulate import tabulate
 
 from agents import ALGORITHMS, load_algorithm
 from benchmark.experiments.schema import Declaration, Extension
-from benchmark.publish.document import Document
+from benchmark.publish.document import document_of
 from benchmark.publish.page.build import published
 from benchmark.studies import STUDIES, load_study
 from envs import Scenario
@@ -97,12 +97,12 @@ def columns(results: Path) -> str:
     ]
     tables = dict[tuple[str, str, str], dict[str, str | None]]()
     for folder in published(results):
-        document = Document(folder)
+        document = document_of(folder)
         for item in document.items:
             file = item.file or f"{item.name}.csv"
             if ".csv" in file and file in document.folder:
                 meanings = {f"`{name}`": item.meaning(str(name)) for name in document.folder.frame(file)}
-                tables.setdefault((document.study.name, file, item.description), {}).update(meanings)
+                tables.setdefault((document.name, file, item.description), {}).update(meanings)
     for (report, name, description), meanings in tables.items():
         grid = tabulate(meanings.items(), ["column", "meaning"], "github")
         parts += [f"## `{name}` ({report})", description, grid]

@@ -11,6 +11,7 @@ from benchmark.experiments import EXPERIMENT_DIRECTORY
 from benchmark.folder import Folder
 from benchmark.publish import front, prose
 from benchmark.publish.document import Document
+from benchmark.studies import load_study
 from envs import InputError
 from tests.support import ROOT, reseal
 
@@ -46,7 +47,7 @@ def test_a_claim_that_tables_do_not_show_is_not_published(tmp_path: Path) -> Non
     with pytest.raises(prose.ClaimError, match=r"reproduce\.md\.jinja claims, that variability-S2 holds"):
         prose.written(folder)
     document = Document(folder.path)
-    assert document.headline == document.study.headline(folder)
+    assert document.headline == load_study("replication").headline(folder)
 
 
 def test_a_number_that_tables_do_not_have_is_refused(tmp_path: Path) -> None:
