@@ -9,7 +9,6 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -69,8 +68,7 @@ def measure(results: Path, *, smoke: bool) -> None:
     directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
     with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
         print("speed: preparing what is measured ...", file=sys.stderr)
-        rows, published = all_rows(smoke, Path(scratch)), results / REPORT.name / "speed.csv"
-        frame = _measured(rows, 2 if smoke else 16, published)
+        frame = _measured(all_rows(smoke, Path(scratch)), 2 if smoke else 16)
         print(to_markdown(frame))
         manifest = {
             "experiment": REPORT.name,
@@ -93,11 +91,10 @@ def measure(results: Path, *, smoke: bool) -> None:
     print(f"written to {directory}")
 
 
-def _measured(rows: list[Row], n_turns: int, published: Path) -> pd.DataFrame:
+def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
     """Lets the sides of all rows take turns, fewer of them by CPU time, and tabulates their rates.
 
-    The first turn of a side, which compiles, imports and fills caches, does not count. The time left is
-    estimated from the published rates.
+    The first turn of a side, which compiles, imports and fills caches, does not count.
     """
     sides = {
         (row, column): row.ours if column == "per_second" else row.other for row in rows for column in _SIDES
@@ -108,13 +105,8 @@ def _measured(rows: list[Row], n_turns: int, published: Path) -> pd.DataFrame:
         for row, column in sides
         if turn < 5 or not row.is_by_cpu_time
     }
-    costs, expected_s = dict.fromkeys(turns, 1.0), 0.0
-    with suppress(OSError, ValueError, KeyError):  # nothing is published, or of other rows
-        rates = pd.read_csv(published, index_col="name").to_dict()
-        costs = {turn: sides[side][0] / rates[side[1]][side[0].name] for turn, side in turns.items()}
-        expected_s = sum(costs.values())
     seconds = defaultdict[tuple[Row, str], list[float]](list)
-    with Display("speed", costs, expected_s) as display:
+    with Display("speed", dict.fromkeys(turns, 1.0)) as display:
         for turn, (row, column) in turns.items():
             display.advance([], name=turn)
             clock = time.process_time if row.is_by_cpu_time else time.perf_counter

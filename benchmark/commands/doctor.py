@@ -18,9 +18,9 @@ from rich.filesize import decimal
 from rich.text import Text
 
 from benchmark.commands import parse_jobs
-from benchmark.execution.calibration import estimate
 from benchmark.execution.driver import pending
 from benchmark.execution.machine import free_memory, usable_cores
+from benchmark.execution.progress import estimate
 from benchmark.execution.provenance import versions
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
@@ -143,7 +143,8 @@ def _experiment(runs: Sequence[RunSpecification], options: argparse.Namespace) -
     folder = options.results / Path(options.experiment).stem
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing")
     stage = " for the first stage" if load_experiment(options.experiment).has_stages else ""
-    yield _finding("time", f"{estimate(missing, folder, min(options.jobs, usable_cores())).text}{stage}")
+    how_long, _ = estimate(missing, folder, min(options.jobs, usable_cores()))
+    yield _finding("time", f"{how_long}{stage}")
     free, size = _disk(options.results)[1], sum(run.record_size for run in missing)  # before compression
     text = f"at most about {decimal(size)} for records; {decimal(free)} are free"
     yield _finding("disk", text, _OTHER_FOLDER * (size >= free), "problem")
