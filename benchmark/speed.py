@@ -31,7 +31,9 @@ from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, Reporting
 from benchmark.folder import Folder, write_manifest
 from benchmark.publish import document, files
-from benchmark.studies.item import COLUMNS, Item, Report, entry
+from benchmark.studies import Study
+from benchmark.studies.interim import Interim
+from benchmark.studies.item import COLUMNS, Item, entry
 from envs import InputError, Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 
@@ -65,17 +67,17 @@ def measure(results: Path, *, smoke: bool) -> None:
 
     agents.sb3.use_same_instructions()
 
-    directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
+    directory = results / (f"{STUDY.name}_smoke" if smoke else STUDY.name)
     with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
         print("speed: preparing what is measured ...", file=sys.stderr)
         frame = _measured(all_rows(smoke, Path(scratch)), 2 if smoke else 16)
         print(to_markdown(frame))
         manifest = {
-            "experiment": REPORT.name,
+            "experiment": STUDY.name,
             "description": "The speed of this project against common alternatives.",
             "command": "make speed",
             "argument": "",  # none: the command `report` does not draw it
-            "report": Reporting(kind=f"{__name__}:REPORT").model_dump(mode="json"),
+            "report": Reporting(kind=f"{__name__}:STUDY").model_dump(mode="json"),
             "partial": "",
             "note": "Measured with `--smoke`: the numbers mean nothing." if smoke else "",
             "scenarios": {},
@@ -272,11 +274,13 @@ def _refuse(experiment: Experiment) -> NoReturn:
 
 
 _ABOUT: Final = "rates of this project and of common alternatives, from the same run"
-_SPEED: Final = Item("speed", _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS["speed"])
-REPORT: Final = Report(
+_SPEED: Final[Item[Any]] = Item("speed", _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS["speed"])
+STUDY: Final = Study(
     name="speed",
     question="How fast is this project?",
-    check=_refuse,
+    declared=Interim,
+    check=lambda experiment, _: _refuse(experiment),
+    analyse=lambda data: data,
     items=(_SPEED,),
     document=Path(__file__).with_name("speed.md.jinja"),
     headline=_headline,

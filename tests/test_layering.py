@@ -40,7 +40,7 @@ ROOMS = ("experiments", "execution", "analysis", "drawing", "studies", "publish"
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_arrow_points_backwards_inside_benchmark(room: str) -> None:
-    """A function may still import from a later room when it is called: `load_report`, say."""
+    """A function may still import from a later room when it is called: `load_study`, say."""
     above = {f"benchmark.{later}" for later in ROOMS[ROOMS.index(room) + 1 :]}
     for path in sorted((ROOT / "benchmark" / room).rglob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:

@@ -16,7 +16,7 @@ from benchmark.__main__ import main
 from benchmark.commands import verify
 from benchmark.execution.store import Record, Store
 from benchmark.publish.page import build
-from benchmark.studies import load_report
+from benchmark.studies import load_study
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
 from tests.support import ROOT, make, mistyped_columns
@@ -122,7 +122,7 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
 def test_changed_texts_are_reported(results: Path, tmp_path: Path) -> None:
     shutil.copytree(results, tmp_path, dirs_exist_ok=True)
     shutil.copytree(ROOT / "results" / "speed", tmp_path / "speed")
-    reports = {"reproduce_smoke": load_report("replication")}
+    reports = {"reproduce_smoke": load_study("replication")}
     build.write(tmp_path, "reproduce_smoke")  # also the list of results
     assert [*verify.rewritten(reports, tmp_path)] == []
     paths = tmp_path / "reproduce_smoke" / "index.html", tmp_path / "speed" / "README.md"

@@ -24,6 +24,7 @@ from benchmark.execution.progress import estimate
 from benchmark.execution.provenance import versions
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
+from benchmark.studies import report_of
 from envs import InputError
 from envs.packages import EXTRAS
 
@@ -142,7 +143,8 @@ def _experiment(runs: Sequence[RunSpecification], options: argparse.Namespace) -
         return
     folder = options.results / Path(options.experiment).stem
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing")
-    stage = " for the first stage" if load_experiment(options.experiment).has_stages else ""
+    has_stages = report_of(load_experiment(options.experiment)).study.stages is not None
+    stage = " for the first stage" if has_stages else ""
     how_long, _ = estimate(missing, folder, min(options.jobs, usable_cores()))
     yield _finding("time", f"{how_long}{stage}")
     free, size = _disk(options.results)[1], sum(run.record_size for run in missing)  # before compression

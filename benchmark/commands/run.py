@@ -10,14 +10,13 @@ from tempfile import TemporaryFile
 
 from benchmark.analysis.frames import Group, tables
 from benchmark.analysis.records import check_scores
-from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
 from benchmark.execution.machine import usable_cores
 from benchmark.execution.progress import Display, estimate
 from benchmark.execution.store import Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
-from benchmark.publish import draw
+from benchmark.studies import report_of, runs_of
 from envs import InputError
 from envs.packages import needed_by
 
@@ -27,24 +26,24 @@ def main(options: argparse.Namespace) -> int:
     parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
     name, seeds = experiment.name, parse_seeds(options.seeds)
-    if options.report or experiment.report is not None:
-        draw.report_of(experiment, is_drawn=options.report)
+    own = report_of(experiment).check(is_drawn=options.report)
+    has_stages = own.study.stages is not None
     ranges = [each.seeds for each in experiment.populations] if seeds is None else [seeds]
     if options.report and min(map(len, ranges)) < 2:
         raise InputError("--report: one seed gives no interval; accepted: at least two for every variant.")
-    if experiment.has_stages and seeds is not None:
+    if has_stages and seeds is not None:
         raise InputError(f"{name}: --seeds: an experiment with stages uses only its declared seeds.")
     check_scores(all_specifications(experiment, seeds))
     if options.log is not None:
         _check_log(options)
     with Store(options.results / "runs.db") as store:
-        if experiment.has_stages:
+        if has_stages:
             print(f"{name}: at most {experiment.declared.most_runs:,} runs over all stages.", file=sys.stderr)
-        for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
+        for stage, groups in enumerate(own.stages(store, seeds), start=1):
             runs = runs_of(groups)
             if options.log is not None:
                 runs = [replace(run, log=str(options.log.absolute() / run.folder)) for run in runs]
-            label = f"{name}, stage {stage}" if experiment.has_stages else name
+            label = f"{name}, stage {stage}" if has_stages else name
             if code := _execute(label, runs, store, options):
                 return code
             if options.log is not None:

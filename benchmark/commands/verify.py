@@ -7,11 +7,11 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmark import leaderboard
-from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
@@ -20,7 +20,7 @@ from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.folder import README, Folder
 from benchmark.publish import document, draw, files, sameness
 from benchmark.publish.page import build as page
-from benchmark.studies import Report
+from benchmark.studies import Report, Study, report_of, runs_of
 from envs import InputError
 
 
@@ -55,7 +55,8 @@ def _problems(
     path = options.results / "runs.db"
     if structure := store.problem():
         yield f"{path} is damaged: {structure}; {REPAIR_ADVICE}."
-    known = {each.name: runs_of(chain.from_iterable(stages(each, store))) for each in experiments}
+    stages = {each.name: report_of(each).stages(store) for each in experiments}
+    known = {name: runs_of(chain.from_iterable(groups)) for name, groups in stages.items()}
     declared = {run.digest: run for runs in known.values() for run in runs}
     ended = store.ended()
     checked = [*store.statuses()] if options.experiment is None else sorted(declared.keys() & ended)
@@ -67,14 +68,15 @@ def _problems(
     ended -= {*damaged}
     stored = [run for digest, run in declared.items() if digest in ended]
     yield from _differences(stored, store, scratch / "runs.db", options)
-    reports = dict[str, Report]()
+    reports = dict[str, Study[Any, Any]]()
     for experiment in experiments:
         folder = options.results / experiment.name
         is_stored = [run.digest in ended for run in known[experiment.name]]
-        if experiment.report and Folder(folder).is_there:
-            reports[experiment.name] = report = draw.report_of(experiment, is_drawn=all(is_stored))
+        if experiment.declared.report and Folder(folder).is_there:
+            report = report_of(experiment).check(is_drawn=all(is_stored))
+            reports[experiment.name] = report.study
             if all(is_stored):
-                yield from _redrawn(experiment, report, store, folder, scratch)
+                yield from _redrawn(report, store, folder, scratch)
             else:
                 n = len(is_stored) - sum(is_stored)
                 print(f"{experiment.name}: not drawn again, as {n:,} of {len(is_stored):,} runs are missing.")
@@ -132,12 +134,11 @@ def difference_of(before: Record, after: Record) -> str:
     return f"differs in {', '.join(differing)}{with_others}"
 
 
-def _redrawn(
-    experiment: Experiment, report: Report, store: Store, folder: Path, scratch: Path
-) -> Iterator[str]:
+def _redrawn(report: Report[Any, Any], store: Store, folder: Path, scratch: Path) -> Iterator[str]:
+    experiment = report.experiment
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
-    draw.draw(experiment, report, store, made)
+    draw.draw(report, store, made)
     certificate = sameness.compare(made, experiment.name, (), folder)
     assert certificate is not None  # both folders have a manifest
     if certificate.is_identical:
@@ -159,7 +160,7 @@ def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
         yield str(error)
 
 
-def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
+def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator[str]:
     """Yields which files are not as manifests list them, and which texts are not what the tables make.
 
     `reports` are those of the published experiments that are verified, by name.

@@ -99,7 +99,7 @@ def check_seeds(declared: Declaration, variant: str, path: Path, other: str = ""
     """Refuses, by an InputError, seeds on which a variant's settings were chosen."""
     name, searched = source_of(declared, variant, other)
     taken = _search(name).declared.seeds_of_search(searched) if name else ()
-    largest = max(declared.report.looks, default=0) if declared.report else 0
+    largest = max(declared.reporting.looks, default=0) if declared.reporting else 0
     for seeds in {declared.seeds_of(variant, condition) for condition in declared.conditions.values()}:
         own = range(seeds.start, max(seeds.stop, seeds.start + largest))  # those at further looks, too
         if any(overlap(own, seeds) for seeds in taken):

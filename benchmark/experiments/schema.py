@@ -343,8 +343,8 @@ class Declaration(Table):
     """The stem of the file."""
     description: Text
     """What the experiment is about, for readers."""
-    report: Reporting | None = None
-    """What is drawn; its kind alone as a text, too. Without it, runs are stored and not drawn."""
+    report: dict[str, object] | None = None
+    """What is drawn, see below; its kind alone as a text, too. Without it, runs are stored and not drawn."""
     note: Text = ""
     """For readers of the results, for example how settings were chosen."""
     stream: Name = ""
@@ -429,7 +429,7 @@ class Declaration(Table):
         inputs.distinct(names[0], "scenarios: ")
         inputs.distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
         inputs.distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
-        if (report := self.report) is None:
+        if (report := self.reporting) is None:
             return
         inputs.distinct(tuple(panel.title for panel in report.panels), "report.panels: title ")
         inputs.distinct(tuple(name for *_, name in report.effects), "report.effects: ")
@@ -440,6 +440,12 @@ class Declaration(Table):
                 [" @ ".join(sorted({*each.split(" @ ")} - shared)) for each in pair[:2]] for pair in pairs
             ]
             inputs.distinct(tuple(" and ".join(sorted(pair)) for pair in sides), f"report.{key}: ")
+
+    @cached_property
+    def reporting(self) -> Reporting | None:
+        """Interim."""
+        given = json.dumps(self.report, default=str)
+        return None if self.report is None else Reporting.model_validate_json(given)
 
     @property
     def _learners(self) -> dict[str, str]:
@@ -472,7 +478,8 @@ class Declaration(Table):
     @property
     def most_runs(self) -> int:
         """The number of runs, at most, over all stages; one that several conditions share counts for each."""
-        looks, contrasts = (self.report.looks, self.report.contrasts) if self.report else ((), ())
+        report = self.reporting
+        looks, contrasts = (report.looks, report.contrasts) if report else ((), ())
         n, compared = 0, {*chain(*contrasts)}
         for condition, (learner, variant) in product(self.conditions.values(), self._learners.items()):
             if condition.has(variant, learner.removeprefix(f"{variant}, ")):
@@ -600,6 +607,8 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         data = inputs.override(data, changes, str(path))
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
+    elif "search" in data:
+        data.setdefault("report", {"kind": "search"})
     return data
 
 

@@ -14,7 +14,7 @@ from benchmark.__main__ import main
 from benchmark.assessment import assess
 from benchmark.commands.verify import rewritten
 from benchmark.leaderboard import checked, submit, texts
-from benchmark.studies import load_report
+from benchmark.studies import load_study
 from envs import ACTIONS, InputError, load_scenario
 from tests.support import ROOT
 
@@ -198,7 +198,7 @@ def test_bad_files_are_left_out_by_name_without_waiting(
     assert main(["report", "--results", str(tmp_path)]) == 0
     assert capsys.readouterr().err.splitlines() == refused
     assert (folder / "README.md").read_text(encoding="utf-8") == text
-    assert [*rewritten({"reproduce": load_report("replication")}, tmp_path)] == refused
+    assert [*rewritten({"reproduce": load_study("replication")}, tmp_path)] == refused
 
 
 def test_what_report_would_refuse_is_not_submitted(made: Path, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
 import jinja2
@@ -31,8 +31,7 @@ from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, Folder
 from benchmark.publish import files, prose, sameness
 from benchmark.publish.document import Document, templates_in
-from benchmark.studies import explorer
-from benchmark.studies.item import Item, Report
+from benchmark.studies import Item, Study, explorer
 from envs import InputError
 
 CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
@@ -68,7 +67,7 @@ def chapters(results: Path) -> list[str]:
     return names if {*names} & {*CHAPTERS} else []
 
 
-def write(results: Path, experiment: str | None = None, report: Report | None = None) -> Path:
+def write(results: Path, experiment: str | None = None, study: Study[Any, Any] | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
     In this repository, git ignores folders that are not published, by a `.gitignore` in them.
@@ -77,7 +76,7 @@ def write(results: Path, experiment: str | None = None, report: Report | None = 
       InputError: There is nothing to show, or the page cannot be written.
     """
     with files.alone(results):
-        (page, text), *others = texts(results, experiment, report)
+        (page, text), *others = texts(results, experiment, study)
         for path, content in ((page, text), *others):
             files.write_text(path, content)
         for name in PUBLISHED:
@@ -88,13 +87,13 @@ def write(results: Path, experiment: str | None = None, report: Report | None = 
 
 
 def texts(
-    results: Path, experiment: str | None = None, report: Report | None = None
+    results: Path, experiment: str | None = None, study: Study[Any, Any] | None = None
 ) -> Iterator[tuple[Path, str]]:
     """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
 
     The page shows all published results that are there, those with a chapter with their whole documents, and
     is `index.html` of `results`. The page of an experiment without a chapter shows it alone, and lies in its
-    folder; its `report` is needed if it is not one of this project. It may raise an `InputError`.
+    folder; its `study` is needed if it is not one of this project. It may raise an `InputError`.
     """
     has_own_page = experiment not in (None, *CHAPTERS)
     folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
@@ -104,7 +103,7 @@ def texts(
             "compare-deep make them."
         )
     page = (folders[0] if has_own_page else results) / "index.html"
-    own = report if has_own_page else None
+    own = study if has_own_page else None
     parts = [_Part(folder, "" if has_own_page else f"{folder.name}/", own) for folder in folders]
     yield page, _render(parts)
     if listed := published(results):
@@ -124,9 +123,9 @@ def _scenes() -> str:
 class _Part:
     """A folder of results on the page."""
 
-    def __init__(self, path: Path, prefix: str, report: Report | None) -> None:
+    def __init__(self, path: Path, prefix: str, study: Study[Any, Any] | None) -> None:
         """Reads its manifest and checks its files; `prefix` leads from the page to the folder."""
-        self.document = Document(path, report)
+        self.document = Document(path, study)
         self.document.folder.check()
         self.folder = self.document.folder
         self.name = path.name
@@ -145,11 +144,11 @@ class _Part:
         headline = (document.headline or "").split("\n\n")
         # The report's lead comes first. If it stands beside the answer, the next one leads the report.
         drawn = [item for item in document.items if self.folder.figure(item.name)]
-        drawn.sort(key=lambda item: item.name != document.report.lead)
+        drawn.sort(key=lambda item: item.name != document.study.lead)
         answer: list[str] = []
         if self.prefix and self.name == next(iter(PUBLISHED)):  # the page opens with its finding, as written
             with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
-                if prose.written(self.folder, document.report.finding) is not None:
+                if prose.written(self.folder, document.study.finding) is not None:
                     answer = prose.SENTENCES.split(headline.pop(0))
         top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
@@ -240,7 +239,7 @@ class _Part:
                 sections.append(section)
         return sections
 
-    def _table(self, item: Item) -> dict[str, object] | None:
+    def _table(self, item: Item[Any]) -> dict[str, object] | None:
         """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show.
 
         A long one, which is shown on demand, has its number of rows alone.
@@ -260,7 +259,7 @@ class _Part:
         columns = [self.inline(str(name)) for name in shown]
         return {"columns": columns, "kinds": kinds, "rows": cells, "n_rows": len(cells), "n_keys": n_keys}
 
-    def _figure(self, item: Item) -> dict[str, object]:
+    def _figure(self, item: Item[Any]) -> dict[str, object]:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
         drawn = self.folder.content(self.folder.figure(item.name)).decode()
         width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])

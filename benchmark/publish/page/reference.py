@@ -11,7 +11,7 @@ from agents import ALGORITHMS, load_algorithm
 from benchmark.experiments.schema import Declaration, Extension
 from benchmark.publish.document import Document
 from benchmark.publish.page.build import published
-from benchmark.studies import REPORTS, load_report
+from benchmark.studies import STUDIES, load_study
 from envs import Scenario
 from envs.inputs import Table
 
@@ -82,7 +82,7 @@ def experiments() -> str:
         forms = ", ".join(f"`{form}`" for form in sorted(algorithm.observations))
         rows.append((f"`{name}`", algorithm.family, forms, f"[{link}](#table-{link})"))
     algorithms = tabulate(rows, ["algorithm", "family", "observations", "settings"], "github")
-    kinds = [(f"`{name}`", load_report(name).question) for name in REPORTS]
+    kinds = [(f"`{name}`", load_study(name).question) for name in STUDIES]
     parts = ["## Every key", keys(Declaration, Extension), "## Algorithms", algorithms, keys(*settings)]
     return "\n\n".join([*parts, "## Kinds of report", tabulate(kinds, ["kind", "question"], "github")])
 
@@ -102,7 +102,7 @@ def columns(results: Path) -> str:
             file = item.file or f"{item.name}.csv"
             if ".csv" in file and file in document.folder:
                 meanings = {f"`{name}`": item.meaning(str(name)) for name in document.folder.frame(file)}
-                tables.setdefault((document.report.name, file, item.description), {}).update(meanings)
+                tables.setdefault((document.study.name, file, item.description), {}).update(meanings)
     for (report, name, description), meanings in tables.items():
         grid = tabulate(meanings.items(), ["column", "meaning"], "github")
         parts += [f"## `{name}` ({report})", description, grid]

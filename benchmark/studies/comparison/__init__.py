@@ -5,15 +5,19 @@ between two of its cells, or between means of cells over scenarios.
 """
 
 from pathlib import Path
+from typing import Final
 
 from benchmark.studies.comparison import results, rliable, scenarios, training
 from benchmark.studies.comparison.declared import check
-from benchmark.studies.item import Report
+from benchmark.studies.interim import Interim
+from benchmark.studies.study import Study
 
-REPORT = Report(
+STUDY: Final = Study(
     name="comparison",
     question="When does deep RL earn its keep over a table?",
-    check=check,
+    declared=Interim,
+    check=lambda experiment, _: check(experiment),
+    analyse=lambda data: data,
     items=(
         results.contrasts,
         results.outcomes,

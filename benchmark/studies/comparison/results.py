@@ -23,7 +23,7 @@ from benchmark.studies.comparison.cells import Row, effort, names_of, own_rows, 
 from benchmark.studies.comparison.columns import CELL, DIFFERENCES, ENDPOINTS, MEANINGS, WORDS, columns
 from benchmark.studies.comparison.declared import drawn_learners, reporting_of
 from benchmark.studies.comparison.verdicts import contrast_rows, effect_rows, outcome_rows, same_input_rows
-from benchmark.studies.item import Frames, item, no_rows, writing
+from benchmark.studies.item import Frames, Item, item, no_rows, writing
 from envs.scene import COLOUR_MAP
 
 _MOST_DRAWN: Final = 24  # contrasts
@@ -55,7 +55,7 @@ def _measured(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.assign(success_verdict=np.where(is_shown, texts, success), score_verdict=score)
 
 
-contrasts = item(
+contrasts: Item[Any] = item(
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
     columns(
@@ -84,7 +84,7 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     return figures.differences(table, names)
 
 
-outcomes = item(
+outcomes: Item[Any] = item(
     "outcomes",
     "whether deep RL earns its keep over the baselines",
     meanings=MEANINGS,
@@ -108,7 +108,7 @@ def verdicts(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> It
         yield {"x": x, "y": y, "n": len(verdicts)} | {name: sum(verdicts == name) for name in counted}
 
 
-effects = item(
+effects: Item[Any] = item(
     "effects",
     "exploratory: differences between scenarios, conditions or learners, x minus y",
     columns(f"effect {CELL} x y n {DIFFERENCES}"),

@@ -147,7 +147,7 @@ EVIL = "{{ cycler.__init__.__globals__.os.system('touch MARKER') }}"
         {"report": {"kind": "marker_module:REPORT"}},
         {"report": {"kind": "benchmark.studies.../marker_module:REPORT"}},
         {"report": {"kind": "comparison", "items": ["marker_module:item"]}},
-        {"report": {"kind": "comparison", "items": ["benchmark.studies:load_report"]}},
+        {"report": {"kind": "comparison", "items": ["benchmark.studies:load_study"]}},
         {"argument": "../marker"},
         {"argument": "MARKER/marker"},
         {"experiment": "../marker", "argument": "../marker.toml"},

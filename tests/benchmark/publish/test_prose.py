@@ -46,7 +46,7 @@ def test_a_claim_that_tables_do_not_show_is_not_published(tmp_path: Path) -> Non
     with pytest.raises(prose.ClaimError, match=r"reproduce\.md\.jinja claims, that variability-S2 holds"):
         prose.written(folder)
     document = Document(folder.path)
-    assert document.headline == document.report.headline(folder)
+    assert document.headline == document.study.headline(folder)
 
 
 def test_a_number_that_tables_do_not_have_is_refused(tmp_path: Path) -> None:

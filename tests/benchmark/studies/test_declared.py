@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmark.experiments import Experiment
-from benchmark.publish.draw import report_of
+from benchmark.studies import report_of
 from benchmark.studies.comparison.declared import (
     contrasts_of,
     decisive_learners,

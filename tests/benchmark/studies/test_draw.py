@@ -20,7 +20,7 @@ from benchmark.experiments.search import Chosen
 from benchmark.folder import SCORES
 from benchmark.publish import document, draw
 from benchmark.publish.document import Document
-from benchmark.studies import load_report
+from benchmark.studies import load_study
 from benchmark.studies.comparison.declared import drawn_learners
 from benchmark.studies.data import load
 from envs import InputError
@@ -48,7 +48,7 @@ def without(path: Path, *names: str, text: str = EXPERIMENT, **reporting: object
 
 def omitting_all_but(*names: str) -> list[str]:
     """Lists the other items of a comparison."""
-    return [item.name for item in load_report("comparison").items if item.name not in names]
+    return [item.name for item in load_study("comparison").items if item.name not in names]
 
 
 def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -
 
 
 def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> None:
-    report = draw.report_of(drawn.experiment)
+    report = report_of(drawn.experiment)
     with Store(drawn.results / "runs.db", read_only=True) as store:
         assert not draw.draw(drawn.experiment, report, store, drawn.folder).is_new  # it is up to date
         assert draw.draw(drawn.experiment, report, store, tmp_path / "small").is_new
@@ -143,7 +143,7 @@ def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, tmp_path: Pat
     experiment = without(tmp_path, omit=[name])
     with Store(drawn.results / "runs.db", read_only=True) as store:
         data = load(experiment, store)
-        items = draw.report_of(experiment).items
+        items = report_of(experiment).items
         frames = draw.tables_of(items, data)
         pictures = [item.picture(data, frames) for item in items]
     assert len([*filter(None, pictures)]) >= 2
@@ -155,7 +155,7 @@ def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
     learners["sarsa, index"] = replace(learners["sarsa, index"], chosen=chosen)
     with Store(drawn.results / "runs.db", read_only=True) as store:
         data = load(replace(drawn.experiment, learners=learners), store)
-        rows = draw.tables_of(draw.report_of(drawn.experiment).items, data)["aggregate"]
+        rows = draw.tables_of(report_of(drawn.experiment).items, data)["aggregate"]
     assert dict(zip(rows["variant"], rows["search_steps"], strict=True)) == {
         name: 32_000 if name == "sarsa" else 0 for name in rows["variant"]
     }
@@ -171,7 +171,7 @@ def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> Non
     failed = specifications(small, "default", "S1", "net", "one_hot", [1])[0]
     absent = specifications(small, "default", "S3", "ppo", "one_hot", [0, 1])
     lost = {run.digest for run in (failed, *absent)}
-    report = draw.report_of(small)
+    report = report_of(small)
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs if run.digest not in lost]))
         other.add([Record(failed.digest, failed.content, "failed", {}, {}, "RuntimeError: oh")])
@@ -198,7 +198,7 @@ def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_pat
         found = load(drawn.experiment, other, partial=True)
         assert {*found.runs["variant"]} == {"sarsa", "ppo", "net"}
         assert "check, index, table, index" in found.note
-        frames = draw.tables_of(draw.report_of(drawn.experiment).items, found)
+        frames = draw.tables_of(report_of(drawn.experiment).items, found)
         assert frames["outcomes"]["outcome"].tolist() == ["no verdict"]
 
 
@@ -208,7 +208,7 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
         data = load(experiment, store)
-        summary = draw.tables_of(draw.report_of(experiment).items, data)["summary"]
+        summary = draw.tables_of(report_of(experiment).items, data)["summary"]
     nets = summary[summary["variant"] == "net"]
     assert nets["diverged"].tolist() == [12, 12]
     assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy

@@ -18,12 +18,12 @@ from agents.policy import mask_policy
 from benchmark.__main__ import main
 from benchmark.analysis.frames import keys_of, learned
 from benchmark.analysis.looks import took
-from benchmark.analysis.stages import runs_of, stages
 from benchmark.execution.job import execute_job
 from benchmark.execution.store import Store
 from benchmark.experiments import Population, load_experiment
 from benchmark.publish.document import Document
 from benchmark.publish.draw import tables_of
+from benchmark.studies import runs_of
 from benchmark.studies.data import Data
 from benchmark.studies.map import REPORT, figures
 from benchmark.studies.map.ceilings import ceilings
