@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from benchmark import __version__, packages
+from benchmark import __version__
 
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
 _SPEED_INTERRUPTED: Final = "interrupted: the table is as before; the same command measures all rows again."
@@ -31,8 +31,9 @@ except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)
         sys.exit(130)
-    if _sentence := packages.broken(error):
-        print(f"error: {_sentence}", file=sys.stderr)
+    if isinstance(error, ModuleNotFoundError) and error.name in ("gymnasium", "numpy", "pydantic"):
+        _advice = f"pip install {error.name} installs it (in a checkout: make .venv/.base)"
+        print(f"error: the package {error.name} is not installed; {_advice}.", file=sys.stderr)
         sys.exit(2)
     raise
 
@@ -86,16 +87,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(_SPEED_INTERRUPTED if command == "speed" else _INTERRUPTED, file=sys.stderr)
             return 130
         message: object = error
-        is_expected = isinstance(error, InputError | MemoryError | OSError)
-        if sentence := packages.broken((is_expected and error.__cause__) or error):
-            message = InputError(sentence)
-        elif isinstance(error, MemoryError):
+        if isinstance(error, MemoryError):
             message = "out of memory; give fewer --jobs or run a smaller experiment."
         elif isinstance(error, OSError):
             _silence_output()
             where = f"{error.filename}: " if error.filename else ""
             message = InputError(f"{where}{error.strerror or error}.")
-        elif not is_expected:
+        elif not isinstance(error, InputError):
             raise
         print(*(f"error: {line}" for line in str(message).split("\n")), sep="\n", file=sys.stderr)
         return 2

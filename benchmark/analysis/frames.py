@@ -27,7 +27,6 @@ Floats = NDArray[np.float64]
 
 KEYS: Final = ("scenario", "condition", "variant", "observation", "learner")  # of a population
 ENDPOINTS: Final = ("success", "score", "unbounded_score", "steps", "wrong_pings", "uncomfortable_steps")
-_DIGITS: Final = 9  # of scores, so that the last digit of two optima does not decide which of them is better
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +92,7 @@ def _recorded(run: RunSpecification) -> set[str]:
 def _over_training(name: str, start: str, records: Records, policy: str) -> Floats:
     """Returns what the policy that counts is evaluated as, (N, T)."""
     if name in ("score", "unbounded_score"):
-        scores = np.round(records.unbounded_scores(policy, start), _DIGITS)
+        scores = records.unbounded_scores(policy, start)
         return scores if name == "unbounded_score" else np.clip(scores, 0.0, 1.0)
     if name == "uncomfortable_steps":
         steps = records.arrays[evaluated("zone_steps", policy, start)]

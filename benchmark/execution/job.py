@@ -17,7 +17,6 @@ from benchmark.execution.provenance import peak_memory_mb, provenance, reset_pea
 from benchmark.execution.store import VALUE_DECIMALS, Arrays, Record, evaluated
 from benchmark.experiments import RunSpecification
 from benchmark.experiments.run import solved
-from benchmark.packages import broken
 from envs import InputError, Model
 from envs.observations import compile_seen
 from envs.packages import contained
@@ -70,7 +69,7 @@ def failures(job: Job, error: BaseException, started: float) -> list[Record]:
     measured = _times(job, started) | {"peak_memory_mb": None, "cpu_time_s": []}
     with suppress(InputError):  # an algorithm that cannot be imported here has no versions
         measured |= provenance(job[0].algorithm)
-    message = broken(error) or f"{type(error).__name__}: {error}"
+    message = f"{type(error).__name__}: {error}"
     return [Record(run.digest, run.content, "failed", measured, {}, message) for run in job]
 
 
