@@ -27,8 +27,8 @@ from benchmark.studies.item import drawing
 from tests.support import ROOT
 
 PUBLISHED = {  # figures of every kind of report that are drawn from tables alone
-    "compare_deep": {"contrasts", "summary", "curves"},
-    "when": {"answer", "map", "verdicts"},
+    "sb3": {"contrasts", "summary", "curves"},
+    "groups": {"answer", "map", "verdicts"},
     "reproduce": {"learning", "sensitivity"},
 }
 # What people set, besides everything that is a number or true or false.
