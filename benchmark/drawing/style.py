@@ -24,8 +24,9 @@ from envs import InputError
 
 WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
 COLOURS: Final = sns.color_palette("colorblind")
-_LINE, _GAP, _CHARACTERS = 11.0, 16.0, 23  # of names of lines: points of a line and to it, its characters
-# Of texts on coloured cells; unlike pure black and white, not inverted in dark mode.
+# Names beside lines: height of a line of text and distance in points, characters of a line
+_LINE, _GAP, _CHARACTERS = 11.0, 16.0, 23
+# Texts on coloured cells; unlike pure black and white, these are not inverted in dark mode.
 INK: Final = ("#000001", "#fffffe")
 # Colours and markers that experiments name, see `benchmark.experiments.schema.Variant.colour`. Published
 # tables are black, grey or green, DQN and its relatives blue, PPO and its relatives orange. Within such a
@@ -222,5 +223,5 @@ _IN_DARK: Final = {
 def norm_of(values: pd.Series) -> Normalize:
     """Returns the colour scale that spans values; if they have both signs, zero is in its middle."""
     low, high = float(values.min()), float(values.max())
-    most = max(-low, high)
-    return Normalize(-most, most) if low < 0 < high else Normalize(low, high)
+    limit = max(-low, high)
+    return Normalize(-limit, limit) if low < 0 < high else Normalize(low, high)

@@ -22,7 +22,11 @@ from envs.observations import compile_seen
 from envs.packages import contained
 
 EXPLORED: Final = 0.05  # probability of a random action in the stochastic policy of learners that have none
-POLICY: Final = ("greedy", "q", "stochastic")  # fields of `Training`, also recorded of runs that are exported
+POLICY: Final = (
+    "greedy",
+    "q",
+    "stochastic",
+)  # fields of `Training` that runs until solved record for exports
 
 
 def execute_job(job: Job) -> list[Record]:

@@ -24,7 +24,9 @@ def test_commands_name_a_package_that_hides_ours_or_is_not_installed(tmp_path: P
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     command = [sys.executable, "-m", "benchmark", "doctor"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
-    absent = "the package numpy is not installed; pip install numpy installs it (in a checkout: make .venv/.base)"
+    absent = (
+        "the package numpy is not installed; pip install numpy installs it (in a checkout: make .venv/.base)"
+    )
     expected = f"{absent}.\n" if package == "numpy" else hides(tmp_path / package)
     assert (done.stderr, done.returncode) == (f"error: {expected}", 2)
 

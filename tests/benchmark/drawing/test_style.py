@@ -65,7 +65,9 @@ def test_no_two_learners_look_alike_in_grey_either() -> None:
     for key in ("color", "marker"):
         assert {style[key] for style in styles}.isdisjoint(style[key] for style in named.values())
     assert abs(brightness(styles[0]["color"]) - brightness(styles[1]["color"])) > 0.15
-    looks = [learner_style("named", form, colours) for form in ("one_hot", "coordinates", "offset_coordinates")]
+    looks = [
+        learner_style("named", form, colours) for form in ("one_hot", "coordinates", "offset_coordinates")
+    ]
     assert len({str(look["ls"]) for look in looks}) == len({look["color"] for look in looks}) == 3
 
 
