@@ -61,7 +61,7 @@ def changed_settings(declared: Declaration, variant: str) -> list[str]:
 
 
 def digest_of_search(search: Declaration) -> str:
-    """Returns a digest of what a search depends on: what its file declares but texts and colours."""
+    """Returns a digest of what a search depends on: its file but texts and colours, scenarios, versions."""
     content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
     for variant in content["algorithms"].values():
         del variant["title"]
