@@ -76,7 +76,7 @@ def _executors(
 ) -> dict[str, Executor]:
     """Returns the executor of each placement, or a given one for all; the stack cancels them."""
     executors = dict[str, Executor]()
-    for placement in {load_algorithm(run.algorithm).placement for run in runs}:
+    for placement in {load_algorithm(name).placement for name in {run.algorithm for run in runs}}:
         executors[placement] = executor or EXECUTORS[placement](jobs)
         stack.callback(executors[placement].cancel)
     return executors
