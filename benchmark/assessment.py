@@ -28,7 +28,7 @@ with needed_by("benchmark.assessment"):
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
     from agents.sb3.imported import is_sb3_class
-    from benchmark.analysis.records import anchors, check_anchors, overlap
+    from benchmark.analysis.records import anchors, check_anchors, overlap, unbounded_scores
     from benchmark.drawing.maps import draw_policy, policy_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.experiments import experiment_names
@@ -69,8 +69,7 @@ class Assessment:
     @cached_property
     def unbounded_score(self) -> float:
         """The return as a score: 0 for the random policy, 1 for the optimal one; it can be below 0."""
-        random, optimal = anchors(self.model, HORIZON, "start")
-        return round((float(self.evaluation.grid_return) - random) / (optimal - random), 9)
+        return float(unbounded_scores(self.evaluation.grid_return, self.model, HORIZON, "start"))
 
     @property
     def score(self) -> float:

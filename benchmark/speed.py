@@ -105,7 +105,7 @@ def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
         if turn < 5 or not row.is_by_cpu_time
     }
     seconds = defaultdict[tuple[Row, str], list[float]](list)
-    with Display("speed", dict.fromkeys(turns, 1.0), 0.0) as display:
+    with Display("speed", dict.fromkeys(turns, 1.0)) as display:
         for turn, (row, column) in turns.items():
             display.advance([], name=turn)
             clock = time.process_time if row.is_by_cpu_time else time.perf_counter

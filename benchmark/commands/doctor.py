@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 from rich.filesize import decimal
 
 from benchmark.commands import parse_jobs
-from benchmark.execution.calibration import estimate
 from benchmark.execution.driver import pending
 from benchmark.execution.machine import free_memory, usable_cores
+from benchmark.execution.progress import estimate
 from benchmark.execution.provenance import versions
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
@@ -126,7 +126,8 @@ def _experiment(experiment: Experiment, options: argparse.Namespace) -> Iterator
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing")
     folder = options.results / Path(options.experiment).stem
     stage = " for the first stage" if report_of(experiment).study.stages is not None else ""
-    yield _finding("time", f"{estimate(missing, folder, min(options.jobs, usable_cores())).text}{stage}")
+    how_long, _ = estimate(missing, folder, min(options.jobs, usable_cores()))
+    yield _finding("time", f"{how_long}{stage}")
     free = shutil.disk_usage(_existing(options.results)).free
     size = sum(run.record_size for run in missing)  # before compression
     text = f"at most about {decimal(size)} for records; {decimal(free)} are free"

@@ -187,11 +187,12 @@ class _Part:
         if report["kind"] != "map" or any("grid" in panel for panel in report.get("panels", ())):
             return None
         looks, variants = {}, self.folder.manifest["algorithms"]
+        colours = {name: variant.get("colour") for name, variant in variants.items()}
         for learner, title in self.folder.titles.items():
             variant, observation = learner.split(", ")
             if "rank" in variants[variant] or variants[variant]["reference_for"]:
                 continue
-            style = learner_style(variant, observation, [*variants], variants[variant]["family"])
+            style = learner_style(variant, observation, colours, variants[variant]["family"])
             looks[learner] = {
                 "name": title,
                 "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",

@@ -13,7 +13,7 @@ from benchmark.commands import doctor
 from benchmark.execution import machine
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
-from tests.benchmark.execution.test_calibration import publish, record
+from tests.benchmark.execution.test_progress import publish
 
 Examine = Callable[..., tuple[int, list[str]]]
 
@@ -79,7 +79,7 @@ def test_missing_packages_are_named_with_what_installs_them(
 def stored(tmp_path: Path, n: int = 5) -> None:
     """Stores runs, the last of which has failed."""
     runs = all_specifications(load_experiment("reproduce_smoke"))[:n]
-    records = [record(run, 1.0, 100.0) for run in runs]
+    records = [Record(run.digest, run.content, "done", {}, {}) for run in runs]
     failed = Record(records[-1].digest, records[-1].specification, "failed", {}, {}, "ValueError: planted")
     with Store(tmp_path / "runs.db") as store:
         store.add([*records[:-1], failed])
@@ -102,7 +102,9 @@ def test_damaged_store_is_a_problem_and_runs_are_counted_without_it(tmp_path: Pa
     assert code == 1
     assert any(line.startswith("problem") and "runs.db" in line for line in about("store", lines))
     assert about("runs", lines) == ["ok 156 of 156 are missing"]
-    assert about("time", lines) == ["ok for an unknown time: there are no results of this experiment yet"]
+    assert about("time", lines) == [
+        f"ok for an unknown time: {tmp_path}/reproduce_smoke has no results of these learners"
+    ]
 
 
 # The experiment
@@ -115,7 +117,7 @@ def test_costs_of_missing_runs_are_estimated(
     path.write_text('extends = "ablation"\ndescription = ""\n[changes]\nscenarios = ["S1", "S2"]\n')
     runs = all_specifications(load_experiment(path))
     with Store(tmp_path / "runs.db") as store:
-        store.add(record(run, 3.0, 300.0) for run in runs if run.seed == 0)
+        store.add(Record(run.digest, run.content, "done", {}, {}) for run in runs if run.seed == 0)
     shape = {run.variant: {"settings": {run.observation: 0}} for run in runs}
     publish(tmp_path / "mine", "", busy_time_s=1200.0, runs=400, algorithms=shape)
     code, lines = examine(str(path), "--jobs", "1")
