@@ -52,7 +52,7 @@ groups: $(DEEP) ## the same with several people, strangers or in a group that ta
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)
 
-docs: $(DOCS) ## the site: page, guide, keys of files, columns of tables, API, in build/site/
+docs: $(DOCS) ## the site: page, guides, columns of tables, API, in build/site/
 	$(PY) -m benchmark.publish.page.site $(RESULTS) $(SITE)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)

@@ -1,6 +1,6 @@
 """Builds the site: `python -m benchmark.publish.page.site RESULTS SITE`, or `make docs`.
 
-The page, this project's documents and the references of files and columns are laid out as in the repository,
+The page, this project's documents and a list of all columns of tables are laid out as in the repository,
 beside the API, which pdoc writes. What is there from before stays, unless it has the same name.
 """
 
@@ -18,11 +18,12 @@ from typing import Final
 
 from pdoc import pdoc, render
 from pdoc.render_helpers import to_html
+from tabulate import tabulate
 
 from benchmark import leaderboard
 from benchmark.publish import sameness
 from benchmark.publish.document import document_of
-from benchmark.publish.page import build, reference
+from benchmark.publish.page import build
 from envs import InputError
 
 ROOT: Final = Path(__file__).parents[3]
@@ -34,11 +35,19 @@ _GUIDES: Final = {  # documents in the navigation
     "benchmark/commands/README.md": "Running experiments",
     "envs/scenarios/README.md": "Scenario files",
     "benchmark/experiments/README.md": "Experiment files",
-    "benchmark/studies/README.md": "Reports",
+    "benchmark/studies/README.md": "Studies",
     "columns.md": "Columns of tables",
     "CONTRIBUTING.md": "Contributing",
     "benchmark/glossary.md": "Glossary",
     "results/README.md": "Folders of results",
+}
+_KEYS: Final = {  # modules that have every key of a kind of file
+    "envs/scenarios/README.md": ["envs.scenario", "envs.people", "envs.regions"],
+    "benchmark/experiments/README.md": [
+        "benchmark.experiments.schema",
+        "benchmark.experiments.search",
+        *(f"benchmark.studies.{name}.declared" for name in ("comparison", "map")),
+    ],
 }
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "site"
 _LINK: Final = re.compile(r'(href|src)="(?![a-z]+:)([^"#]+)')
@@ -89,7 +98,7 @@ def _copy(source: Path, target: Path) -> None:
 
 def _documents(results: Path) -> dict[str, str]:
     """Returns all documents in Markdown, by their paths in the repository."""
-    made = {"columns.md": reference.columns(results)}
+    made = {"columns.md": columns(results)}
     files = {path: ROOT / path for path in _GUIDES if path not in made}
     files["results/README.md"] = results / "README.md"
     texts = {path: file.read_text(encoding="utf-8") for path, file in files.items()} | made
@@ -97,9 +106,33 @@ def _documents(results: Path) -> dict[str, str]:
     again = {folder / "README.md": document_of(folder).readme() for folder in build.published(results)}
     again |= leaderboard.texts(results, print)
     texts |= {f"results/{path.parent.name}/README.md": text for path, text in again.items()}
-    texts["envs/scenarios/README.md"] += f"\n{reference.scenarios()}"
-    texts["benchmark/experiments/README.md"] += f"\n{reference.experiments()}"
+    for path, modules in _KEYS.items():
+        up = "../" * path.count("/")
+        links = ", ".join(f"[{name}]({up}api/{name.replace('.', '/')}.html)" for name in modules)
+        texts[path] += f"\n## Every key\n\nAll keys, with what they accept: {links}.\n"
     return texts
+
+
+def columns(results: Path) -> str:
+    """Returns the reference of all columns of the published tables in a folder of results."""
+    parts = [
+        "# Columns of the tables",
+        "Tables of results are CSV files with six significant digits. `NAME_low` and `NAME_high` are the "
+        "ends of the 95 % interval of `NAME`. An empty field means that there is no number, and inf that it "
+        "never happens.",
+    ]
+    tables = dict[tuple[str, str, str], dict[str, str | None]]()
+    for folder in build.published(results):
+        document = document_of(folder)
+        for item in document.items:
+            file = item.file or f"{item.name}.csv"
+            if ".csv" in file and file in document.folder:
+                meanings = {f"`{name}`": item.meaning(str(name)) for name in document.folder.frame(file)}
+                tables.setdefault((document.name, file, item.description), {}).update(meanings)
+    for (report, name, description), meanings in tables.items():
+        grid = tabulate(meanings.items(), ["column", "meaning"], "github")
+        parts += [f"## `{name}` ({report})", description, grid]
+    return "\n\n".join(parts)
 
 
 def _linked(html: str, folder: Path, site: Path, documents: Collection[str]) -> str:
