@@ -5,7 +5,7 @@ two cells, or of two means of cells over scenarios: x minus y. Contrasts that na
 have no part in the outcome.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -16,11 +16,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmark.analysis.frames import KEYS, by_population
-from benchmark.analysis.intervals import Estimate, combined, mean_over_scenarios, p_above, student
+from benchmark.analysis.intervals import Estimate, combined, mean_over_scenarios, p_above, proportion, student
 from benchmark.experiments import Experiment, Learner
 from benchmark.studies.comparison.contrasts import (
     ALPHA,
-    Contrast,
     Means,
     contrast,
     holm,
@@ -41,7 +40,6 @@ from benchmark.studies.data import Data
 
 Row = dict[str, Any]
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
-EFFORT: Final = ("settings_tried", "search_steps", "search_cpu_s")
 FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
 # Verdicts that need a side that is shown to succeed more often than the random policy
 _OF_LEARNERS: Final = {"success": ("better", "worse", "equivalent"), "score": ("equivalent",)}
@@ -53,9 +51,12 @@ class Case(NamedTuple):
     names: dict[str, str]  # the columns that name the row
     cells: tuple[Sequence[Row], Sequence[Row]]
 
-    def means(self, column: str) -> list[Means]:
+    def means(self, endpoint: str) -> tuple[Means, Means]:
         """Returns the means of x and of y by scenario."""
-        return [Means([cell[column] for cell in own], [cell["n"] for cell in own]) for own in self.cells]
+        x, y = ([cell[endpoint].value for cell in own] for own in self.cells)
+        return Means(x, [cell["n"] for cell in self.cells[0]]), Means(
+            y, [cell["n"] for cell in self.cells[1]]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ class ComparisonAnalysis:
     plan: Plan
     runs: pd.DataFrame  # learner after learner, references behind their learners, without planners
     curves: pd.DataFrame
-    cells: Sequence[Row]  # what names them, and what contrasts are computed from
+    cells: Sequence[Row]  # the summary of each, from which contrasts are computed, with all of `KEYS`
 
     @property
     def experiment(self) -> Experiment:
@@ -104,13 +105,8 @@ class ComparisonAnalysis:
         """Every learner after training, in means over scenarios."""
         found = []
         for names, learner, scenarios in self.pooled():
-            first = scenarios[0]
-            row = {
-                **names,
-                "policy": first["policy"].iloc[0],
-                "runs": sum(map(len, scenarios)),
-                **effort(learner),
-            }
+            first, n_runs = scenarios[0], sum(map(len, scenarios))
+            row = {**names, "policy": first["policy"].iloc[0], "runs": n_runs, **effort(learner)}
             for name in (*ENDPOINTS, *(f"every_cell_{endpoint}" for endpoint in ENDPOINTS)):
                 if name in first:
                     row[name] = mean_over_scenarios([own[name].to_numpy() for own in scenarios])
@@ -157,7 +153,7 @@ class ComparisonAnalysis:
                     x, y = case.means(endpoint)
                     test = contrast(x, y, margin=0.5)  # on which the interval does not depend
                     row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-                    row[f"{endpoint}_difference"] = Estimate(test.difference, test.low, test.high)
+                    row[f"{endpoint}_difference"] = Estimate(*test[:3])
                 found.append(row)
         return found
 
@@ -203,14 +199,17 @@ class ComparisonAnalysis:
             different = holm([test.p_different for test in tests])
             equivalent = holm([test.p_equivalent for test in tests])
             for case, row, test, p, q in zip(cases, rows, tests, different, equivalent, strict=True):
-                decided = verdict(test.difference, p, q)
+                decided, (x, y) = verdict(test.difference, p, q), case.means(endpoint)
                 if self.data.is_partial or row["n"] < FEWEST_RUNS:
                     decided = "no verdict"
                 elif decided in _OF_LEARNERS[endpoint] and min(row["p_random_x"], row["p_random_y"]) > ALPHA:
                     decided = "neither learned"
-                row |= _verdict_of(
-                    case, endpoint, test._replace(p_different=p, p_equivalent=q), decided, margin
-                )
+                decided, scenarios = over_scenarios(decided, x, y, margin)
+                values = {"x": x.mean, "y": y.mean, **test._asdict(), "p_different": p, "p_equivalent": q}
+                values |= {"verdict": decided, "y_low": combined(y.weights, *y)[0], "margin": margin}
+                values["largest"] = max(a - b for a, b in zip(x.means, y.means, strict=True))
+                values["except"] = ", ".join(case.cells[0][i]["scenario"] for i in scenarios)
+                row |= {f"{endpoint}_{key}": value for key, value in values.items()}
         return rows
 
     def _cases(self, pair: Pair, cells: Sequence[Row], *without: str) -> list[Case]:
@@ -224,43 +223,48 @@ class ComparisonAnalysis:
                 matched.setdefault(tuple(x[key] for key in keys), []).append((x, y))
         sides = {"x": side_name(pair.x), "y": side_name(pair.y)}
         return [
-            Case(dict(zip(keys, values, strict=True)) | sides, tuple(zip(*own, strict=True)))
+            Case(dict(zip(keys, values, strict=True)) | sides, ([x for x, _ in own], [y for _, y in own]))
             for values, own in matched.items()
         ]
 
 
 def analyse(data: Data[ComparisonDeclared]) -> ComparisonAnalysis:
     """Computes a comparison from its runs."""
-    plan, learners = plan_of(data.experiment, data.declared), data.experiment.learners.items()
-    order = [
-        (own, *(name for name, other in learners if other.reference_for == own)) for own in plan.learners
-    ]
-    rank = {name: i for i, name in enumerate(name for names in order for name in names)}
+    plan, learners = plan_of(data.experiment, data.declared), data.experiment.learners
+    references = {
+        name: [other for other in learners if learners[other].reference_for == name] for name in learners
+    }
+    order = [name for own in plan.learners for name in (own, *references[own])]
+    rank = {name: i for i, name in enumerate(order)}
     runs, curves = (
         frame.loc[frame["learner"].map(rank).dropna().sort_values(kind="stable").index]
         for frame in (data.runs, data.curves)
     )
-    return ComparisonAnalysis(data, plan, runs, curves, [*map(_cell, by_population(runs))])
-
-
-def wrong_pings(runs: pd.DataFrame) -> Estimate:
-    """Returns wrong PINGs per 1,000 steps of the whole training, with Student's interval."""
-    rate = student((runs["training_wrong_pings"] / runs["budget"] * 1000).to_numpy())
-    return rate._replace(low=max(rate.low, 0.0))
+    cells = [_cell(keys, learners[keys["learner"]], rows) for keys, rows in by_population(runs)]
+    return ComparisonAnalysis(data, plan, runs, curves, cells)
 
 
 def effort(learner: Learner) -> Row:
     """Returns what was spent on the search for a learner's settings: trials, steps and CPU seconds."""
     chosen = learner.chosen
     spent = (0, 0, 0.0) if chosen is None else (chosen.trials, chosen.steps, chosen.cpu_time_s)
-    return dict(zip(EFFORT, spent, strict=True))
+    return dict(zip(("settings_tried", "search_steps", "search_cpu_s"), spent, strict=True))
 
 
-def _cell(population: tuple[dict[str, str], pd.DataFrame]) -> Row:
-    names, runs = population
-    row = {**names, **runs.iloc[0][["policy", "budget", "random_success"]], "n": len(runs)}
-    row |= {endpoint: float(runs[endpoint].to_numpy().mean()) for endpoint in ENDPOINTS}
-    return row | {"wrong_pings": wrong_pings(runs)}
+def _cell(keys: Mapping[str, str], learner: Learner, runs: pd.DataFrame) -> Row:
+    """Summarises runs after training; the interval of wrong PINGs in training is Student's."""
+    first = runs.iloc[0]
+    row: Row = {**keys, "policy": first["policy"], "n": len(runs), "budget": first["budget"]}
+    row |= {name: proportion(runs[name].to_numpy()) for name in ENDPOINTS}
+    means = ("unbounded_score", "steps", "wrong_pings", "uncomfortable_steps", "greedy_success")
+    row |= {name: runs[name].to_numpy().mean() for name in means}
+    row["random_success"] = first["random_success"]
+    if "every_cell_success" in runs:
+        row["every_cell_success"] = proportion(runs["every_cell_success"].to_numpy())
+    row["diverged"] = int(np.isfinite(runs["diverged_at"]).sum())
+    rate = student((runs["training_wrong_pings"] / runs["budget"] * 1000).to_numpy())
+    row["training_wrong_pings"] = rate._replace(low=max(rate.low, 0.0))
+    return row | effort(learner)
 
 
 def _difference(case: Case) -> Row:
@@ -271,27 +275,8 @@ def _difference(case: Case) -> Row:
         row[f"policy_{side}"] = own[0]["policy"]
         row["random_success"] = means.weights[0] * sum(cell["random_success"] for cell in own)
         row[f"p_random_{side}"] = p_above(means.weights, *means, row["random_success"])
-        row[f"wrong_pings_{side}"] = float(np.mean([cell["wrong_pings"].value for cell in own]))
+        row[f"wrong_pings_{side}"] = float(np.mean([cell["training_wrong_pings"].value for cell in own]))
     value = row["wrong_pings_x"] - row["wrong_pings_y"]
-    reaches = [cell["wrong_pings"].high - cell["wrong_pings"].value for cell in both]
+    reaches = [cell["training_wrong_pings"].high - cell["training_wrong_pings"].value for cell in both]
     reach = float(np.linalg.norm(reaches)) / len(case.cells[0])
     return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
-
-
-def _verdict_of(case: Case, endpoint: str, test: Contrast, decided: str, margin: float) -> Row:
-    """Returns what a row says of an endpoint, by the verdict on the mean over scenarios."""
-    x, y = case.means(endpoint)
-    decided, scenarios = over_scenarios(decided, x, y, margin)
-    difference = f"{endpoint}_difference"
-    row = {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean, difference: test.difference}
-    row |= {f"{difference}_{end}": getattr(test, end) for end in ("low", "high", "low_90", "high_90")}
-    more = {
-        "p_different": test.p_different,
-        "p_equivalent": test.p_equivalent,
-        "verdict": decided,
-        "y_low": combined(y.weights, *y)[0],
-        "margin": margin,
-        "largest": max(a - b for a, b in zip(x.means, y.means, strict=True)),
-        "except": ", ".join(case.cells[0][i]["scenario"] for i in scenarios),
-    }
-    return row | {f"{endpoint}_{key}": value for key, value in more.items()}

@@ -49,10 +49,10 @@ class Contrast(NamedTuple):
     """A difference, x - y, with p-values before adjustment."""
 
     difference: float
-    low: float  # of the 95 % interval
-    high: float
-    low_90: float  # of the 90 % interval, which lies within the margin if two one-sided tests reject at 5 %
-    high_90: float
+    difference_low: float  # of the 95 % interval
+    difference_high: float
+    difference_low_90: float  # of the 90 % interval: within the margin if two one-sided tests reject at 5 %
+    difference_high_90: float
     p_different: float
     p_equivalent: float
 
@@ -103,17 +103,17 @@ def over_scenarios(decided: str, x: Means, y: Means, margin: float) -> tuple[str
         for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
     ]
 
-    def contradicting(ends: Sequence[tuple[float, float]]) -> list[int]:
-        is_low, is_high = decided != "worse", decided != "better"  # which differences contradict it
+    def contradicting(low: str, high: str) -> list[int]:
         return [
             i
-            for i, (low, high) in enumerate(ends)
-            if (is_low and low <= -margin) or (is_high and high >= margin)
+            for i, one in enumerate(alone)
+            if (decided != "worse" and getattr(one, low) <= -margin)
+            or (decided != "better" and getattr(one, high) >= margin)
         ]
 
-    if found := contradicting([(one.difference, one.difference) for one in alone]):
+    if found := contradicting("difference", "difference"):
         return "mixed", found
-    return decided, contradicting([(one.low_90, one.high_90) for one in alone])
+    return decided, contradicting("difference_low_90", "difference_high_90")
 
 
 def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":

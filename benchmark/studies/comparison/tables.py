@@ -10,7 +10,7 @@ import pandas as pd
 
 from agents.memoryless import SEARCH
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
-from benchmark.analysis.frames import Floats, by_population, by_step, learned
+from benchmark.analysis.frames import KEYS, Floats, by_population, by_step, learned
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.analysis.records import anchors
 from benchmark.drawing.maps import in_words
@@ -18,14 +18,7 @@ from benchmark.drawing.tables import link, write_csv
 from benchmark.execution.store import evaluated
 from benchmark.folder import SCORES, Folder
 from benchmark.studies import explorer
-from benchmark.studies.comparison.analysis import (
-    EFFORT,
-    ENDPOINTS,
-    ComparisonAnalysis,
-    Row,
-    effort,
-    wrong_pings,
-)
+from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis, Row, effort
 from benchmark.studies.comparison.contrasts import VERDICTS
 from benchmark.studies.item import COLUMNS, Item, expanded, labelled_columns, no_rows, writing
 from envs import Model
@@ -109,20 +102,10 @@ effects = _item(
     where=lambda frame: frame if frame["scenario"].nunique() <= FEW else no_rows(frame),
     best="success",
 )
-def summary(analysis: ComparisonAnalysis) -> Iterator[Row]:
-    """Computes means over runs; the interval of wrong PINGs in training is Student's."""
-    means = ("unbounded_score", "steps", "wrong_pings", "uncomfortable_steps", "greedy_success")
-    for names, learner, rows in analysis.populations(analysis.runs):
-        first = rows.iloc[0]
-        row: Row = {**names, "policy": first["policy"], "n": len(rows), "budget": first["budget"]}
-        row |= {name: proportion(rows[name].to_numpy()) for name in ENDPOINTS}
-        row |= {name: rows[name].to_numpy().mean() for name in means}
-        row["random_success"] = first["random_success"]
-        if "every_cell_success" in rows:
-            row["every_cell_success"] = proportion(rows["every_cell_success"].to_numpy())
-        row["diverged"] = int(np.isfinite(rows["diverged_at"]).sum())
-        row["training_wrong_pings"] = wrong_pings(rows)
-        yield row | effort(learner)
+def summary(analysis: ComparisonAnalysis) -> list[Row]:
+    """Returns the cells, without columns that name the same in all tables."""
+    hidden = {*KEYS}.difference(analysis.names)
+    return [{key: value for key, value in cell.items() if key not in hidden} for cell in analysis.cells]
 
 
 aggregate = _item(
@@ -214,7 +197,8 @@ def steps(analysis: ComparisonAnalysis) -> Iterator[Row]:
 @_item(
     "cost",
     "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
-    f"learner cpu_time_s steps_per_cpu_s updates parameters peak_memory_mb {' '.join(EFFORT)}",
+    "learner cpu_time_s steps_per_cpu_s updates parameters peak_memory_mb settings_tried search_steps "
+    "search_cpu_s",
     is_measured=True,
     best="-cpu_time_s",
 )
