@@ -15,7 +15,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.analysis.contrasts import POWER
 from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, resample, student
 from benchmark.analysis.records import Records, overlap
 from envs.model import PING
@@ -27,7 +26,8 @@ SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
 VERDICTS: Final = ("holds", "undecided", "does not hold")  # on a claim
 STATES: Final = ("passes", "undecided", "fails")  # of a part
 _LEAST_DEVIATION: Final = 1e-6  # a smaller standard deviation over agents counts as none
-_REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(POWER))  # 1.96 + 0.84
+_POWER: Final = 0.8  # probability with which a needed number of agents decides
+_REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(_POWER))  # 1.96 + 0.84
 
 
 class Part(NamedTuple):

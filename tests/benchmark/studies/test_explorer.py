@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.records import Records
 from benchmark.studies import explorer
-from benchmark.studies.explorer import FILE, MOST_MASKS, write
+from benchmark.studies.explorer import FILE, MAX_MASKS, write
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.populations import population as blank
@@ -60,7 +60,7 @@ def test_first_agent_over_training_and_the_final_policies_of_others(tmp_path: Pa
     greedy = masks(agent["greedy"])
     assert (greedy[2, 13], {*np.delete(greedy.ravel(), 2 * 120 + 13)}) == (UP | PING, {RIGHT})
     assert agent["seeds"] == [4, 5, 6, 7]
-    assert MOST_MASKS == 4 * 120
+    assert MAX_MASKS == 4 * 120
     assert agent["others"]["success"] == pytest.approx([1 / 120, 2 / 120, 3 / 120], abs=1e-6)
     assert np.unique(masks(agent["others"]["greedy"])).tolist() == [RIGHT]
 
@@ -99,7 +99,7 @@ def test_of_many_places_some_are_shown(
     limit: int, places: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Six places of 600 states."""
-    monkeypatch.setattr(explorer, "MOST_STATES", limit)
+    monkeypatch.setattr(explorer, "MAX_STATES", limit)
     greedy = np.random.default_rng(1).integers(1, 32, (1, 4, 720), dtype=np.uint8)
     data = written(tmp_path, blank("SixPlaces", 1, greedy=greedy))
     model, scene = compile_seen(load_scenario("SixPlaces"), "index"), data["scenes"][0]

@@ -411,7 +411,7 @@ def test_a_group_of_many_places_is_shown_in_some(
     population = imperfect(load_scenario("TwoTalking", changes), "nearest")
     standing = population.model.scenario.layout.standing[:, 0].tolist()
     shutil.copytree(made, tmp_path / "mine")
-    monkeypatch.setattr(explorer, "MOST_STATES", 3000)  # five places
+    monkeypatch.setattr(explorer, "MAX_STATES", 3000)  # five places
     explorer.write([population], tmp_path / "mine" / explorer.FILE)
     reseal(tmp_path / "mine")
     build.write(tmp_path, "mine")
