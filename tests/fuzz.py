@@ -86,7 +86,6 @@ baseline = ["table, index"]
 pool = "none"
 margins = { success = 0.1, score = 0.05 }
 contrasts = [["dqn, one_hot", "table, index"]]
-effects = [["S2", "S1", "random feedback"]]
 [readings.default]
 question = "How?"
 answer = "So."

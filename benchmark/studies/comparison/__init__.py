@@ -26,8 +26,6 @@ STUDY: Final = Study(
         figures.profiles,
         tables.curves,
         tables.steps,
-        tables.verdicts,
-        tables.effects,
         tables.same_input,
         tables.scenarios,
         tables.cost,

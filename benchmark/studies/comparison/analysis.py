@@ -141,23 +141,6 @@ class ComparisonAnalysis:
         return self._contrasts([pair for pair in pairs if pair not in self.plan.contrasts])
 
     @cached_property
-    def effects(self) -> list[Row]:
-        """The effects, a row for each pair of cells that differ by it, with intervals not adjusted."""
-        own = [cell for cell in self.cells if cell["learner"] in self.plan.learners]
-        found = []
-        for name, pair in self.plan.effects:
-            for case in self._cases(pair, own):
-                row = {"effect": name, **_difference(case)}
-                del row["random_success"]  # the sides may differ in it
-                for endpoint in ENDPOINTS:
-                    x, y = case.means(endpoint)
-                    test = contrast(x, y, margin=0.5)  # on which the interval does not depend
-                    row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-                    row[f"{endpoint}_difference"] = Estimate(*test[:3])
-                found.append(row)
-        return found
-
-    @cached_property
     def outcomes(self) -> list[Row]:
         """The outcome, or that of each scenario and condition, if there are baselines."""
         plan, experiment = self.plan, self.experiment

@@ -10,7 +10,7 @@ from pydantic import Field
 from benchmark.experiments import Experiment
 from benchmark.studies.study import Declared
 from envs import InputError
-from envs.inputs import Label, Names, Table, distinct, unknown_name
+from envs.inputs import Names, Table, distinct, unknown_name
 from envs.scenario import RELATIVE
 
 AXES: Final = ("learner", "scenario", "condition")  # columns, in the order in which a side names them
@@ -30,7 +30,7 @@ class Margins(Table):
 class ComparisonDeclared(Declared):
     """What a comparison decides and how, declared before its runs.
 
-    A side of a contrast or effect names a learner, such as "dqn, one_hot", a scenario, or a condition; two or
+    A side of a contrast names a learner, such as "dqn, one_hot", a scenario, or a condition; two or
     three of these are joined by " @ ". What it leaves open is varied on both sides together.
     """
 
@@ -42,12 +42,10 @@ class ComparisonDeclared(Declared):
     """Differences between x and y that are too small to matter."""
     contrasts: tuple[tuple[str, str], ...] = ()
     """Pairs x, y that are compared, with verdicts."""
-    effects: tuple[tuple[str, str, Annotated[Label, Field(min_length=1)]], ...] = ()
-    """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
 
 
 class Pair(NamedTuple):
-    """The two sides of a contrast or an effect, which name the same columns."""
+    """The two sides of a contrast, which name the same columns."""
 
     x: Side
     y: Side
@@ -60,7 +58,6 @@ class Plan:
     learners: Mapping[str, str]  # the family of each, by name, without planners and references
     baseline: Sequence[str]
     contrasts: Sequence[Pair]
-    effects: Sequence[tuple[str, Pair]]  # with what differs
     nets: Sequence[str]  # deep learners, except baselines, that are compared with baselines wherever both are
     drawn: Sequence[str]  # learners that the outcome is about, or else those compared, or else all
 
@@ -78,7 +75,7 @@ def knowledge(learner: str) -> str:
 def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
     """Resolves the declared names; if nothing is declared, nets have to beat all tables and linear learners.
 
-    An InputError says which side of a contrast or an effect is wrong.
+    An InputError says which side of a contrast is wrong.
     """
     every = experiment.learners
     own = {
@@ -87,18 +84,16 @@ def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
         if not learner.reference_for and learner.family != "planner"
     }
     baseline, contrasts = declared.baseline, declared.contrasts
-    if is_by_default := not (baseline or contrasts or declared.effects):
+    if is_by_default := not (baseline or contrasts):
         nets = [name for name, family in own.items() if family == "deep"]
         baseline = tuple(name for name, family in own.items() if nets and family in ("tabular", "linear"))
         contrasts = tuple(product(nets, baseline))
     pairs = [_pair(experiment, f"contrasts.{i}", x, y) for i, (x, y) in enumerate(contrasts)]
-    effects = enumerate(declared.effects)
-    effects_of = [(name, _pair(experiment, f"effects.{i}", x, y)) for i, (x, y, name) in effects]
     compared = dict.fromkeys(x for x, y in contrasts if y in baseline and x not in baseline)
     decisive = [name for name in compared if every[name].family == "deep"]
     named = {side.get("learner") for pair in pairs for side in pair}
     drawn = [*baseline, *decisive] if decisive else [name for name in every if name in named]
-    return Plan(own, baseline, pairs, effects_of, decisive, [*own] if is_by_default or not drawn else drawn)
+    return Plan(own, baseline, pairs, decisive, [*own] if is_by_default or not drawn else drawn)
 
 
 def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
@@ -124,10 +119,10 @@ def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
 
 def _check_pairs(experiment: Experiment, plan: Plan) -> None:
     """Refuses pairs without runs that are otherwise alike, and those named twice, either way round."""
-    source, effects = f"{experiment.argument}: report", [pair for _, pair in plan.effects]
+    source = f"{experiment.argument}: report"
     names = ((each.learner.name, each.scenario.name, each.condition.name) for each in experiment.populations)
     populations = [dict(zip(AXES, name, strict=True)).items() for name in names]
-    for pair in (*plan.contrasts, *effects):
+    for pair in plan.contrasts:
         # What else names the populations of each side
         x, y = ({frozenset(p - side.items()) for p in populations if p >= side.items()} for side in pair)
         if x.isdisjoint(y):
@@ -141,8 +136,6 @@ def _check_pairs(experiment: Experiment, plan: Plan) -> None:
 
     try:
         distinct(tuple(map(label, plan.contrasts)), f"{source}.contrasts: ")
-        distinct(tuple(map(label, effects)), f"{source}.effects: ")
-        distinct(tuple(name for name, _ in plan.effects), f"{source}.effects: ")
     except ValueError as error:
         raise InputError(f"{error}.") from None
 

@@ -73,27 +73,6 @@ outcomes = _item(
 )
 
 
-@_item("verdicts", "how many verdicts on success each contrast has, over scenarios")
-def verdicts(analysis: ComparisonAnalysis) -> Iterator[Row]:
-    """Counts contrasts of the same two sides, if there are many scenarios."""
-    rows = pd.DataFrame(analysis.contrasts)
-    if "scenario" not in rows or rows["scenario"].nunique() <= FEW:
-        return
-    counted = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
-    for (x, y), found in rows.groupby(["x", "y"], sort=False)["success_verdict"]:
-        yield {"x": x, "y": y, "n": len(found)} | {name: sum(found == name) for name in counted}
-
-
-verdicts.columns = {"x": "", "y": "", "n": "contrasts", **WORDS}
-
-
-effects = _item(
-    "effects",
-    "exploratory: differences between scenarios, conditions or learners, x minus y",
-    "effect scenario condition learner x y n success_difference score_difference wrong_pings_difference",
-)
-
-
 @_item(
     "summary",
     "each scenario and learner after training",

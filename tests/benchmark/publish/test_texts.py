@@ -29,7 +29,6 @@ $\frac$ \input{x} % # ^ ~
 |---|---|
 | 1 | 2 |
 """
-EFFECT = r"@1+1 <img src=x onerror=alert(1)> | $\x_$ [a](javascript:b)"
 PHASE, TITLE = r"<b>|$\frac$ [red]_", r"_=$\x^$ <i>&amp;|"
 EXPERIMENT = f"""
 description = {json.dumps(TEXT)}
@@ -47,7 +46,6 @@ kind = "comparison"
 omit = ["agents"]
 pool = "none"
 contrasts = [["one-1, index", "2_two, index"]]
-effects = [["mood-1", "S1", EFFECT]]
 """
 
 
@@ -59,7 +57,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moody = moody.replace('"calm"', json.dumps(PHASE)).replace("{ calm =", f"{{ {json.dumps(PHASE)} =")
     moody = re.sub("description = .*", lambda _: f"description = {json.dumps(TEXT)}", moody)
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
-    text = EXPERIMENT.replace("FOLDER", str(folder)).replace("EFFECT", json.dumps(EFFECT))
+    text = EXPERIMENT.replace("FOLDER", str(folder))
     experiment = experiment_of(folder / "mine-1.toml", text.replace("TITLE", json.dumps(TITLE)))
     report = report_of(experiment).check()
     with Store(folder / "runs.db") as store:

@@ -26,7 +26,6 @@ kind = "comparison"
 omit = ["agents"]
 baseline = ["table, index"]
 contrasts = [["net, one_hot", "table, index"], ["sarsa, index", "table, index"]]
-effects = [["S3", "S1", "feedback"]]
 
 [algorithms]
 table = { algorithm = "q_learning", observations = ["index"], seeds = 12, settings = { epsilon = 0.3 } }

@@ -100,7 +100,6 @@ def analysis_of(
         full = {learner.variant: name for name, learner in learners.items()}
         return " @ ".join(full.get(part, part) for part in name.split(" @ "))
 
-    report["effects"] = tuple((side(x), side(y), name) for x, y, name in report.get("effects", ()))
     report["contrasts"] = tuple((side(x), side(y)) for x, y in contrasts)
     report["baseline"] = tuple(map(side, baseline))
     conditions = {cell.condition: SimpleNamespace(name=cell.condition, axes={}) for cell in cells}

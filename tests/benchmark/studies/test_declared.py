@@ -77,7 +77,6 @@ def test_sides_are_columns_with_values(tmp_path: Path) -> None:
     more = f"""
     contrasts = [{CONTRAST}, ["S1 @ net, one_hot", "net, one_hot @ S2"],
                  ["default/all/noise=high", "default/all/noise=low"]]
-    effects = [["S1", "S2", "size"]]
     """
     found, net = plan(declared(tmp_path, more)), {"learner": "net, one_hot"}
     assert found.contrasts == [
@@ -85,7 +84,6 @@ def test_sides_are_columns_with_values(tmp_path: Path) -> None:
         (net | {"scenario": "S1"}, net | {"scenario": "S2"}),
         ({"condition": "default/all/noise=high"}, {"condition": "default/all/noise=low"}),
     ]
-    assert found.effects == [("size", ({"scenario": "S1"}, {"scenario": "S2"}))]
     assert (found.nets, found.drawn) == ([], ["table, index", "net, one_hot"])  # those that are compared
     assert side_name(found.contrasts[1].x) == "net, one_hot @ S1"
 
@@ -101,7 +99,7 @@ PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["inde
         ('items = ["envs:ACTIONS"]', ["envs:ACTIONS"]),
         ("looks = [10, 20]", ["unknown key looks"]),
         ('contrasts = [["net, one-hot", "table, index"]]', ["report.contrasts.0", "net, one-hot", "one_hot"]),
-        ('effects = [["S1", "S4", "noise"]]', ["report.effects.0", "S4"]),
+        ('contrasts = [["S1", "S4"]]', ["report.contrasts.0", "S4"]),
         ('contrasts = [["S1 @ S2", "S2 @ S1"]]', ["report.contrasts.0", "at most one scenario"]),
         ('contrasts = [["net, one_hot", "net, one_hot"]]', ["report.contrasts.0", "net, one_hot"]),
         ('contrasts = [["net, one_hot @ S1", "table, index"]]', ["report.contrasts.0"]),
@@ -118,11 +116,10 @@ PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["inde
         ),
         ("margins = { success = 0.0 }", ["margins.success", "0.0"]),
         (
-            'effects = [["net, one_hot @ S1", "table, index @ S1", "a"], '
-            '["S1 @ table, index", "S1 @ net, one_hot", "b"]]',
-            ["report.effects: ", " and ", "is named twice"],
+            'contrasts = [["net, one_hot @ S1", "table, index @ S1"], '
+            '["S1 @ table, index", "S1 @ net, one_hot"]]',
+            ["report.contrasts: ", " and ", "is named twice"],
         ),
-        ('effects = [["S1", "S2", "a"], ["net, one_hot", "table, index", " a"]]', ["a is named twice"]),
         (f'baseline = ["table, index", "table, index"]\ncontrasts = [{CONTRAST}]', ["index is named twice"]),
     ],
 )

@@ -96,17 +96,16 @@ def test_usual_measures_by_a_second_method() -> None:
     assert frame["p_improvement"].isna().to_dict() == {"table": True, "net": False}
 
 
-def test_effects_are_differences_of_scenarios_by_hand() -> None:
+def test_scenarios_are_compared_by_hand() -> None:
     shares = {("x", "S1"): 1.0, ("x", "S2"): 0.25, ("y", "S1"): 1.0, ("y", "S2"): 1.0}
     cells = []
     for (name, scenario), share in shares.items():
         wrong = np.zeros((20, 5), dtype=int)
         wrong[:, -1] = np.arange(20) % 2 + (4 if scenario == "S2" else 2)
         cells.append(Cell(name, np.arange(20) < 20 * share, scenario, wrong_pings=wrong))
-    analysis = analysis_of(cells, effects=[("S2", "S1", "noise"), ("x @ S2", "y @ S2", "nets in S2")])
-    x, y, both = table("effects", analysis).to_dict("records")
-    assert (x["effect"], x["variant"]) == ("noise", "x")
-    assert (both["effect"], both["x"]) == ("nets in S2", "x, index @ S2")
+    analysis = analysis_of(cells, [("S2", "S1"), ("x @ S2", "y @ S2")])
+    x, y, both = table("contrasts", analysis).to_dict("records")
+    assert (x["x"], x["variant"], both["x"]) == ("S2", "x", "x, index @ S2")
     assert [row["success_difference"] for row in (x, y, both)] == [-0.75, 0, -0.75]
     low, high = (stats.binomtest(k, 20).proportion_ci() for k in (5, 20))
     assert x["success_difference_low"] == pytest.approx(-0.75 - np.hypot(0.25 - low.low, high.high - 1))
