@@ -402,7 +402,7 @@ class Declaration(Table):
         require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
         require(variant.seeds > 1, f"{where}.seeds = 1", "at least 2 in a search")
         seeds, fresh = self.seeds_of_search(name)
-        accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its later stages use"
+        accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its finalists use"
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
 
     def _check_grids(self) -> None:

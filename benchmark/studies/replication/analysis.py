@@ -10,7 +10,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from agents.policy import contains, greedy_masks
-from benchmark.analysis.intervals import proportion_interval
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_values
 from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.studies.data import Data
@@ -106,14 +105,12 @@ def disjoint(everyone: Agents, size: int) -> list[Agents]:
 
 
 def agreement(parts: pd.DataFrame, sets: pd.DataFrame) -> pd.DataFrame:
-    """Returns parts with the share of the sets of agents in which the claim has the same verdict."""
+    """Returns parts with the number of sets of agents, and of those with the same verdict on the claim."""
     verdicts = sets.drop_duplicates(["first_seed", "claim"])
-    counts, n = verdicts.groupby(["claim", "verdict"]).size(), verdicts["first_seed"].nunique()
+    counts = verdicts.groupby(["claim", "verdict"]).size()
     judged = pd.MultiIndex.from_frame(parts[["claim", "verdict"]])
     agreeing = counts.reindex(judged, fill_value=0).to_numpy()
-    low, high = proportion_interval(agreeing / n, n)
-    shares = {"share": agreeing / n, "share_low": low, "share_high": high}
-    return parts.assign(sets=n, sets_agreeing=agreeing, **shares)
+    return parts.assign(sets=verdicts["first_seed"].nunique(), sets_agreeing=agreeing)
 
 
 def differing(agents: Records) -> Floats:

@@ -13,7 +13,6 @@ from benchmark.studies.replication.analysis import ReplicationAnalysis, differin
 
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _JUDGED: Final = ("part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict")
-_AGREEING: Final = ("note", "drawn", "sets", "sets_agreeing", "share", "share_low", "share_high")
 _LEARNING: Final = ("scenario", "success", "score", "optimal_share", "unbounded_score")
 _OPTIMAL: Final = (
     *("scenario", "agents", "success", "optimal_share", "grid_return_learned", "grid_return_optimal"),
@@ -28,7 +27,7 @@ _SHOWN: Final = (
 @item("claims", "every part of every claim, with its 95 % interval, its state and the verdict, by agents")
 def claims(analysis: ReplicationAnalysis) -> pd.DataFrame:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
-    return analysis.claims[["claim", *_JUDGED, *_AGREEING]]
+    return analysis.claims[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]]
 
 
 @claims.shown

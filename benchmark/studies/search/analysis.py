@@ -44,8 +44,15 @@ class Outcome:
     """Measures of every trial on the first seeds, (trials, I, N)."""
     fresh: Mapping[tuple[int, str], Floats]
     """Measures on fresh seeds, (N,), by trial and scenario."""
-    ranked: Sequence[int]
-    """Finalists by their mean on fresh seeds, the chosen one first; trial 0 is among them only if first."""
+    finalists: Sequence[int]
+    """The best trials on the first seeds."""
+
+    @cached_property
+    def ranked(self) -> list[int]:
+        """Finalists by their mean on fresh seeds, the chosen one first, after trial 0 if that beats all."""
+        means = {trial: float(np.mean(self.again(trial))) for trial in (*self.finalists, 0)}
+        ranked = sorted(self.finalists, key=means.__getitem__, reverse=True)
+        return [0, *ranked] if means[0] > means[ranked[0]] else ranked
 
     def again(self, trial: int) -> list[Floats]:
         """Returns the fresh measures of a finalist or of trial 0 in every scenario."""
@@ -67,14 +74,11 @@ class SearchAnalysis:
     """What a search has found for every learner."""
 
     data: Data[Declared]
+    measure: str
+    """The column of runs that the search compares."""
     outcomes: Sequence[Outcome]
     chosen: Mapping[str, Chosen]
     """The chosen settings, and the effort: all trials, and fresh runs of those that are ranked."""
-
-    @property
-    def measure(self) -> str:
-        """The column of runs that the search compares."""
-        return measure_of(self.data.experiment)
 
     def settings(self, learner: Learner, trial: int) -> Row:
         """Returns the searched settings of a trial, by dotted key."""
@@ -107,9 +111,9 @@ class SearchAnalysis:
 def analyse(data: Data[Declared]) -> SearchAnalysis:
     """Finds what was chosen for every learner."""
     experiment, runs = data.experiment, data.runs
-    found = outcomes(experiment, runs)
+    found = [*outcomes(experiment, runs)]
     chosen = {each.learner.name: _chosen(experiment, runs, each) for each in found}
-    return SearchAnalysis(data, found, chosen)
+    return SearchAnalysis(data, measure_of(experiment), found, chosen)
 
 
 def stages(experiment: Experiment, _: Declared, store: Store) -> Iterator[list[Group]]:
@@ -118,18 +122,12 @@ def stages(experiment: Experiment, _: Declared, store: Store) -> Iterator[list[G
     assert search is not None
     first = [Group(each, each.runs(), {"stage": _SEARCHED}) for each in experiment.populations]
     yield first
-    runs, _ = tables(first, store, COLUMNS)
-    populations = {
-        (group.population.learner.name, trial, group.population.scenario.name): group.population
-        for group in first
-        for trial in [int(group.population.condition.axes["trial"])]
-    }
-    fresh = []
+    runs, fresh, conditions = tables(first, store, COLUMNS)[0], list[Group](), [*experiment.conditions]
     for learner in experiment.learners.values():
         searched = _searched(experiment, runs, learner)
         again = product([*finalists(searched, search.finalists), 0], names)
         for trial, name in dict.fromkeys([*again, *zip(best_by_scenario(searched), names, strict=True)]):
-            population = populations[learner.name, trial, name]
+            population = experiment.population(conditions[trial], name, learner.name)
             fresh.append(Group(population, population.runs(search.fresh), {"stage": _FRESH}))
     yield fresh
 
@@ -150,21 +148,15 @@ def best_by_scenario(searched: Floats) -> list[int]:
     return [int(trial) for trial in searched.mean(axis=2).argmax(axis=0)]
 
 
-def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
-    """Returns what a search has found for every learner, by its runs of both stages."""
+def outcomes(experiment: Experiment, runs: pd.DataFrame) -> Iterator[Outcome]:
+    """Yields what a search has found for every learner, by its runs of both stages."""
     assert experiment.declared.search is not None
-    all_outcomes = []
     for learner in experiment.learners.values():
         searched = _searched(experiment, runs, learner)
         again = runs[(runs["learner"] == learner.name) & (runs["stage"] == _FRESH)]
         groups = again.groupby(["trial", "scenario"], sort=False)[measure_of(experiment)]
         fresh = {(int(str(trial)), str(name)): rows.to_numpy() for (trial, name), rows in groups}
-        found = Outcome(learner, searched, fresh, finalists(searched, experiment.declared.search.finalists))
-        means = {trial: float(np.mean(found.again(trial))) for trial in (*found.ranked, 0)}
-        ranked = sorted(found.ranked, key=means.__getitem__, reverse=True)
-        ranked = [0, *ranked] if means[0] > means[ranked[0]] else ranked
-        all_outcomes.append(Outcome(learner, searched, fresh, ranked))
-    return all_outcomes
+        yield Outcome(learner, searched, fresh, finalists(searched, experiment.declared.search.finalists))
 
 
 def _searched(experiment: Experiment, runs: pd.DataFrame, learner: Learner) -> Floats:
