@@ -2,9 +2,11 @@
 
 import json
 from collections.abc import Iterator
+from typing import Final
 
 import pandas as pd
 
+from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments.search import Choice
 from benchmark.studies.item import COLUMNS, item, labelled_columns, no_rows
 from benchmark.studies.search.analysis import (
@@ -13,13 +15,12 @@ from benchmark.studies.search.analysis import (
     at_edges,
     best_by_scenario,
     gain,
-    mean_over_scenarios,
     picked,
     text_of,
     value_at,
 )
 
-_LABELS = COLUMNS["search_labels"]
+_LABELS: Final = COLUMNS["search_labels"]
 
 
 @item(

@@ -110,7 +110,7 @@ def test_values_of_cells_and_where_policies_differ() -> None:
 
 def judged(side: str, threshold: float, parts: list[list[float]]) -> pd.DataFrame:
     """Judges made-up parts: of each, the value and the ends of its interval."""
-    made = [claims.Part("", *numbers) for numbers in parts]
+    made = [claims.Part("", value, low, high) for value, low, high in parts]
     claim = claims.Claim("c", "", side, threshold, ("S1",), lambda *_: made)
     return claims.judge({"S1": population()}, "", [claim])
 
@@ -241,7 +241,7 @@ def test_published_verdicts_are_counted_and_every_claim_is_explained() -> None:
 
 def test_claims_are_the_papers_in_its_replication_alone() -> None:
     folder = Folder(PUBLISHED.path)
-    folder.__dict__["manifest"] = PUBLISHED.manifest | {"experiment": "mine"}
+    folder.__dict__["manifest"] = {**PUBLISHED.manifest, "experiment": "mine"}
     assert "11 claims like the paper's, in scenes or with settings" in (headline(folder) or "")
 
 
