@@ -13,6 +13,7 @@ from benchmark.studies.replication.analysis import ReplicationAnalysis, differin
 
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _JUDGED: Final = ("part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict")
+_IN_SETS: Final = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
 _LEARNING: Final = ("scenario", "success", "score", "optimal_share", "unbounded_score")
 _OPTIMAL: Final = (
     *("scenario", "agents", "success", "optimal_share", "grid_return_learned", "grid_return_optimal"),
@@ -24,10 +25,11 @@ _SHOWN: Final = (
 )
 
 
-@item("claims", "every part of every claim, with its 95 % interval, its state and the verdict, by agents")
-def claims(analysis: ReplicationAnalysis) -> pd.DataFrame:
-    """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
-    return analysis.claims[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]]
+claims = item(
+    "claims",
+    "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
+    compute=lambda analysis: analysis.claims[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]],
+)
 
 
 @claims.shown
@@ -39,27 +41,27 @@ def shown_claims(frame: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows).rename(columns=lambda key: key.replace("_", " "))
 
 
-@item("claim_sets", "every part of every claim in each of the disjoint sets of agents, and the verdicts")
-def claim_sets(analysis: ReplicationAnalysis) -> pd.DataFrame:
-    """Tabulates the parts of every claim in each set."""
-    columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
-    return analysis.claim_sets[columns]
-
-
-@item(
+claim_sets = item(
+    "claim_sets",
+    "every part of every claim in each of the disjoint sets of agents, and the verdicts",
+    compute=lambda analysis: analysis.claim_sets[_IN_SETS],
+)
+sensitivity = item(
     "sensitivity",
     "every part of every claim, its state and the verdict, under every reading of the paper",
     where=no_rows,
+    compute=lambda analysis: analysis.sensitivity[["claim", "reading", *_JUDGED]],
 )
-def sensitivity(analysis: ReplicationAnalysis) -> pd.DataFrame:
-    """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""
-    return analysis.sensitivity[["claim", "reading", *_JUDGED]]
-
-
-@item("max_q", "maximum Q over agents at every recorded step, of the visited cell and of the table")
-def max_q(analysis: ReplicationAnalysis) -> pd.DataFrame:
-    """Tabulates the maximum Q over agents."""
-    return analysis.max_q
+max_q = item(
+    "max_q",
+    "maximum Q over agents at every recorded step, of the visited cell and of the table",
+    compute=lambda analysis: analysis.max_q,
+)
+q_values = item(
+    "q_values",
+    "final Q over agents and Q* of every cell and action, and where policies differ",
+    compute=lambda analysis: analysis.q_values,
+)
 
 
 @item(
@@ -108,9 +110,3 @@ def optimal(analysis: ReplicationAnalysis) -> Iterator[dict[str, object]]:
         row["start_value_learned"] = q.max(axis=-1).mean(axis=0)[start]
         row["cells_differing"] = differing(agents)[~model.is_over[model.fresh_state]].mean()
         yield row
-
-
-@item("q_values", "final Q over agents and Q* of every cell and action, and where policies differ")
-def q_values(analysis: ReplicationAnalysis) -> pd.DataFrame:
-    """Tabulates final Q-values beside the optimal ones."""
-    return analysis.q_values

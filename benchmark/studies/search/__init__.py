@@ -37,6 +37,8 @@ def headline(folder: Folder) -> str:
     who = f"the best learner, {learner}" if is_alone else learner
     if best["gain_low"] > 0:
         return f"With {searched}, {measure} goes from {default} to {chosen} for {who}."
+    if best["trial"] == 0:
+        return f"For {who}, the settings as declared stay {searched}: {measure} is {chosen}."
     return f"With {searched}, no gain is shown for {who}: {measure} is {chosen}, and {default} as declared."
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from benchmark.analysis.frames import Floats, Group, tables
-from benchmark.analysis.intervals import Estimate, combined, mean_over_scenarios
+from benchmark.analysis.intervals import Estimate, combined
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Learner
 from benchmark.experiments.search import Chosen, Finalist, Space
@@ -58,16 +58,6 @@ class Outcome:
         """Returns the fresh measures of a finalist or of trial 0 in every scenario."""
         return [measures for (other, _), measures in self.fresh.items() if other == trial]
 
-    @cached_property
-    def default(self) -> Estimate:
-        """The mean of trial 0 over scenarios, on fresh seeds."""
-        return mean_over_scenarios(self.again(0))
-
-    @cached_property
-    def chosen(self) -> Estimate:
-        """The mean of the chosen trial over scenarios, on fresh seeds."""
-        return mean_over_scenarios(self.again(self.ranked[0]))
-
 
 @dataclass(frozen=True, eq=False)
 class SearchAnalysis:
@@ -90,21 +80,22 @@ class SearchAnalysis:
     @cached_property
     def trials(self) -> pd.DataFrame:
         """Every trial of every learner: settings, and means over the first runs and, if any, fresh ones."""
-        names, rows = [*self.data.experiment.scenarios], list[Row]()
-        for outcome in self.outcomes:
-            for trial, measures in enumerate(outcome.searched):
-                cells = [outcome.fresh.get((trial, name), np.array([nan])) for name in names]
-                rows.append(
-                    {
-                        "variant": outcome.learner.variant,
-                        "observation": outcome.learner.observation,
-                        "trial": trial,
-                        "settings": text_of(self.settings(outcome.learner, trial)),
-                        self.measure: float(measures.mean()),
-                        f"fresh_{self.measure}": float(np.mean([cell.mean() for cell in cells])),
-                        **dict(zip(names, measures.mean(axis=1).tolist(), strict=True)),
-                    }
-                )
+        names, missing = [*self.data.experiment.scenarios], np.array([nan])
+        rows = [
+            {
+                "variant": outcome.learner.variant,
+                "observation": outcome.learner.observation,
+                "trial": trial,
+                "settings": text_of(self.settings(outcome.learner, trial)),
+                self.measure: float(measures.mean()),
+                f"fresh_{self.measure}": float(
+                    np.mean([outcome.fresh.get((trial, name), missing).mean() for name in names])
+                ),
+                **dict(zip(names, measures.mean(axis=1).tolist(), strict=True)),
+            }
+            for outcome in self.outcomes
+            for trial, measures in enumerate(outcome.searched)
+        ]
         return pd.DataFrame(rows)
 
 

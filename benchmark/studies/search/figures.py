@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
+from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import WIDTH, figure_of
 from benchmark.experiments import Learner
@@ -68,8 +69,10 @@ def trials(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure:
             reached = _of(table, outcome.learner)[analysis.measure]
             style = style_of(outcome.learner.name, analysis.data.experiment)
             axis.plot(reached[1:], [y] * (len(reached) - 1), "|", ms=9, mew=0.9, color="0.55")
-            axis.plot(outcome.default.value, y, "x", ms=7, mew=2, color="black")
-            value, *ends = outcome.chosen
+            default, (value, *ends) = (
+                mean_over_scenarios(outcome.again(trial)) for trial in (0, outcome.ranked[0])
+            )
+            axis.plot(default.value, y, "x", ms=7, mew=2, color="black")
             axis.plot(ends, [y, y], lw=3, alpha=0.5, color=style["color"])
             axis.plot(value, y, style["marker"], ms=7, color=style["color"], mec="white", mew=0.4)
         titles = [outcome.learner.title for outcome in analysis.outcomes]

@@ -4,8 +4,6 @@ import json
 from collections.abc import Iterator
 from typing import Final
 
-import pandas as pd
-
 from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments.search import Choice
 from benchmark.studies.item import COLUMNS, item, labelled_columns, no_rows
@@ -47,8 +45,8 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
             "trial": trial,
             "settings": text_of(settings),
             "edges": ", ".join(key.split(".")[-1] for key in edges),
-            "default": outcome.default,
-            "chosen": outcome.chosen,
+            "default": mean_over_scenarios(default),
+            "chosen": mean_over_scenarios(best),
             "gain": gain(best, default),
             "per_scenario": mean_over_scenarios(best_of_each),
             "sensitivity": gain(best_of_each, best),
@@ -80,15 +78,13 @@ def cost(analysis: SearchAnalysis) -> Iterator[Row]:
         yield {"variant": variant, "observation": observation, **effort, "cpu_ms": cpu_ms}
 
 
-@item(
+trials = item(
     "trials",
     "every trial of every learner: settings, and means by scenario",
     where=no_rows,
     meanings={"*": "mean area, or earliness, in this scenario, on the first runs"},
+    compute=lambda analysis: analysis.trials,
 )
-def trials(analysis: SearchAnalysis) -> pd.DataFrame:
-    """Tabulates all trials."""
-    return analysis.trials
 
 
 @item(
