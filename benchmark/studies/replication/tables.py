@@ -8,9 +8,10 @@ import pandas as pd
 
 from benchmark.analysis.intervals import proportion
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, anchors, optimal_values
-from benchmark.studies.item import entry, expanded, item, no_rows
+from benchmark.studies.item import Item, entry, expanded, item, no_rows
 from benchmark.studies.replication.analysis import ReplicationAnalysis, differing
 
+_Table = Item[ReplicationAnalysis]
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _JUDGED: Final = ("part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict")
 _IN_SETS: Final = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
@@ -25,7 +26,7 @@ _SHOWN: Final = (
 )
 
 
-claims = item(
+claims = _Table(
     "claims",
     "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
     compute=lambda analysis: analysis.claims[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]],
@@ -41,23 +42,23 @@ def shown_claims(frame: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows).rename(columns=lambda key: key.replace("_", " "))
 
 
-claim_sets = item(
+claim_sets = _Table(
     "claim_sets",
     "every part of every claim in each of the disjoint sets of agents, and the verdicts",
     compute=lambda analysis: analysis.claim_sets[_IN_SETS],
 )
-sensitivity = item(
+sensitivity = _Table(
     "sensitivity",
     "every part of every claim, its state and the verdict, under every reading of the paper",
     where=no_rows,
     compute=lambda analysis: analysis.sensitivity[["claim", "reading", *_JUDGED]],
 )
-max_q = item(
+max_q = _Table(
     "max_q",
     "maximum Q over agents at every recorded step, of the visited cell and of the table",
     compute=lambda analysis: analysis.max_q,
 )
-q_values = item(
+q_values = _Table(
     "q_values",
     "final Q over agents and Q* of every cell and action, and where policies differ",
     compute=lambda analysis: analysis.q_values,

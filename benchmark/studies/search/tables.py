@@ -6,7 +6,7 @@ from typing import Final
 
 from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments.search import Choice
-from benchmark.studies.item import COLUMNS, item, labelled_columns, no_rows
+from benchmark.studies.item import COLUMNS, Item, item, labelled_columns, no_rows
 from benchmark.studies.search.analysis import (
     Row,
     SearchAnalysis,
@@ -18,6 +18,7 @@ from benchmark.studies.search.analysis import (
     value_at,
 )
 
+_Table = Item[SearchAnalysis]
 _LABELS: Final = COLUMNS["search_labels"]
 
 
@@ -78,7 +79,7 @@ def cost(analysis: SearchAnalysis) -> Iterator[Row]:
         yield {"variant": variant, "observation": observation, **effort, "cpu_ms": cpu_ms}
 
 
-trials = item(
+trials = _Table(
     "trials",
     "every trial of every learner: settings, and means by scenario",
     where=no_rows,
