@@ -32,7 +32,7 @@ from benchmark.studies.search.analysis import (
 )
 from envs import InputError
 from tests.benchmark.studies.conftest import experiment_of
-from tests.support import ROOT, mistyped_columns
+from tests.support import ROOT, make, mistyped_columns
 
 PUBLISHED = ROOT / "results" / "tuning"
 TUNING, SMALL = load_experiment("tuning"), load_experiment("tuning_smoke")
@@ -254,6 +254,10 @@ def test_runs_are_compared_by_how_early_they_learn(tmp_path: Path) -> None:
     text = (tmp_path / "early" / "README.md").read_text(encoding="utf-8")
     assert "stays at or above 0.5 from then until step 2*s* or the end" in " ".join(text.split())
     assert "area" not in {*frame, *trials, *text.split()}
+
+
+def test_make_runs_a_search() -> None:
+    assert "benchmark run tuning_smoke" in make("--dry-run", "tune", "EXPERIMENT=tuning_smoke").stdout
 
 
 @pytest.mark.usefixtures("small")
