@@ -1,6 +1,7 @@
 """The search by itself: its stages, what it chooses, what is picked of b trials, and what is published."""
 
 import json
+import re
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -257,7 +258,8 @@ def test_runs_are_compared_by_how_early_they_learn(tmp_path: Path) -> None:
 
 
 def test_make_runs_a_search() -> None:
-    assert "benchmark run tuning_smoke" in make("--dry-run", "tune", "EXPERIMENT=tuning_smoke").stdout
+    commands = make("--dry-run", "tune", "EXPERIMENT=tuning_smoke").stdout
+    assert re.search(r"benchmark run .*--report +tuning_smoke\b", commands)
 
 
 @pytest.mark.usefixtures("small")
