@@ -4,7 +4,6 @@ VENV ?= .venv
 PY ?= $(VENV)/bin/python
 RESULTS ?= results
 SITE ?= build/site
-PACKAGES ?=
 EXPERIMENT ?=
 SEEDS ?=
 TESTS ?=
@@ -54,7 +53,7 @@ report: $(BASE) ## the page and the texts of results, from the tables that are t
 	$(PY) -m benchmark report --results $(RESULTS)
 
 docs: $(DOCS) ## the site: page, guide, keys of files, columns of tables, API, in build/site/
-	$(PY) -m benchmark.publish.page.site $(RESULTS) $(SITE) $(PACKAGES)
+	$(PY) -m benchmark.publish.page.site $(RESULTS) $(SITE)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)
 	$(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)

@@ -90,9 +90,8 @@ def _published(experiment: Experiment, results: Path, which: int, is_whole: bool
     if file is None:
         return f"{folder.path} has no {' or '.join(_PUBLISHED[which])}"
     with folder.reading():
-        is_known = (
-            is_whole and not report_of(experiment).study.stages
-        )  # the runs of later stages depend on earlier ones
+        # The runs of later stages depend on earlier ones.
+        is_known = is_whole and not report_of(experiment).study.stages
         if is_known and folder.manifest["digest"] != digest_of(all_specifications(experiment)):
             return f"{folder.path / file} is of other runs than the experiment declares now"
         return with_titles(folder.frame(file), {})

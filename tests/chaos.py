@@ -57,6 +57,7 @@ class Chaos:
     """A folder of results in which an experiment is executed, and disturbed."""
 
     machines: Machines  # if there is a cluster
+    workers: list[subprocess.Popen[bytes]]
 
     def __init__(self, folder: Path, text: str, seed: int) -> None:
         """Executes the experiment undisturbed in threads, to know its results; the seed draws moments."""
@@ -164,9 +165,9 @@ class Chaos:
         machines = self.machines
         process = self.start("--cluster", machines.address)
         is_running = self._wait(process)
-        victim = machines.workers.pop(int(self.rng.integers(len(machines.workers))))
+        victim = self.workers.pop(int(self.rng.integers(len(self.workers))))
         victim.kill()
-        machines.workers.append(machines.add(f"worker{self.rng.integers(2**31)}", preload=""))
+        self.workers.append(machines.add(f"worker{self.rng.integers(2**31)}", preload=""))
         _, errors = process.communicate(timeout=600)
         if process.returncode != 0:
             raise Broken(f"the driver ended with {process.returncode}: {errors[-500:]}")
@@ -243,7 +244,7 @@ def main(arguments: list[str] | None = None) -> int:
                 ways = [chaos.worker_killed] * 3 + ways
             elif name == "cluster":
                 chaos.machines = machines = stack.enter_context(Machines(Path(folder)))
-                machines.workers = [machines.add(worker, preload="") for worker in ("first", "second")]
+                chaos.workers = [machines.add(worker, preload="") for worker in ("first", "second")]
                 ways = [chaos.cluster_worker_killed]
             disturb(chaos, ways, n_kills)
             total.update(chaos.happened)

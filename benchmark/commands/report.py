@@ -14,7 +14,7 @@ from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.folder import MANIFEST, Folder
-from benchmark.publish import document, draw, files, prose, sameness
+from benchmark.publish import document, draw, files, front, prose, sameness
 from benchmark.publish.page import build as page
 from benchmark.sealed import sealed
 from benchmark.studies import report_of
@@ -22,7 +22,7 @@ from benchmark.studies.search.analysis import SearchAnalysis
 from envs import InputError
 from envs.inputs import check_all
 
-_OURS: Final = (*experiment_names(), page.SPEED)  # folders of results
+_OURS: Final = (*experiment_names(), document.SPEED)  # folders of results
 
 
 def main(options: argparse.Namespace) -> int:
@@ -62,7 +62,7 @@ def _rewrite(options: argparse.Namespace) -> int:
             for path, text in leaderboard.texts(options.results, partial(print, file=sys.stderr)).items():
                 files.write_text(path, text)
             if options.results.resolve() == sameness.REPOSITORY / "results":
-                files.write_text(sameness.REPOSITORY / "README.md", document.front(options.results))
+                files.write_text(sameness.REPOSITORY / "README.md", front.front(options.results))
     print(f"the page is {page.write(options.results)}.")
     return 0
 

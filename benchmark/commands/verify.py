@@ -17,9 +17,10 @@ from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.experiments.search import chosen_file, read_chosen
-from benchmark.folder import README, Folder
-from benchmark.publish import document, draw, files, sameness
+from benchmark.folder import README, Folder, digests
+from benchmark.publish import document, draw, files, front, sameness
 from benchmark.publish.page import build as page
+from benchmark.publish.sameness import differing
 from benchmark.studies import Report, Study, report_of, runs_of
 from envs import InputError
 
@@ -123,29 +124,31 @@ def difference_of(before: Record, after: Record) -> str:
         {name: (array.dtype, array.shape, array.tobytes()) for name, array in record.arrays.items()}
         for record in (before, after)
     )
-    differing = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
-    if not differing:
+    if not (names := differing(old, new)):
         return ""
-    made = [record.provenance for record in (before, after)]
-    recorded, here = ({**one["versions"], "machine": one["machine"]} for one in made)
-    changed = [key for key in recorded if recorded[key] != here.get(key)]
-    others = "; ".join(f"{key} {recorded[key]}, here {here.get(key)}" for key in changed)
-    with_others = f" (recorded with {others})" if others else ""
-    return f"differs in {', '.join(differing)}{with_others}"
+    recorded, now = (
+        {**record.provenance["versions"], "machine": record.provenance["machine"]}
+        for record in (before, after)
+    )
+    changed = [f"{key} {recorded.get(key)}, here {now.get(key)}" for key in differing(recorded, now)]
+    return f"differs in {', '.join(names)}" + f" (recorded with {'; '.join(changed)})" * bool(changed)
 
 
 def _redrawn(report: Report[Any, Any], store: Store, folder: Path, scratch: Path) -> Iterator[str]:
     experiment = report.experiment
-    made = scratch / experiment.name
-    print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
+    name, made = experiment.name, scratch / experiment.name
+    print(f"{name}: drawing tables and figures again ...", file=sys.stderr)
     draw.draw(report, store, made)
-    certificate = sameness.compare(made, experiment.name, (), folder)
-    assert certificate is not None  # both folders have a manifest
-    if certificate.is_identical:
-        print(certificate.text)
+    again, listed = digests(made), sameness.listed(folder)
+    there = {file: digest for file, digest in digests(folder).items() if file in again or file in listed}
+    n = len({*again, *there})
+    if other := differing(again, there):
+        yield (
+            f"{name}: different from the files in {folder}: {len(other)} of {n} files: {', '.join(other)}.\n"
+            f"{name}: 'report {experiment.argument}' makes them from the stored runs."
+        )
     else:
-        again = f"'report {experiment.argument}' makes them from the stored runs"
-        yield f"{certificate.text}\n{experiment.name}: {again}."
+        print(f"{name}: identical to the files in {folder} ({n} of {n} files).")
 
 
 def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
@@ -166,9 +169,9 @@ def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator
     `reports` are those of the published experiments that are verified, by name.
     """
     texts, problems = dict[Path, str](), list[str]()
-    for name in [*reports, *[page.SPEED] * Folder(results / page.SPEED).is_there]:
+    for name in [*reports, *[document.SPEED] * Folder(results / document.SPEED).is_there]:
         try:
-            made = document.Document(results / name, reports.get(name))
+            made = document.document_of(results / name, reports.get(name))
             texts[results / name / README] = made.readme()
             print(f"{name}: all files in its manifest are unchanged ({len(made.folder.manifest['files'])}).")
         except InputError as error:
@@ -178,11 +181,12 @@ def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator
         texts |= {path: text for name in pages for path, text in page.texts(results, name, pages[name])}
         texts |= leaderboard.texts(results, problems.append) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
-            texts[sameness.REPOSITORY / README] = document.front(results)
+            texts[sameness.REPOSITORY / README] = front.front(results)
     except InputError as error:
         problems += error.args
     yield from dict.fromkeys(problems)
-    for path, text in texts.items():
-        is_same = path.is_file() and path.read_bytes() == text.encode()
-        if not is_same and (path.exists() or (path.name == README and Folder(path.parent).is_there)):
+    again = {str(path): text.encode() for path, text in texts.items()}
+    there = {str(path): path.read_bytes() if path.is_file() else b"" for path in texts if path.exists()}
+    for path in map(Path, differing(again, there)):
+        if path.exists() or (path.name == README and Folder(path.parent).is_there):
             yield f"{path}: different from what the tables make; 'report' writes it again."

@@ -61,10 +61,11 @@ def changed_settings(declared: Declaration, variant: str) -> list[str]:
 
 
 def digest_of_search(search: Declaration) -> str:
-    """Returns a digest of what a search depends on: what its file declares but texts, scenarios, versions."""
+    """Returns a digest of what a search depends on: its file but texts and colours, scenarios, versions."""
     content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
     for variant in content["algorithms"].values():
         del variant["title"]
+        variant.pop("colour", None)
         variant["group"] = ""  # a key of earlier versions, on which digests depend
         for axis in variant["search"].values():
             del axis["why"]

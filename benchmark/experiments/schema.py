@@ -41,6 +41,11 @@ _RESERVED: Final = ("leaderboard", "speed", "speed_smoke", "*_partial", "*_seeds
 # What a reference implementation takes from its variant, and does not set itself.
 _SHARED: Final = {"settings", "policy", "tuned_by", "rank"}
 
+# Palette of variants in figures, see `benchmark.drawing.style.PALETTE`.
+Colour = Literal[
+    "black", "grey", "silver", "ash", "green", "olive", "lime", "blue", "navy", "violet", "orange", "brown"
+]
+
 
 class Variant(Table):
     """An algorithm with its settings, and the observations from which it learns.
@@ -49,12 +54,14 @@ class Variant(Table):
     settings, its policy and, unless it names some of them, its observations.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"rank"}
+    omitted_at_default: ClassVar[Set[str]] = {"colour", "rank"}
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
     title: Annotated[Label, Field(max_length=60)] = ""
     """What readers call it; by default its name."""
+    colour: Colour | None = None
+    """Its colour and marker in figures; by default those that no other variant of the experiment has."""
     observations: Annotated[Names, Field(min_length=1)]
     """Forms of observation; each makes a learner."""
     seeds: Annotated[int, Field(ge=1, le=100_000)]

@@ -17,17 +17,16 @@ from typing import Any, Final
 import pandas as pd
 
 from benchmark.drawing import tables
-from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, README, Folder, with_titles
 from benchmark.publish import files, prose
 from benchmark.publish.templates import templates_in as templates_in
 from benchmark.studies import STUDIES, Study, load_study
-from benchmark.studies.item import Item
+from benchmark.studies.item import COLUMNS, Item, entry
 from benchmark.studies.study import with_items
 from envs import InputError
 
+SPEED: Final = "speed"  # the folder of measurements of this project, and its table
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
-_FRONT: Final = Path(__file__).parent / "front.md.jinja"
 
 
 class Document:
@@ -48,16 +47,17 @@ class Document:
                         reason = f"report: {name}: code of users runs only if you name its experiment"
                         raise InputError(f"{source}: {reason}, as in: report EXPERIMENT.")
                 study = with_items(load_study(declared["kind"], source), declared, source)
-            self.study, self.items = study, study.items
+            self._headline, self.finding, self.lead = study.headline, study.finding, study.lead
+            self.name, self.items, self.template = study.name, study.items, study.document
             self.question = declared["question"] or study.question
 
     @cached_property
     def headline(self) -> str | None:
         """The finding in Markdown: as it is written by hand, or else the sentence that the report makes."""
         try:
-            return prose.written(self.folder, self.study.finding) or self.study.headline(self.folder)
+            return prose.written(self.folder, self.finding) or self._headline(self.folder)
         except prose.ClaimError:
-            return self.study.headline(self.folder)
+            return self._headline(self.folder)
 
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
@@ -87,7 +87,7 @@ class Document:
         def others() -> str:
             return "\n\n".join(insert(item, False) for item in self.items[n_own:])
 
-        template = template or self.study.document
+        template = template or self.template
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
         known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
         text = templates_in(template.parent).get_template(template.name).render(**known, **more)
@@ -148,31 +148,45 @@ class Document:
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
 
-def front(results: Path) -> str:
-    """Returns the README of the repository, whose numbers and verdicts are those of published tables.
+class Measurements(Document):
+    """The document of measured speed, which is no experiment's."""
 
-    Its template has all lookups of texts by folder, as in `of.when.number(...)`. A folder that is damaged,
-    lacks what README cites, or does not show what is claimed raises an InputError.
-    """
+    def __init__(self, path: Path) -> None:
+        """Takes a folder that `benchmark.speed` has written."""
+        self.folder, self.finding, self.lead = Folder(path), None, ""
+        self.name, self.items, self.template = SPEED, (_SPEED,), _FRAME.with_name("speed.md.jinja")
+        self.question = "How fast is this project?"
 
-    def text(name: str, title: str = "") -> str:
-        return prose.paragraphs(Folder(results / name), title)
+    @cached_property
+    def headline(self) -> str:
+        """How much faster it is than the alternatives that matter most."""
+        with self.folder.reading():
+            frame = self.folder.frame(SPEED)
+            nets = frame[frame["name"].str.fullmatch("net_(dqn|ppo)_(one_hot|coordinates)")]
+            nets = nets.sort_values("ratio")
+            rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
+            q_learning, low, high = (entry(row, "ratio", SPEED) for row in rows)
+        return (
+            f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN "
+            f"and PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
+        )
 
-    def figure(name: str, item: str) -> str:
-        return f"results/{name}/{Folder(results / name).figure(item)}"
 
-    for name in PUBLISHED:
-        prose.written(Folder(results / name))  # also of those that README does not cite
-    of = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
-    template = templates_in(_FRONT.parent).get_template(_FRONT.name)
-    with Folder(results / next(iter(PUBLISHED))).reading():
-        answer = prose.SENTENCES.split(text(next(iter(PUBLISHED))))
-        rendered = template.render(figure=figure, text=text, answer=answer, of=of)
-    if failed := [claim for lookups in of.values() for claim in lookups.failed]:
-        raise prose.ClaimError(*(f"README: tables do not show that {claim}." for claim in failed))
-    return rendered
+def _shown(frame: pd.DataFrame) -> pd.DataFrame:
+    rows = [row for _, row in frame.iterrows()]
+    return pd.DataFrame({name: [entry(row, str(name), SPEED) for row in rows] for name in frame})
+
+
+_ABOUT: Final = "rates of this project and of common alternatives, from the same run"
+_SPEED: Final[Item[Any]] = Item(SPEED, _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS[SPEED])
+
+
+def document_of(path: Path, study: Study[Any, Any] | None = None) -> Document:
+    """Returns the document of a folder of results, see `Document`, or of measured speed."""
+    is_speed = Folder(path).manifest["report"]["kind"] == SPEED
+    return Measurements(path) if is_speed else Document(path, study)
 
 
 def write(path: Path, study: Study[Any, Any] | None = None) -> None:
     """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
-    files.write_text(path / README, Document(path, study).readme())
+    files.write_text(path / README, document_of(path, study).readme())

@@ -63,7 +63,7 @@ def _variants(
     settings: dict[str, dict[str, object]] = {}
     for (_, name), run in first.items():
         learner = data.experiment.learners[name]
-        declared = {"algorithm", "title", "reference_for", "policy", "tuned_by", "rank"}
+        declared = {"algorithm", "title", "colour", "reference_for", "policy", "tuned_by", "rank"}
         about = learner.declared.model_dump(include=declared)
         about |= {"family": learner.family, "packages": learner.algorithm.packages}
         about |= {"changed": learner.changed, "runs": sizes[run.population]}  # in a scenario

@@ -30,24 +30,21 @@ from benchmark.drawing.tables import inert, local_only, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, Folder
 from benchmark.publish import files, prose, sameness
-from benchmark.publish.document import Document, templates_in
+from benchmark.publish.document import SPEED, Document, document_of, templates_in
 from benchmark.studies import Item, Study, explorer
 from envs import InputError
 
 CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
-SPEED: Final = "speed"  # the folder with measurements of this project, at the end of the page of all chapters
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
+_SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # in an SVG
 _ESCAPED: Final = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
-_MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
-_MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
+_MAX_ROWS: Final = 60  # in a table; for longer ones, the page shows the CSV file on demand
+_MAX_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _TABLE: Final = re.compile("<table>.*?</table>", re.DOTALL)  # which a document has as Markdown
 _BOX: Final = r'<div class="scroll" role="group" tabindex="0" aria-label="Table">\g<0></div>'
-_FOLDED: Final = "Terms"  # heading of a section that is shown on demand
-_SECTIONS: Final = re.compile(rf"\n(?=## |#+ {_FOLDED}\n)")  # where the sections of a document begin
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
@@ -125,7 +122,7 @@ class _Part:
 
     def __init__(self, path: Path, prefix: str, study: Study[Any, Any] | None) -> None:
         """Reads its manifest and checks its files; `prefix` leads from the page to the folder."""
-        self.document = Document(path, study)
+        self.document = document_of(path, study)
         self.document.folder.check()
         self.folder = self.document.folder
         self.name = path.name
@@ -144,11 +141,11 @@ class _Part:
         headline = (document.headline or "").split("\n\n")
         # The report's lead comes first. If it stands beside the answer, the next one leads the report.
         drawn = [item for item in document.items if self.folder.figure(item.name)]
-        drawn.sort(key=lambda item: item.name != document.study.lead)
+        drawn.sort(key=lambda item: item.name != document.lead)
         answer: list[str] = []
         if self.prefix and self.name == next(iter(PUBLISHED)):  # the page opens with its finding, as written
             with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
-                if prose.written(self.folder, document.study.finding) is not None:
+                if prose.written(self.folder, document.finding) is not None:
                     answer = prose.SENTENCES.split(headline.pop(0))
         top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
@@ -175,7 +172,7 @@ class _Part:
             "lead": self._figure(lead) if lead is not None else None,
             "description": self.inline(inert(manifest["description"])),
             "note": self.inline(inert(manifest.get("note", ""))),
-            "sections": self._sections(markdown, content) if self.is_whole else [],
+            "body": self._body(markdown, content) if self.is_whole else "",
             "readme": f"{self.prefix}README.md",
             "made": manifest,
             "manifest": f"{self.prefix}{MANIFEST}",
@@ -190,11 +187,12 @@ class _Part:
         if report["kind"] != "map" or any("grid" in panel for panel in report.get("panels", ())):
             return None
         looks, variants = {}, self.folder.manifest["algorithms"]
+        colours = {name: variant.get("colour") for name, variant in variants.items()}
         for learner, title in self.folder.titles.items():
             variant, observation = learner.split(", ")
             if "rank" in variants[variant] or variants[variant]["reference_for"]:
                 continue
-            style = learner_style(variant, observation, [*variants], variants[variant]["family"])
+            style = learner_style(variant, observation, colours, variants[variant]["family"])
             looks[learner] = {
                 "name": title,
                 "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
@@ -218,25 +216,12 @@ class _Part:
                 token.content = _MINUS.sub("−", token.content)
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
 
-    def _sections(self, markdown: str, content: Callable[[re.Match[str]], str]) -> list[dict[str, object]]:
-        """Returns a document's sections, with the content of marked items; the first has no heading."""
-        sections = []
-        for text in _SECTIONS.split(f"\n{markdown}\n"):
-            heading, body = text.split("\n", 1) if text.startswith("#") else ("", text)
-            heading = heading.strip("# ")
-            tokens = self._parser.parse(body)
-            for token in tokens:
-                token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
-            boxed = _TABLE.sub(_BOX, str(self._html(tokens)))
-            if heading or tokens:
-                section = {
-                    "heading": self.inline(heading),
-                    "id": f"report-{self.name}-{_slug(heading)}" if heading else "",
-                    "is_folded": heading == _FOLDED,
-                    "body": Markup(_MARKED.sub(content, boxed)),
-                }
-                sections.append(section)
-        return sections
+    def _body(self, markdown: str, content: Callable[[re.Match[str]], str]) -> Markup:
+        """Returns a document as HTML, with the content of marked items."""
+        tokens = self._parser.parse(markdown)
+        for token in tokens:
+            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
+        return Markup(_MARKED.sub(content, _TABLE.sub(_BOX, str(self._html(tokens)))))
 
     def _table(self, item: Item[Any]) -> dict[str, object] | None:
         """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show.
@@ -246,14 +231,14 @@ class _Part:
         shown = self.document.shown(item)
         if shown.empty:
             return None
-        if len(shown) > _MOST_ROWS:
+        if len(shown) > _MAX_ROWS:
             return {"n_rows": len(shown)}
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
         kinds = []  # the class of each column's cells: names have none
         for name, column in zip(shown, zip(*cells, strict=True), strict=True):
             is_number = all(_NUMBER.fullmatch(cell.striptags()) for cell in column)
             kinds.append("number" if is_number else "verdict" if str(name).startswith("verdict") else "")
-        n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
+        n_keys = next((i for i, kind in enumerate(kinds[:_MAX_KEYS]) if kind), min(len(kinds), _MAX_KEYS))
         kinds[1:n_keys] = ["key"] * (n_keys - 1)
         columns = [self.inline(str(name)) for name in shown]
         return {"columns": columns, "kinds": kinds, "rows": cells, "n_rows": len(cells), "n_keys": n_keys}
@@ -331,6 +316,6 @@ def _scripts(name: str) -> dict[str, str]:
 def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        headline = (document or Document(path)).headline or inert(folder.manifest["description"])
+        headline = (document or document_of(path)).headline or inert(folder.manifest["description"])
         return local_only(plain(headline.partition("\n\n")[0]))
     return ""

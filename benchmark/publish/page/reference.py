@@ -9,7 +9,7 @@ from tabulate import tabulate
 
 from agents import ALGORITHMS, load_algorithm
 from benchmark.experiments.schema import Declaration, Extension
-from benchmark.publish.document import Document
+from benchmark.publish.document import document_of
 from benchmark.publish.page.build import published
 from benchmark.studies import STUDIES, load_study
 from envs import Scenario
@@ -97,11 +97,11 @@ def columns(results: Path) -> str:
     ]
     tables = dict[tuple[str, str, str], dict[str, str | None]]()
     for folder in published(results):
-        document = Document(folder)
+        document = document_of(folder)
         for item in document.items:
             file = item.file or f"{item.name}.csv"
             if ".csv" in file and file in document.folder:
-                columns, study = map(str, document.folder.frame(file)), document.study.name
+                columns, study = map(str, document.folder.frame(file)), document.name
                 meanings = {f"`{name}`": item.meaning(name, study) for name in columns}
                 tables.setdefault((study, file, item.description), {}).update(meanings)
     for (report, name, description), meanings in tables.items():

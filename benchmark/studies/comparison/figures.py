@@ -50,11 +50,12 @@ def style_of(learner: str, experiment: Experiment, observation: str | None = Non
 
     A reference implementation has the colour and marker of its learner, hollow and on a dotted line.
     """
-    variants = [other.variant for other in experiment.learners.values() if not other.reference_for]
+    declared = {other.variant: other.declared for other in experiment.learners.values()}
+    colours = {name: variant.colour for name, variant in declared.items() if not variant.reference_for}
     drawn = experiment.learners[learner]
     seen = drawn.observation if observation is None else observation
     of = drawn.declared.reference_for
-    style = learner_style(of or drawn.variant, seen, list(dict.fromkeys(variants)), drawn.family)
+    style = learner_style(of or drawn.variant, seen, colours, drawn.family)
     return style | {"mfc": "white", "ls": (0, (1, 1))} if of else style
 
 

@@ -56,7 +56,7 @@ def scenarios(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) ->
             found = records(experiment.population(keys["condition"], name, keys["learner"]))
             policy = experiment.learners[keys["learner"]].declared.policy
             names = [evaluated(result, policy, "start") for result in ("grid_return", "success")]
-            scores = found.unbounded_scores(policy).round(9)
+            scores = found.unbounded_scores(policy)
             policies.append(np.stack([*(found.arrays[result] for result in names), scores])[:, :, -1])
         if policies:
             returns, success, score = np.concatenate(policies, axis=1)

@@ -5,17 +5,15 @@ import re
 import shutil
 import tomllib
 from pathlib import Path
-from unittest.mock import Mock
 from urllib.parse import unquote
 
 import pytest
 from playwright.sync_api import Browser
 
-from benchmark.folder import MANIFEST
 from benchmark.publish.page import build, reference, site
-from envs import InputError, scenario_names
+from envs import scenario_names
 from envs.scenario import SCENARIO_DIRECTORY, load_scenario
-from tests.support import ROOT, make
+from tests.support import ROOT
 
 RESULTS = ROOT / "results"
 GUIDE = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
@@ -31,11 +29,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "results" / "reproduce" / "other.html").touch()
     (folder / "results" / "mine").mkdir()
     (folder / "results" / "mine" / "manifest.json").write_text("{}", encoding="utf-8")
-    (folder / "site").mkdir()
-    for name in ("search.js", "old.html"):  # a site made before
-        (folder / "site" / name).touch()
-    done = make("docs", "PACKAGES=envs", f"RESULTS={folder}/results", f"SITE={folder}/site")
-    assert done.returncode == 0, done.stderr
+    site.write(folder / "results", folder / "site", ["envs"])
     return folder / "site"
 
 
@@ -93,41 +87,18 @@ def test_every_link_of_the_site_leads_to_a_file(built: Path) -> None:
 def test_site_has_page_documents_and_api(built: Path) -> None:
     names = {path.relative_to(built).as_posix() for path in built.rglob("*") if path.is_file()}
     guides = ("agents", "benchmark/commands", "benchmark/experiments", "benchmark/studies", "envs/scenarios")
-    pages = "CONTRIBUTING benchmark/glossary benchmark/guide columns envs envs/model index results/index"
+    pages = (
+        "CONTRIBUTING benchmark/glossary benchmark/guide columns api/envs api/envs/model index results/index"
+    )
     assert names >= {*(f"{name}/README.html" for name in guides), *(f"{name}.html" for name in pages.split())}
-    assert names >= {"results/reproduce/claims.csv", "results/scenes.svg", "search.js", "CITATION.cff"}
-    assert not {"old.html", "results/reproduce/other.html"} & names
+    assert names >= {"results/reproduce/claims.csv", "results/scenes.svg", "CITATION.cff"}
+    assert "results/reproduce/other.html" not in names
     assert "by hand" not in (built / "results" / "reproduce" / "README.html").read_text(encoding="utf-8")
     assert not any(name.startswith("results/mine") for name in names)
-    assert "load_scenario" in (built / "envs.html").read_text(encoding="utf-8")
+    assert "load_scenario" in (built / "api" / "envs.html").read_text(encoding="utf-8")
     guide = (built / "envs" / "scenarios" / "README.html").read_text(encoding="utf-8")
     assert "The largest distance that belongs to" in guide
     assert 'href="CONTRIBUTING.html"' in (built / "index.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("place", [".", "results", "results/reproduce", "notes"])
-def test_site_deletes_nothing_else(place: str, tmp_path: Path) -> None:
-    for file in ("results/reproduce/manifest.json", "notes/mine.txt"):
-        (tmp_path / file).parent.mkdir(parents=True)
-        (tmp_path / file).touch()
-    with pytest.raises(InputError, match=r"SITE=.*accepted: "):
-        site.write(tmp_path / "results", tmp_path / place)
-    assert (tmp_path / "results" / "reproduce" / "manifest.json").exists()
-    assert (tmp_path / "notes" / "mine.txt").exists()
-
-
-def test_interrupted_site_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copytree(RESULTS / "reproduce", tmp_path / "results" / "reproduce")
-    (tmp_path / "site").mkdir()
-    monkeypatch.setattr(build, "write", Mock())
-    for place, name in ((shutil, "copytree"), (shutil, "copy"), (Path, "touch"), (shutil, "rmtree")) * 2:
-        with monkeypatch.context() as patch:
-            patch.setattr(place, name, Mock(side_effect=KeyboardInterrupt))
-            with pytest.raises(KeyboardInterrupt):
-                site.write(tmp_path / "results", tmp_path / "site", ["envs.words"])
-        if name == "copy":
-            (tmp_path / "site" / "link").symlink_to(tmp_path / "results")  # which is not followed
-    assert (tmp_path / "results" / "reproduce" / MANIFEST).exists()
 
 
 def test_pages_of_the_site_fit_a_phone(built: Path, browser: Browser) -> None:
@@ -162,4 +133,4 @@ def test_examples_of_the_guide_to_scenarios_are_right() -> None:
         load_scenario("ThreeTalking").group,
         load_scenario("ThreeTalking").regions,
     )
-    assert load_scenario("S1", tomllib.loads(others)).others_at[4][0].position == (2, 6)
+    assert load_scenario("S1", tomllib.loads(others)).layout.others[4][0].position == (2, 6)
