@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmark import leaderboard
-from benchmark.analysis.search import chosen
 from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
@@ -19,6 +18,7 @@ from benchmark.publish import document, draw, files, front, prose, sameness
 from benchmark.publish.page import build as page
 from benchmark.sealed import sealed
 from benchmark.studies import report_of
+from benchmark.studies.search.analysis import SearchAnalysis
 from envs import InputError
 from envs.inputs import check_all
 
@@ -36,7 +36,8 @@ def main(options: argparse.Namespace) -> int:
     with Store(options.results / "runs.db", read_only=True) as store:
         made = draw.draw(report, store, directory, seeds, partial=options.partial)
         if experiment.declared.search is not None:
-            _write_chosen(experiment, store, Folder(directory))
+            analysis: SearchAnalysis = made.analysis or report.study.analyse(report.data(store))
+            _write_chosen(analysis, Folder(directory))
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     print(f"{experiment.name}: the page is {page.write(options.results, directory.name, report.study)}.")
     if made.certificate is not None:
@@ -76,14 +77,14 @@ def _write_texts(folder: Path) -> None:
         print(f"{folder}: its texts stay as they are: {error}", file=sys.stderr)
 
 
-def _write_chosen(experiment: Experiment, store: Store, folder: Folder) -> None:
+def _write_chosen(analysis: SearchAnalysis, folder: Folder) -> None:
     """Writes the settings that a search has chosen beside its file, for experiments that name it.
 
     A file that differs in measured times alone stays as it is.
     """
-    file = chosen_file(experiment.path)
-    search, trials = digest_of_search(experiment.declared), folder.manifest["files"].get("trials.csv", "")
-    now = Choices(search=search, trials=trials, learners=chosen(experiment, store))
+    experiment, trials = analysis.data.experiment, folder.manifest["files"].get("trials.csv", "")
+    file, search = chosen_file(experiment.path), digest_of_search(experiment.declared)
+    now = Choices(search=search, trials=trials, learners=dict(analysis.chosen))
     measured: Any = {"sha256": True, "learners": {"__all__": {"cpu_time_s"}}}
     is_same = False
     with suppress(InputError):  # there is none, or it is damaged

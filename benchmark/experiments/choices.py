@@ -73,6 +73,7 @@ def digest_of_search(search: Declaration) -> str:
     algorithms = [load_algorithm(variant.algorithm).version for variant in search.algorithms.values()]
     if search.solved is not None:
         content["solved"] = search.solved.model_dump(mode="json", exclude={"levels"})
+        content["search"]["around"] = False  # another one
     content["sweep"] = {}  # another one
     content["versions"] = [*algorithms, dynamic_programming.VERSION]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

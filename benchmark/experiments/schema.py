@@ -409,7 +409,7 @@ class Declaration(Table):
         require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
         require(variant.seeds > 1, f"{where}.seeds = 1", "at least 2 in a search")
         seeds, fresh = self.seeds_of_search(name)
-        accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its later stages use"
+        accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its finalists use"
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
 
     def _check_grids(self) -> None:
@@ -470,10 +470,10 @@ class Declaration(Table):
         return range(declared.first_seed, declared.first_seed + n_seeds)
 
     def seeds_of_search(self, variant: str) -> tuple[range, range]:
-        """Returns the seeds of a variant's trials, and those of the further stages of the search."""
+        """Returns the seeds of a variant's trials, and those of its finalists."""
         assert self.search is not None
         first, n = self.algorithms[variant].first_seed, self.algorithms[variant].seeds
-        return range(first, first + n), range(self.search.first_seed, self.search.seeds_around(n).stop)
+        return range(first, first + n), self.search.fresh
 
     @property
     def most_runs(self) -> int:
@@ -485,10 +485,8 @@ class Declaration(Table):
             if condition.has(variant, learner.removeprefix(f"{variant}, ")):
                 n += max([len(self.seeds_of(variant, condition)), *(looks if learner in compared else ())])
         if (search := self.search) is not None:
-            for variant in self._learners.values():
-                n_around = 1 + sum(len(axis.marks) for axis in self.algorithms[variant].search.values())
-                n += n_around * len(search.seeds_around(self.algorithms[variant].seeds))
-                n += (search.finalists + 2) * search.seeds  # trial 0, too, and the best one of a scenario
+            # Trial 0 runs again, too, and the best trial of a scenario.
+            n += len(self._learners) * (search.finalists + 2) * search.seeds
         return n * len(self.scenarios)
 
     @cached_property

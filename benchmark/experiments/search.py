@@ -6,9 +6,9 @@ Owen 1998), one sequence per variant. So trial t is the same however many there 
 
 import hashlib
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
@@ -58,11 +58,6 @@ class Span(Table):
         return round(value) if self.whole else value
 
     @property
-    def marks(self) -> list[object]:
-        """Values all over the range."""
-        return [self.at(share) for share in (0.0, 0.5, 1.0)]
-
-    @property
     def edges(self) -> tuple[float, float]:
         """Where the lowest tenth of the range ends, on its scale, and the highest begins."""
         return self.at(0.1), self.at(0.9)
@@ -79,11 +74,6 @@ class Choice(Table):
     def at(self, share: float) -> object:
         """Returns the value at a share, from 0 to less than 1, of the list."""
         return self.values[int(share * len(self.values))]
-
-    @property
-    def marks(self) -> list[object]:
-        """All values."""
-        return list(self.values)
 
     @property
     def edges(self) -> tuple[float, float]:
@@ -105,8 +95,6 @@ Space = dict[str, Axis]  # dotted key of a setting to its range
 class Search(Table):
     """How much a search tries. The runs of a trial are those that its variant declares, in every scenario."""
 
-    omitted_at_default: ClassVar[Set[str]] = {"around"}
-
     trials: Annotated[int, Field(ge=1, le=5000)]
     """Trials of each learner, besides trial 0."""
     finalists: Annotated[int, Field(ge=1, le=100)] = 4
@@ -115,8 +103,6 @@ class Search(Table):
     """The first of the fresh seeds."""
     seeds: Annotated[int, Field(ge=2, le=10_000)] = 40
     """Fresh runs of each finalist per scenario."""
-    around: bool = True
-    """Whether the chosen settings are at last run with one of them changed at a time."""
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -128,10 +114,6 @@ class Search(Table):
     def fresh(self) -> range:
         """The seeds of finalists."""
         return range(self.first_seed, self.first_seed + self.seeds)
-
-    def seeds_around(self, n: int) -> range:
-        """Returns the seeds of n runs of what is around the chosen settings; none if that is not run."""
-        return range(self.fresh.stop, self.fresh.stop + n * self.around)
 
 
 def trials(name: str, space: Space, n: int) -> list[dict[str, object]]:

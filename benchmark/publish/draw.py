@@ -25,6 +25,7 @@ class Made(NamedTuple):
 
     is_new: bool  # else it was up to date
     certificate: sameness.Certificate | None  # None if nothing comparable is published
+    analysis: Any = None  # None if it was up to date
 
 
 def draw(
@@ -68,7 +69,7 @@ def draw(
             published = sameness.published_file(name, MANIFEST)
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
         (aside / sameness.STAMP).write_text(inputs, encoding="utf-8")
-    return Made(is_new=True, certificate=certificate)
+    return Made(is_new=True, certificate=certificate, analysis=analysis)
 
 
 def tables_of(items: Sequence[Item[Any]], analysis: Any, data: Data[Any]) -> dict[str, pd.DataFrame]:

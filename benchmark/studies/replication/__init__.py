@@ -3,41 +3,84 @@
 from pathlib import Path
 from typing import Final
 
-from benchmark.analysis.frames import RecordsOf
+from benchmark.drawing.tables import link
 from benchmark.experiments import Experiment
+from benchmark.folder import Folder
 from benchmark.studies import explorer
-from benchmark.studies.interim import Interim
-from benchmark.studies.replication import learned, verdicts
-from benchmark.studies.replication.agents import check, few_agents
-from benchmark.studies.study import Study
+from benchmark.studies.replication import figures, tables
+from benchmark.studies.replication.analysis import ReplicationAnalysis, analyse
+from benchmark.studies.replication.claims import SCENARIOS, VERDICTS, weakest
+from benchmark.studies.study import Declared, Study
+from envs import InputError, compile_scenario
+from envs.words import listed
 
 __all__ = ["STUDY"]
 
 
 @explorer.explorer_item
-def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
+def agents(analysis: ReplicationAnalysis, path: Path) -> None:
     """Writes what some of the agents know."""
-    explorer.write([*few_agents(experiment, records).values()], path)
+    explorer.write([*analysis.few.values()], path)
+
+
+def check(experiment: Experiment) -> None:
+    """Refuses, by an InputError, all but the paper's scenarios and one table that records the maximum Q."""
+    source = experiment.argument
+    first, *others = experiment.learners.values()
+    if others or first.family != "tabular" or "record_every" not in first.algorithm.settings.model_fields:
+        accepted = "one: a table that records the maximum Q"
+        raise InputError(f"{source}: algorithms: a replication takes {accepted}.")
+    if experiment.declared.grids:
+        raise InputError(f"{source}: grids: accepted in a replication: none, only readings.")
+    if {*experiment.scenarios} != {*SCENARIOS}:
+        raise InputError(f"{source}: scenarios: a replication takes the paper's: {listed(SCENARIOS)}.")
+    for population in experiment.populations:
+        settings = population.first.settings.model_dump()
+        if settings["budget"] <= settings["record_every"]:
+            found = f"algorithms.{first.variant}: record_every = {settings['record_every']}"
+            raise InputError(f"{source}: {found}: accepted: less than budget = {settings['budget']}.")
+        model, name = compile_scenario(population.scenario), population.scenario.name
+        is_square = model.scenario.regions.target_radius is not None
+        if not (model.has_cell_maps and len(model.starts) == 1 and is_square):
+            where = f"{source}: scenarios: {name} ({population.condition.name})"
+            needed = "the agent observes its cell alone, there is one start and one phase, no wall"
+            squares = "the regions are squares by their radii"
+            raise InputError(f"{where}: in a replication {needed}, and {squares}.")
+
+
+def headline(folder: Folder) -> str | None:
+    """Counts the verdicts on the claims, with all agents."""
+    if "claims.csv" not in folder:
+        return None
+    frame = folder.frame("claims")
+    n_agents = frame["agents"].max()
+    rows = weakest(frame[frame["agents"] == n_agents])
+    parts = [(name, rows[rows["verdict"] == name]) for name in VERDICTS]
+    counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
+    like = f"{len(rows)} claims like the paper's, in scenes or with settings that may not be the paper's"
+    is_the_papers = folder.manifest["experiment"] == "reproduce"  # a name that no other experiment can have
+    scope = f"the paper's {len(rows)} claims" if is_the_papers else like
+    return f"Verdicts on {scope}, with {n_agents:,} agents per scenario: {', '.join(counts)}."
 
 
 STUDY: Final = Study(
     name="replication",
     question="Learning from disagreement how close is too close",
-    declared=Interim,
+    declared=Declared,
     check=lambda experiment, _: check(experiment),
-    analyse=lambda data: data,
+    analyse=analyse,
     items=(
-        learned.figure,
-        verdicts.claims,
-        verdicts.claim_sets,
-        learned.max_q,
-        verdicts.sensitivity,
-        learned.learning,
-        learned.optimal,
-        learned.q_values,
+        figures.figure,
+        tables.claims,
+        tables.claim_sets,
+        tables.max_q,
+        tables.sensitivity,
+        tables.learning,
+        tables.optimal,
+        tables.q_values,
         agents,
     ),
     document=Path(__file__).parent / "document.md.jinja",
-    headline=verdicts.headline,
+    headline=headline,
     lead="figure",
 )

@@ -7,7 +7,7 @@ a resampled count of signs is biased, since noise turns means near zero more oft
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,19 +15,17 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, resample, student
+from benchmark.analysis.intervals import LEVEL, interval, proportion, resample, student
 from benchmark.analysis.records import Records, overlap
 from envs.model import PING
 from envs.regions import target_distance
 
+Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
 Samples = NDArray[np.float64]  # (RESAMPLES + 1,) as measured, then resampled
 
 SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
 VERDICTS: Final = ("holds", "undecided", "does not hold")  # on a claim
 STATES: Final = ("passes", "undecided", "fails")  # of a part
-_LEAST_DEVIATION: Final = 1e-6  # a smaller standard deviation over agents counts as none
-_POWER: Final = 0.8  # probability with which a needed number of agents decides
-_REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(_POWER))  # 1.96 + 0.84
 
 
 class Part(NamedTuple):
@@ -37,7 +35,6 @@ class Part(NamedTuple):
     value: float
     low: float
     high: float
-    standard_error: float = math.nan  # NaN if the interval does not come from one
     note: str = ""
     drawn: float = math.nan  # what the paper's figure shows instead; without interval and verdict
 
@@ -55,22 +52,20 @@ class Claim(NamedTuple):
 
 def _resampled(name: str, samples: Samples, drawn: float, note: str = "") -> Part:
     low, high = interval(samples)
-    return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
+    return Part(name, float(samples[0]), float(low), float(high), note, drawn)
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # infinity or NaN, if nothing has been learned
 def _ratios(
     measure: Callable[[Records, str], tuple[Samples, float]], groups: Sequence[Records], curve: str
 ) -> list[Part]:
-    """Divides what is measured in the first scenario, and what is drawn of it, by that in each other."""
-    (first, own, its), *others = ((agents.scenario, *measure(agents, curve)) for agents in groups)
-    ratios = ((f"{first}/{name}", own / samples, float(its / drawn)) for name, samples, drawn in others)
-    return [_resampled(*ratio) for ratio in ratios]
+    """Returns the ratio of the first scenario's statistic to each other's, and that of what is drawn."""
+    (first, samples, drawn), *others = ((agents.scenario, *measure(agents, curve)) for agents in groups)
+    return [_resampled(f"{first}/{name}", samples / x, float(drawn / y)) for name, x, y in others]
 
 
-@lru_cache(maxsize=64)
 def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
-    """Returns the standard deviation over agents, averaged over steps; and the height of the drawn area."""
+    """Returns the mean over steps of the standard deviation over agents, and of the drawn area's height."""
     curves, weights = agents.arrays[curve], resample(len(agents.seeds), agents.scenario)
     mean = weights @ curves / len(curves)
     variance = weights @ curves**2 / len(curves) - mean**2
@@ -79,7 +74,7 @@ def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
 
 
 def _focus(agents: Records, _: str) -> tuple[Samples, float]:
-    """Returns how far from the target region the positive mean Q-values of the moves lie."""
+    """Returns cells' mean distance from the target region, weighted by positive mean Q-values of moves."""
     q, weights = agents.arrays["q"][:, :, :PING], resample(len(agents.seeds), agents.scenario)
     mass = np.maximum(weights @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
@@ -101,11 +96,10 @@ def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
     return parts
 
 
-@lru_cache(maxsize=64)
 def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
     """Returns in which cells PING's mean Q-value is above zero: as measured, surely, and possibly, (3, O).
 
-    Surely and possibly are right for all cells at once, with a confidence of `level`.
+    The latter two hold for all cells at once, with a confidence of `level`.
     """
     q = agents.arrays["q"][:, :, PING]
     return np.stack(student(q, level, q.shape[1])) > 0
@@ -117,7 +111,7 @@ def _valued_outside(groups: Sequence[Records], _: str) -> list[Part]:
     inside = signs[0][in_target].sum()  # without any, nothing has been learned, and nothing is counted
     value, low, high = (float(n) if inside else math.nan for n in signs[:, ~in_target].sum(axis=1))
     note = f"{inside} of {in_target.sum()} target cells have one"
-    return [Part(agents.scenario, value, low, high, note=note)]
+    return [Part(agents.scenario, value, low, high, note)]
 
 
 def _missing_inside(groups: Sequence[Records], _: str) -> list[Part]:
@@ -128,9 +122,7 @@ def _missing_inside(groups: Sequence[Records], _: str) -> list[Part]:
 
 def _reaches(groups: Sequence[Records], _: str) -> list[Part]:
     (agents,) = groups
-    succeeds = agents.arrays["success"][:, -1] > 0.5  # (N,)
-    error = float(succeeds.std()) / math.sqrt(len(succeeds))
-    return [Part(agents.scenario, *proportion(succeeds), error)]
+    return [Part(agents.scenario, *proportion(agents.arrays["success"][:, -1] > 0.5))]
 
 
 def _mean_map(agents: Records, level: float = LEVEL) -> tuple[float, float, float]:
@@ -151,18 +143,17 @@ def _random_helps(groups: Sequence[Records], _: str) -> list[Part]:
         freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
         reach = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
     mean_map = Part("mean map", s2[0] - s1[0], s2[1] - s1[2], s2[2] - s1[1])
-    return [mean_map, Part("own maps", difference, difference - reach, difference + reach, error)]
+    return [mean_map, Part("own maps", difference, difference - reach, difference + reach)]
 
 
 def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
     parts = [Part(f"mean map {agents.scenario}", *_mean_map(agents)) for agents in groups]
     for agents in groups:
-        own, n_valued, in_target = agents.region_overlap, agents.values_ping.sum(), agents.in_target
+        n_valued, in_target = agents.values_ping.sum(), agents.in_target
         hits = (agents.values_ping & in_target).sum(axis=1)
         precision, recall = hits.sum() / max(n_valued, 1), hits.mean() / in_target.sum()
-        error = float(own.std(ddof=1)) / math.sqrt(len(own))
         note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
-        parts.append(Part(f"own maps {agents.scenario}", *student(own), error, note))
+        parts.append(Part(f"own maps {agents.scenario}", *student(agents.region_overlap), note))
     return parts
 
 
@@ -183,13 +174,15 @@ CLAIMS: Final = (
 )
 
 
-def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.DataFrame:
-    """Measures claims, those on curves by this array of maximum Q; returns one row per part.
+def judge(agents: Agents, curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.DataFrame:
+    """Returns the parts of claims, each with its state and the verdict on its claim.
 
-    The agents are those of one reading, by scenario, and equally many. `effect` and `agents_needed` are NaN
-    if there is no standard deviation, or if that is 0 but for rounding.
+    Args:
+      agents: All of one reading, or some; by scenario.
+      curve: Array of the curve of maximum Q that claims are about.
+      claims: All claims, or some.
     """
-    n_agents = len(next(iter(agents.values())).seeds)
+    seeds = next(iter(agents.values())).seeds
     parts = pd.DataFrame(
         {"claim": claim.id, "right_side": claim.right_side, "threshold": claim.threshold} | part._asdict()
         for claim in claims
@@ -199,15 +192,12 @@ def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = C
     states = [ends.min(axis=0) > 0, ends.max(axis=0) <= 0]  # neither of NaN
     parts["state"] = np.select(states, ["passes", "fails"], "undecided")
     worst = parts["state"].map(STATES.index).groupby(parts["claim"]).transform("max")
-    deviation = math.sqrt(n_agents) * parts["standard_error"]
-    effect = (_margin(parts, "value") / deviation).where(deviation > _LEAST_DEVIATION)
-    needed = np.ceil((_REACH / effect) ** 2).where((effect != 0) & (parts["state"] == "undecided"))
-    verdicts = worst.map(VERDICTS.__getitem__)
-    return parts.assign(agents=n_agents, verdict=verdicts, effect=effect, agents_needed=needed)
+    about = {"agents": len(seeds), "first_seed": seeds[0], "last_seed": seeds[-1]}
+    return parts.assign(verdict=worst.map(VERDICTS.__getitem__), **about)
 
 
 def _margin(parts: pd.DataFrame, column: str) -> "pd.Series[float]":
-    # How far a number of each part lies on the right side of the threshold.
+    """Returns how far a number of each part lies on the right side of the threshold."""
     return (parts[column] - parts["threshold"]) * np.where(parts["right_side"] == ">", 1, -1)
 
 
@@ -217,14 +207,3 @@ def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
     ranked = ranked.sort_values("_margin", na_position="first", kind="stable")
     worst = ranked.sort_values("_state", ascending=False, kind="stable").drop_duplicates(["claim", *keys])
     return parts.loc[parts.index.isin(worst.index)]
-
-
-def agreement(parts: pd.DataFrame, sets: pd.DataFrame) -> pd.DataFrame:
-    """Returns parts with the share of the sets of agents in which the claim has the same verdict."""
-    verdicts = sets.drop_duplicates(["first_seed", "claim"])
-    counts, n = verdicts.groupby(["claim", "verdict"]).size(), verdicts["first_seed"].nunique()
-    judged = pd.MultiIndex.from_frame(parts[["claim", "verdict"]])
-    agreeing = counts.reindex(judged, fill_value=0).to_numpy()
-    low, high = proportion_interval(agreeing / n, n)
-    shares = {"share": agreeing / n, "share_low": low, "share_high": high}
-    return parts.assign(sets=n, sets_agreeing=agreeing, **shares)

@@ -3,26 +3,22 @@
 from pathlib import Path
 from typing import Final
 
-from benchmark.analysis.search import COLUMNS
-from benchmark.analysis.search import stages as search_stages
 from benchmark.drawing.tables import inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.folder import Folder
-from benchmark.studies.interim import Interim
-from benchmark.studies.search import results
-from benchmark.studies.study import Study
+from benchmark.studies.search import figures, tables
+from benchmark.studies.search.analysis import COLUMNS, analyse, stages
+from benchmark.studies.study import Declared, Study
 from envs import InputError
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, an experiment without a search, or with looks."""
+    """Refuses, by an InputError, an experiment without a search, or with further levels of success."""
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
-    report, solved = experiment.report, experiment.declared.solved
-    of_maps = {key: getattr(report, key) for key in ("looks", "panels", "answer")}
-    of_maps |= {"solved.levels": solved and solved.levels}
-    for key in (key for key, value in of_maps.items() if value):
-        raise InputError(f"{experiment.argument}: {key} with report.kind = search: accepted: kind = map.")
+    if experiment.declared.solved is not None and experiment.declared.solved.levels:
+        found = "solved.levels with report.kind = search"
+        raise InputError(f"{experiment.argument}: {found}: accepted: kind = map.")
 
 
 def headline(folder: Folder) -> str:
@@ -49,19 +45,11 @@ def headline(folder: Folder) -> str:
 STUDY: Final = Study(
     name="search",
     question="What does tuning buy, and what does it cost?",
-    declared=Interim,
+    declared=Declared,
     check=lambda experiment, _: check(experiment),
-    analyse=lambda data: data,
-    stages=lambda experiment, _, store: search_stages(experiment, store),
-    items=(
-        results.chosen,
-        results.picks,
-        results.cost,
-        results.trials,
-        results.around,
-        results.spaces,
-        results.scenes,
-    ),
+    analyse=analyse,
+    stages=stages,
+    items=(tables.chosen, tables.picks, tables.cost, tables.trials, tables.spaces, figures.scenes),
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
     lead="picks",

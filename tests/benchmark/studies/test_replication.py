@@ -1,10 +1,8 @@
 """The replication by itself: its tables and claims by hand, and what it demands."""
 
-import json
 from dataclasses import replace
-from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -15,29 +13,46 @@ from scipy import stats
 from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.records import Records, anchors, optimal_values
 from benchmark.drawing.tables import LINK
-from benchmark.experiments import load_experiment
+from benchmark.execution.store import Store
+from benchmark.experiments import Population, load_experiment
 from benchmark.folder import Folder
 from benchmark.publish.document import Document
-from benchmark.studies.item import Item, expanded
-from benchmark.studies.replication import REPORT, claims, learned, verdicts
-from benchmark.studies.replication.agents import is_of_paper
+from benchmark.studies import report_of
+from benchmark.studies.data import Data
+from benchmark.studies.replication import STUDY, claims, headline
+from benchmark.studies.replication.analysis import ReplicationAnalysis, agreement, analyse
+from benchmark.studies.study import Declared
 from envs import InputError
 from envs.model import PING
 from tests.benchmark.populations import population
 from tests.support import ROOT
 
 SCENARIOS = ("S1", "S2", "S3")
+PUBLISHED = Folder(ROOT / "results" / "reproduce")
 
 
-def table(item: Item, few: int | None = None, n: int = 4, **arrays: Any) -> pd.DataFrame:
-    """Returns the table of agents that have these arrays, the first `few` as many as the paper has."""
+def analysed(few: int | None = None, n: int = 4, **arrays: Any) -> ReplicationAnalysis:
+    """Returns the analysis of n agents that have these arrays, the first `few` as many as the paper has."""
+
+    class Made(Data[Declared]):
+        def records(self, of: Population) -> Records:
+            return population(of.scenario.name, n, **arrays)
+
     experiment = load_experiment("reproduce_smoke")
     ((name, learner),) = experiment.learners.items()
-    declared = learner.declared.model_copy(update={"seeds": few or n})
-    experiment = replace(experiment, learners={name: replace(learner, declared=declared)})
-    assert item.compute is not None
-    rows = item.compute(experiment, lambda requested: population(requested.scenario.name, n, **arrays))
-    return rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(map(expanded, rows or ()))
+    variant = learner.declared.model_copy(update={"seeds": few or n})
+    readings = {"default": experiment.declared.readings["default"]}
+    declared = experiment.declared.model_copy(update={"readings": readings})
+    experiment = replace(experiment, declared=declared, learners={name: replace(learner, declared=variant)})
+    return analyse(Made(experiment, Declared(kind="replication"), cast(Store, None), (), ()))
+
+
+def table(name: str, analysis: ReplicationAnalysis) -> pd.DataFrame:
+    """Returns a table by its name."""
+    (item,) = [item for item in STUDY.items if item.name == name]
+    frame = item.tabulate(analysis, analysis.data)
+    assert frame is not None
+    return frame
 
 
 # Tables
@@ -46,7 +61,7 @@ def table(item: Item, few: int | None = None, n: int = 4, **arrays: Any) -> pd.D
 def test_learning_table_by_hand() -> None:
     random, optimal = anchors(population().model, population().run.horizon, "start")
     scores = np.array([[0, -9, 0, 1.0], [0, 0.2, 0, 1], [0, 0.4, 0, 1], [0, 0.9, 1, 1]])
-    frame = table(learned.learning, grid_return=random + scores * (optimal - random))[:4]
+    frame = table("learning", analysed(grid_return=random + scores * (optimal - random)))[:4]
     assert frame["step"].tolist() == [0, 200, 400, 600]
     assert frame["score"].to_numpy() == pytest.approx([0, 1.5 / 4, 0.25, 1])  # -9 counts as 0
     assert frame["unbounded_score"].to_numpy() == pytest.approx([0, -1.875, 0.25, 1])
@@ -59,7 +74,7 @@ def test_learning_table_by_hand() -> None:
 def test_curves_by_hand() -> None:
     high = np.zeros((4, 60))
     high[:, 1] = [0, 0, 4, 4]
-    curve = table(learned.max_q, max_q=high, table_max_q=high + 1)[:60]
+    curve = analysed(max_q=high, table_max_q=high + 1).max_q[:60]
     assert curve["step"].tolist() == list(range(0, 600, 10))
     assert curve.iloc[1][["mean", "min", "max", "table_mean", "table_min"]].tolist() == [2, 0, 4, 3, 1]
 
@@ -67,7 +82,7 @@ def test_curves_by_hand() -> None:
 def test_optimality_after_training() -> None:
     worse, success = np.full((4, 4), -0.5), np.zeros((4, 4))
     success[:, -1] = [1, 0.5, 0.5, 0]
-    frame = table(learned.optimal, few=2, grid_return=worse, scenario_return=worse, success=success)
+    frame = table("optimal", analysed(2, grid_return=worse, scenario_return=worse, success=success))
     frame = frame[frame["scenario"] == "S1"]
     keys = ["agents", "first_seed", "last_seed", "success", "optimal_share"]
     assert frame[keys].to_numpy().tolist() == [[2, 0, 1, 0.75, 0], [4, 0, 3, 0.5, 0]]
@@ -82,7 +97,7 @@ def test_values_of_cells_and_where_policies_differ() -> None:
     greedy[:2, -1, 0] = 0b00001, 0b11111
     q = np.tile(best, (4, 1, 1))
     q[:, 13, 4] = [1, 2, 3, 6]  # row 1, column 1, PING
-    frame = table(learned.q_values, q=q, greedy=greedy)[:600]
+    frame = analysed(q=q, greedy=greedy).q_values[:600]
     (row,) = frame[frame["difference"] != 0].to_dict("records")
     assert (row["scenario"], row["row"], row["column"], row["action"]) == ("S1", 1, 1, "PING")
     assert (row["mean"], row["min"], row["max"], row["largest_learned"]) == (3, 1, 6, 3)
@@ -93,9 +108,9 @@ def test_values_of_cells_and_where_policies_differ() -> None:
 # Verdicts
 
 
-def judged(side: str, threshold: float, *parts: list[float]) -> pd.DataFrame:
-    """Judges made-up parts: of each, the value, the ends of its interval and perhaps its standard error."""
-    made = [claims.Part("", x, low, high, (*error, np.nan)[0]) for x, low, high, *error in parts]
+def judged(side: str, threshold: float, parts: list[list[float]]) -> pd.DataFrame:
+    """Judges made-up parts: of each, the value and the ends of its interval."""
+    made = [claims.Part("", value, low, high) for value, low, high in parts]
     claim = claims.Claim("c", "", side, threshold, ("S1",), lambda *_: made)
     return claims.judge({"S1": population()}, "", [claim])
 
@@ -113,27 +128,17 @@ def judged(side: str, threshold: float, *parts: list[float]) -> pd.DataFrame:
     ],
 )
 def test_verdicts(side: str, parts: list[list[float]], verdict: str, weakest: float) -> None:
-    rows = judged(side, 1.0, *parts)
+    rows = judged(side, 1.0, parts)
     assert set(rows["verdict"]) == {verdict}
     assert claims.weakest(rows)["value"].tolist() == pytest.approx([weakest], nan_ok=True)
 
 
-def test_effects_by_hand() -> None:
-    # Four agents and a standard error of 0.5: a standard deviation of 1.
-    parts = [[1.72, 0.0, 3.0, 0.5], [1.72, 1.5, 1.9, 0.5], [2.0, 1.0, 3.0, 0.5], [1.72, 0.0, 3.0, 1e-12]]
-    rows = judged("<", 2.0, *parts)
-    assert rows["effect"].tolist() == pytest.approx([0.28, 0.28, 0.0, np.nan], nan_ok=True)
-    # ((1.96 + 0.84) / 0.28)^2 = 100, without rounding 100.11; the second is decided
-    assert rows["agents_needed"].tolist() == pytest.approx([101, *[np.nan] * 3], nan_ok=True)
-
-
 def test_agreement_of_sets_by_hand() -> None:
-    here = pd.DataFrame({"claim": ["a", "b"], "verdict": ["holds", "undecided"]})
-    others = [here.assign(verdict="holds", first_seed=seed) for seed in (4, 8, 12)]
-    compared = claims.agreement(here, pd.concat([here.assign(first_seed=0), *others]))
+    judged = pd.DataFrame({"claim": ["a", "b"], "verdict": ["holds", "undecided"]})
+    others = [judged.assign(verdict="holds", first_seed=seed) for seed in (4, 8, 12)]
+    compared = agreement(judged, pd.concat([judged.assign(first_seed=0), *others]))
     assert compared["sets_agreeing"].tolist() == [4, 1]
-    assert compared["share"].tolist() == [1, 0.25]
-    assert compared["share_low"].iloc[0] == pytest.approx(0.025 ** (1 / 4))
+    assert compared["sets"].tolist() == [4, 4]
 
 
 # Claims
@@ -224,43 +229,30 @@ def test_own_maps_have_students_and_welchs_intervals() -> None:
     assert own[:4] == ("own maps S2", *map(pytest.approx, (x.mean(), *expected)))
 
 
-# Items
+# What is shown
 
 
 def test_published_verdicts_are_counted_and_every_claim_is_explained() -> None:
-    folder = ROOT / "results" / "reproduce"
-    headline, text = verdicts.headline(Folder(folder)), Document(folder).readme()
-    assert [number for number, *_ in LINK.findall(headline or "")] == ["7", "1", "3"]
+    text = Document(PUBLISHED.path).readme()
+    assert [number for number, *_ in LINK.findall(headline(PUBLISHED) or "")] == ["7", "1", "3"]
     assert [claim.id for claim in claims.CLAIMS if f"- *{claim.title}* (`{claim.id}`): " not in text] == []
     assert f"{RESAMPLES:,} seeded" in text
 
 
-@pytest.mark.parametrize(
-    ("table", "key", "value"),
-    [
-        ("scenarios.S1.issuer", "position", [2, 2]),
-        ("algorithms.q_learning", "algorithm", "sarsa"),
-        ("algorithms.q_learning.settings.index", "budget", 600),
-        ("readings.default", "curve", "table"),
-    ],
-)
-def test_other_scenes_and_settings_are_not_the_papers(table: str, key: str, value: object) -> None:
-    folder = Folder(ROOT / "results" / "reproduce")
-    manifest = json.loads(json.dumps(folder.manifest))
-    manifest["scenarios"]["S1"]["description"] = "other words"
-    assert is_of_paper(manifest)
-    reduce(dict.__getitem__, table.split("."), manifest)[key] = value
-    folder.__dict__["manifest"] = manifest
-    assert "11 claims like the paper's, in scenes or with settings" in (verdicts.headline(folder) or "")
+def test_claims_are_the_papers_in_its_replication_alone() -> None:
+    folder = Folder(PUBLISHED.path)
+    folder.__dict__["manifest"] = {**PUBLISHED.manifest, "experiment": "mine"}
+    assert "11 claims like the paper's, in scenes or with settings" in (headline(folder) or "")
 
 
-def test_items_of_disjoint_sets() -> None:
+def test_verdicts_on_disjoint_sets() -> None:
     success = np.zeros((5, 4))
     success[:, -1] = [1, 1, 0.9, 0.4, 0]
-    sets = table(verdicts.claim_sets, few=2, n=5, success=success)
+    analysis = analysed(few=2, n=5, success=success)
+    sets = table("claim_sets", analysis)
     reached = sets[sets["claim"] == "reaches"]
     assert reached[["first_seed", "last_seed", "value"]].to_numpy().tolist() == [[0, 1, 1], [2, 3, 0.5]]
-    frame = table(verdicts.claims, few=2, n=5, success=success)
+    frame = table("claims", analysis)
     assert frame["claim"].unique().tolist() == [claim.id for claim in claims.CLAIMS]
     assert frame[frame["claim"] == "reaches"]["agents"].tolist() == [2, 5]
     # Nothing was learned of PING, so there is nothing to count outside.
@@ -273,14 +265,13 @@ def test_items_of_disjoint_sets() -> None:
         ('"algorithms.q_learning.observations" = ["index", "offset"]', "algorithms"),
         ('scenarios = ["S1", "S2", "Egg"]', "scenarios"),
         ('"readings.origin.scenario" = { observe = ["agent", "issuer"] }', r"scenarios: S1 \(origin\)"),
+        ('"report.looks" = [2]', r".report.: unknown key looks"),
     ],
 )
 def test_a_replication_takes_one_table_in_scenarios_like_the_papers(
     changes: str, expected: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text(
-        f'extends = "reproduce_smoke"\ndescription = ""\n[changes]\n{changes}\n', encoding="utf-8"
-    )
+    path.write_text(f'extends = "reproduce_smoke"\ndescription = ""\n[changes]\n{changes}\n')
     with pytest.raises(InputError, match=f"mine.toml: {expected}"):
-        REPORT.check(load_experiment(path))
+        report_of(load_experiment(path)).check()

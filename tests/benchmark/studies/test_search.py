@@ -1,6 +1,7 @@
-"""The report of a search: what is picked of b trials, and what is published."""
+"""The search by itself: its stages, what it chooses, what is picked of b trials, and what is published."""
 
 import json
+import re
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -10,18 +11,96 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.analysis.frames import keys_of
 from benchmark.analysis.intervals import mean_over_scenarios
-from benchmark.analysis.search import picked, references
 from benchmark.drawing.tables import plain, write_csv
-from benchmark.experiments import load_experiment
+from benchmark.execution import driver
+from benchmark.execution.executors import Threads
+from benchmark.execution.store import Store
+from benchmark.experiments import Experiment, load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.folder import Folder, write_manifest
-from benchmark.studies.search import REPORT
-from benchmark.studies.search.results import at_edges, gain
+from benchmark.studies import report_of, runs_of
+from benchmark.studies.search import headline
+from benchmark.studies.search.analysis import (
+    SearchAnalysis,
+    at_edges,
+    best_by_scenario,
+    finalists,
+    gain,
+    outcomes,
+    picked,
+)
+from envs import InputError
+from tests.benchmark.studies.conftest import experiment_of
 from tests.support import ROOT, make, mistyped_columns
 
 PUBLISHED = ROOT / "results" / "tuning"
-TUNING = load_experiment("tuning")
+TUNING, SMALL = load_experiment("tuning"), load_experiment("tuning_smoke")
+SAME = 'extends = "tuning_smoke"\ndescription = "-"\nchanges = { stream = "tuning_smoke" }\n'
+LONGER = """
+extends = "tuning_smoke"
+description = "The same runs, and more."
+changes = { stream = "tuning_smoke", "search.trials" = 5 }
+"""
+EARLY = """
+extends = "tuning_smoke"
+description = "How early runs learn."
+[changes]
+scenarios = ["FarCorner"]
+solved = { success = 0.5, growth = 1.3 }
+evaluation_every = 50
+"search.trials" = 2
+"settings.budget" = 800
+"""
+# Areas by trial and scenario: trial 1 is lucky, trial 3 the best in the second scenario.
+FIRST = [[0.1, 0.1], [0.9, 0.3], [0.5, 0.5], [0.2, 0.8]]
+FRESH = [[0.1, 0.1], [0.3, 0.3], [0.4, 0.6], [0.2, 0.7]]
+
+
+def searched(experiment: Experiment, store: Store) -> SearchAnalysis:
+    """Executes both stages, and returns what they have found."""
+    report = report_of(experiment)
+    for n_stages, groups in enumerate(report.stages(store), start=1):
+        runs = runs_of(groups)
+        for part in (runs[: len(runs) // 2], runs):  # a search can be interrupted anywhere
+            assert len([*report.stages(store)]) == n_stages
+            assert driver.run(part, store, 1, executor=Threads(1)) == []
+    found = report.study.analyse(report.data(store))
+    assert isinstance(found, SearchAnalysis)
+    return found
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for the miniature's runs."""
+    return tmp_path_factory.mktemp("results")
+
+
+@pytest.fixture(scope="module")
+def small(results: Path) -> SearchAnalysis:
+    """What the miniature has found."""
+    with Store(results / "runs.db") as store:
+        return searched(experiment_of(results / "same.toml", SAME), store)
+
+
+# By hand
+
+
+@pytest.mark.parametrize(
+    ("declared", "ranked"),  # 0.5 and 0.3 of finalists, against trial 0
+    [([0.1, 0.1], [2, 1]), ([0.5, 0.5], [2, 1]), ([0.6, 0.5], [0, 2, 1])],
+)
+def test_the_winner_of_a_lottery_does_not_win(declared: list[float], ranked: list[int]) -> None:
+    areas = np.array(FIRST)[:, :, None].repeat(2, axis=2)
+    assert finalists(areas, 2) == [1, 2]  # 0.6, 0.5; as trial 3, but declared before it
+    assert best_by_scenario(areas) == [1, 3]
+    rows, again = [], [declared, *FRESH[1:]]
+    for (stage, means), population in product({"search": FIRST, "fresh": again}.items(), SMALL.populations):
+        row = keys_of(population) | {"stage": stage}
+        at = [*SMALL.scenarios].index(row["scenario"])
+        rows.append(row | {"area": means[int(row["trial"])][at]})
+    assert [outcome.ranked for outcome in outcomes(SMALL, pd.DataFrame(rows))] == [ranked] * 3
 
 
 def test_picks_are_those_of_all_draws() -> None:
@@ -34,9 +113,11 @@ def test_picks_are_those_of_all_draws() -> None:
     trials["trial"], trials["area"] = np.tile(range(4), 5), rng.integers(6, size=20) / 5  # with ties
     trials["fresh_area"] = np.repeat([0.9, 0.8, 0.7, 0.6, 0.9], 4)
     trials["A"], trials["B"] = rng.random((2, 20))
-    against = references(trials, {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"})
-    assert [*against.items()] == [*zip(names, [names[1]] * 3 + [names[3]] * 2, strict=True)]
-    rows = pd.DataFrame(picked(trials, against)).set_index(["variant", "scenario", "trials"])
+    families = {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"}
+    rows = pd.DataFrame(picked(trials, families))
+    against = rows.groupby(["variant", "observation"], sort=False)["reference"].unique()
+    assert [*map(list, against)] == [[names[1]], [""], [names[1]], [""], [names[3]]]
+    rows = rows.set_index(["variant", "scenario", "trials"])
     drawn = [trials[trials["variant"].eq(name) & trials["trial"].gt(0)] for name in ("ppo", "tiles")]
     for b, (scenario, column) in product((1, 2, 3), {"all": "area", "A": "A", "B": "B"}.items()):
         draws = [[side.loc[[*draw]] for draw in combinations(side.index, b)] for side in drawn]
@@ -45,6 +126,26 @@ def test_picks_are_those_of_all_draws() -> None:
         row = rows.loc["ppo"].loc[scenario].loc[b]
         assert (row["beats"], row["expected"]) == pytest.approx((beats, np.mean(x)))
     assert rows.loc["tiles"]["beats"].isna().all()
+
+
+def test_means_are_over_scenarios() -> None:
+    x, y = [np.ones(10), np.zeros(20)], [np.zeros(10), np.zeros(20)]
+    mean = mean_over_scenarios(x)
+    assert mean.value == gain(x, y).value == 0.5
+    assert mean.low < 0.5 < mean.high
+    assert gain(x, y).low > 0
+    assert gain(x, x) == (0, 0, 0)  # the same runs
+    assert gain(y, [np.zeros(10), np.zeros(20)]).low < 0  # others that fail, too
+
+
+def test_settings_at_edges_are_named() -> None:
+    space = TUNING.learners["dqn, one_hot"].declared.search
+    settings = {
+        "learning_rate": 0.0095, "gamma": 0.8, "exploration_fraction": 0.5, "target_update_interval": 10_000,
+        "train_freq": 4, "policy_kwargs.net_arch": [64, 64],
+    }  # fmt: skip
+    assert at_edges(space, settings) == ["learning_rate", "gamma", "target_update_interval"]
+    assert at_edges(space, dict.fromkeys(space)) == []
 
 
 @pytest.mark.parametrize(
@@ -63,108 +164,140 @@ def test_headlines_claim_no_gain_that_is_not_shown(rows: Any, expected: str, tmp
     write_csv(pd.DataFrame(rows, columns=columns), tmp_path / "chosen.csv")
     manifest = {"report": {"kind": "search"}, "scenarios": {}, "search": {"trials": 2}, "solved": None}
     write_manifest(tmp_path, manifest)
-    assert expected in plain(REPORT.headline(Folder(tmp_path)) or "")
+    assert expected in plain(headline(Folder(tmp_path)) or "")
 
 
-def test_means_are_over_scenarios() -> None:
-    x, y = [np.ones(10), np.zeros(20)], [np.zeros(10), np.zeros(20)]
-    mean = mean_over_scenarios(x)
-    assert mean.value == gain(x, y).value == 0.5
-    assert mean.low < 0.5 < mean.high
-    assert gain(x, y).low > 0
-    assert gain(x, x) == (0, 0, 0)  # the same runs
-    assert gain(y, [np.zeros(10), np.zeros(20)]).low < 0  # others that fail, too
+# From runs
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What `make tune` publishes of a miniature."""
-    results = tmp_path_factory.mktemp("results")
-    done = make("tune", "EXPERIMENT=tuning_smoke", f"RESULTS={results}")
-    assert done.returncode == 0, done.stderr
-    assert "72 runs done" in done.stdout
-    assert "the chosen settings are in" in done.stdout
-    assert "dqn, coordinates" in (results / "tuning_smoke" / "README.md").read_text(encoding="utf-8")
-    return results / "tuning_smoke"
+def test_stages_follow_from_what_is_stored(small: SearchAnalysis, results: Path, tmp_path: Path) -> None:
+    """A search can be lengthened without repeating what is done."""
+    longer = report_of(experiment_of(tmp_path / "longer.toml", LONGER))
+    with Store(results / "runs.db", read_only=True) as store:
+        first, fresh = report_of(SMALL).stages(store)
+        todo = driver.pending(runs_of(next(longer.stages(store))), store)
+        success = store.get([first[0].runs[0].digest])[0].arrays["success"]
+    assert {run.condition for run in todo} == {"default/trial=4", "default/trial=5"}
+    assert {run.seed for run in runs_of(fresh)} == {10, 11, 12}
+    assert len(small.data.specifications) == sum(len(group.runs) for group in (*first, *fresh))
+    # By hand: the mean success of evaluations, of which the first and the last count half.
+    assert small.data.runs["area"].iloc[0] == pytest.approx((success[:-1] + success[1:]).mean() / 2)
+    for outcome in small.outcomes:
+        again = {*product((*finalists(outcome.searched, 2), 0), SMALL.scenarios)}
+        again |= {*zip(best_by_scenario(outcome.searched), SMALL.scenarios, strict=True)}
+        assert {*outcome.fresh} == again
+        assert {len(fresh) for fresh in outcome.fresh.values()} == {3}
+        # All trials, and two finalists with 3 seeds.
+        assert small.chosen[outcome.learner.name].steps == 400 * (4 * 2 * 2 + 2 * 2 * 3)
 
 
-def test_a_policy_that_training_does_not_return_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_everything_of_a_search_is_published(
+    small: SearchAnalysis, results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path, policy = tmp_path / "mine.toml", '"algorithms.q_learning.policy" = "stochastic"'
-    path.write_text(f'extends = "tuning_smoke"\ndescription = "-"\n[changes]\n{policy}\n')
-    assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 2
-    assert "policy = stochastic: its training returns no such policy" in capsys.readouterr().err
-
-
-def test_everything_of_a_search_is_published(folder: Path, tmp_path: Path) -> None:
+    command, folder = ["report", str(results / "same.toml"), "--results", str(results)], results / "same"
+    assert main(command) == 0
+    assert "the chosen settings are in" in capsys.readouterr().out
+    assert read_chosen(small.data.experiment.path, "here").learners == small.chosen
     tables = {path.stem: pd.read_csv(path) for path in folder.glob("*.csv")}
     assert {name: len(table) for name, table in tables.items()} == {
-        "chosen": 3, "picks": 27, "cost": 3, "trials": 12, "around": 18, "spaces": 5,
+        "chosen": 3, "picks": 27, "cost": 3, "trials": 12, "spaces": 5,
     }  # fmt: skip
     assert sorted(path.stem for path in folder.glob("*.svg")) == ["picks", "scenes", "trials"]
     assert [path.name for path in folder.glob("*.csv") if mistyped_columns(path)] == []
     again, families = tmp_path / "picks.csv", {"dqn": "deep", "q_learning": "tabular"}
-    write_csv(pd.DataFrame(picked(tables["trials"], references(tables["trials"], families))), again)
+    write_csv(pd.DataFrame(picked(tables["trials"], families)), again)
     assert again.read_bytes() == (folder / "picks.csv").read_bytes()
-    chosen = tables["chosen"].iloc[0]
-    rows = tables["trials"]
+    chosen, rows = tables["chosen"].iloc[0], tables["trials"]
     row = rows[(rows["observation"] == "index") & (rows["trial"] == chosen["trial"])].iloc[0]
     assert row["fresh_area"] == pytest.approx(chosen["chosen"], abs=1e-5)
     assert row["settings"] == chosen["settings"]
     settings = dict(part.split(" ") for part in chosen["settings"].split(", "))
     is_edge = not 0.03 * (1 / 0.03) ** 0.1 < float(settings["learning_rate"]) < 0.03**0.1
     assert ("learning_rate" in str(chosen.get("edges", ""))) == is_edge
+    # What is up to date is not drawn again; a missing file of chosen settings is written all the same.
+    before = (file := results / "same.chosen.json").read_bytes()
+    file.unlink()
+    assert main(command) == 0
+    assert "up to date" in capsys.readouterr().out
+    assert file.read_bytes() == before
 
 
-def test_settings_at_edges_are_named() -> None:
-    space = TUNING.learners["dqn, one_hot"].declared.search
-    settings = {
-        "learning_rate": 0.0095, "gamma": 0.8, "exploration_fraction": 0.5, "target_update_interval": 10_000,
-        "train_freq": 4, "policy_kwargs.net_arch": [64, 64],
-    }  # fmt: skip
-    assert at_edges(space, settings) == ["learning_rate", "gamma", "target_update_interval"]
-    assert at_edges(space, dict.fromkeys(space)) == []
-
-
-def test_a_search_by_earliness_is_published(tmp_path: Path) -> None:
-    """The tables have its column, the text says what it is, and nothing is around what is chosen."""
-    path = tmp_path / "early.toml"
-    path.write_text(
-        'extends = "tuning_smoke"\ndescription = "-"\n[changes]\nsolved = { success = 0.05, growth = 1.5 }\n'
-        '"search.around" = false\n"settings.budget" = 800\n'
-    )
-    assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 0
-    folder = tmp_path / "results" / "early"
-    assert not [*folder.glob("around.*")]
-    trials = pd.read_csv(folder / "trials.csv")
+def test_runs_are_compared_by_how_early_they_learn(tmp_path: Path) -> None:
+    """Each by the rule of `[solved]`, step by step."""
+    experiment = experiment_of(tmp_path / "early.toml", EARLY)
+    with Store(tmp_path / "runs.db") as store:
+        found = searched(experiment, store)
+        runs, frame = [run for group in found.data.groups for run in group.runs], found.data.runs
+        curves = [record.arrays["success"] for record in store.get([run.digest for run in runs])]
+    steps = runs[0].schedule.evaluation_steps
+    assert (*steps[:3], steps[-1]) == (0, 50, 100, 800)
+    assert {curve.size for curve in curves} == {len(steps)}
+    expected = []
+    for curve in curves:
+        # For each evaluation, until when success has to stay: twice as many steps, or the end.
+        ends = [
+            next((j for j in range(i + 1, len(steps)) if steps[j] >= 2 * steps[i]), len(steps))
+            for i in range(len(steps))
+        ]
+        stays = [steps[i] for i, j in enumerate(ends) if min(curve[i : j + 1]) >= 0.5]
+        expected.append(1 - np.log(max(stays[0], 50) / 50) / np.log(800 / 50) if stays else 0.0)
+    assert frame["earliness"].tolist() == pytest.approx(expected)
+    assert 0 < np.mean(expected) < 1
+    for outcome in found.outcomes:
+        best = found.chosen[outcome.learner.name]
+        assert [best.trial, *(other.trial for other in best.others)] == outcome.ranked
+        assert best.score >= best.others[0].score
+        assert best.steps == 800 * best.runs == 800 * (3 * 2 + 2 * 3)
+    assert main(["report", str(experiment.path), "--results", str(tmp_path)]) == 0
+    trials, chosen = (pd.read_csv(tmp_path / "early" / f"{name}.csv") for name in ("trials", "chosen"))
     assert {"earliness", "fresh_earliness"} < {*trials}
-    assert not {"area", "fresh_area"} & {*trials}
-    chosen, text = pd.read_csv(folder / "chosen.csv"), (folder / "README.md").read_text(encoding="utf-8")
-    assert chosen["chosen"].max() > 0.1
     assert trials["fresh_earliness"].max() == pytest.approx(chosen["chosen"].max(), abs=1e-5)
-    assert "stays at or above 0.05 from then until step 2*s* or the end" in " ".join(text.split())
-    assert "Which settings matter" not in text
-    assert "area" not in text
-    made = read_chosen(path, "here").learners
-    assert all(found.score >= found.others[0].score for found in made.values())
+    text = (tmp_path / "early" / "README.md").read_text(encoding="utf-8")
+    assert "stays at or above 0.5 from then until step 2*s* or the end" in " ".join(text.split())
+    assert "area" not in {*frame, *trials, *text.split()}
+
+
+def test_make_runs_a_search() -> None:
+    commands = make("--dry-run", "tune", "EXPERIMENT=tuning_smoke").stdout
+    assert re.search(r"benchmark run .*--report +tuning_smoke\b", commands)
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize(
+    "command", [["report", "--seeds=0-3"], ["report", "--partial"], ["run", "--seeds=0-3"]]
+)
+def test_a_search_has_its_own_seeds_and_no_part(
+    command: list[str], results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*command, str(results / "same.toml"), "--results", str(results)]) == 2
+    assert command[1].partition("=")[0] in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("key", "change"),
+    ("change", "expected"),
     [
-        ("looks", '"report.looks" = [2]'),
-        ("panels", '"report.panels" = [{ title = "-", learners = ["dqn, coordinates"] }]'),
-        ("solved.levels", "solved = { levels = [0.5] }"),
+        ("solved = { levels = [0.5] }", "solved.levels with report.kind = search: accepted: kind = map"),
+        ('"report.looks" = [2]', r"\[report\]: unknown key looks"),
     ],
 )
-def test_keys_of_maps_are_refused_in_a_search(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str, change: str
-) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(f'extends = "tuning_smoke"\ndescription = "-"\nchanges = {{ {change} }}\n')
-    assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 2
-    assert f"{key} with report.kind = search: accepted: kind = map" in capsys.readouterr().err
+def test_keys_of_maps_are_refused(tmp_path: Path, change: str, expected: str) -> None:
+    text = f'extends = "tuning_smoke"\ndescription = "-"\nchanges = {{ {change} }}\n'
+    with pytest.raises(InputError, match=expected):
+        report_of(experiment_of(tmp_path / "mine.toml", text)).check()
+
+
+def test_a_policy_that_training_does_not_return_is_refused(tmp_path: Path) -> None:
+    policy = '"algorithms.q_learning.policy" = "stochastic"'
+    text = f'extends = "tuning_smoke"\ndescription = "-"\nchanges = {{ stream = "tuning_smoke", {policy} }}\n'
+    experiment = experiment_of(tmp_path / "mine.toml", text)
+    with (
+        Store(tmp_path / "runs.db") as store,
+        pytest.raises(InputError, match="policy = stochastic: its training returns no such policy"),
+    ):
+        searched(experiment, store)
+
+
+# As published
 
 
 def test_published_trials_are_the_declared_ones() -> None:
@@ -182,7 +315,7 @@ def test_published_trials_are_the_declared_ones() -> None:
 def test_experiments_take_what_is_published() -> None:
     """The file that experiments read says what the published table says."""
     published = pd.read_csv(PUBLISHED / "chosen.csv")
-    chosen = read_chosen(ROOT / "benchmark" / "experiments" / "tuning.toml", "here").learners
+    chosen = read_chosen(TUNING.path, "here").learners
     assert [*chosen] == [*(published["variant"] + ", " + published["observation"])]
     assert [found.trial for found in chosen.values()] == published["trial"].tolist()
     scores = [found.score for found in chosen.values()]
@@ -197,15 +330,4 @@ def test_baselines_are_the_best_tables_and_tile_coding_of_the_search(name: str) 
         if learner.chosen is not None and learner.family != "deep" and not learner.reference_for:
             key = learner.family, learner.declared.policy
             best[key] = max(best.get(key, (0.0, "")), (learner.chosen.score, learner.name))
-    assert experiment.report is not None
-    assert {*experiment.report.baseline} == {name for _, name in best.values()}
-
-
-@pytest.mark.parametrize(
-    "command", [["report", "--seeds=0-3"], ["report", "--partial"], ["run", "--seeds=0-3"]]
-)
-def test_a_search_has_its_own_seeds_and_no_part(
-    command: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*command, "tuning_smoke", "--results", str(folder.parent)]) == 2
-    assert command[1].partition("=")[0] in capsys.readouterr().err
+    assert {*report_of(experiment).declared.baseline} == {name for _, name in best.values()}

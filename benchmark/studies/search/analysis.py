@@ -1,0 +1,261 @@
+"""A search for settings: which runs it has, which settings it chooses, and what these reach.
+
+First, every trial of every learner runs in all scenarios. Then the trials with the largest means, and trial
+0, run again with fresh seeds. That with the largest mean on these is chosen, so one that was merely lucky is
+not. In each scenario, the trial that is best there runs again, too. Means are of a measure of each run: the
+area under its curve of exact success or, with `[solved]`, how early it has learned.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from math import comb, nan
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from benchmark.analysis.frames import Floats, Group, tables
+from benchmark.analysis.intervals import Estimate, combined
+from benchmark.execution.store import Store
+from benchmark.experiments import Experiment, Learner
+from benchmark.experiments.search import Chosen, Finalist, Space
+from benchmark.studies.data import Data
+from benchmark.studies.study import Declared
+from envs.inputs import override
+from envs.scenario import RELATIVE
+
+Row = dict[str, object]
+
+COLUMNS: Final = ("area", "earliness", "cpu_time_s")  # of runs, that a search needs as far as they have them
+ALL: Final = "all"  # scenarios together
+_SEARCHED, _FRESH = "search", "fresh"  # stages
+_KEYS: Final = ["variant", "observation"]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a search has found for a learner. I scenarios."""
+
+    learner: Learner
+    searched: Floats
+    """Measures of every trial on the first seeds, (trials, I, N)."""
+    fresh: Mapping[tuple[int, str], Floats]
+    """Measures on fresh seeds, (N,), by trial and scenario."""
+    finalists: Sequence[int]
+    """The best trials on the first seeds."""
+
+    @cached_property
+    def ranked(self) -> list[int]:
+        """Finalists by their mean on fresh seeds, the chosen one first, after trial 0 if that beats all."""
+        means = {trial: float(np.mean(self.again(trial))) for trial in (*self.finalists, 0)}
+        ranked = sorted(self.finalists, key=means.__getitem__, reverse=True)
+        return [0, *ranked] if means[0] > means[ranked[0]] else ranked
+
+    def again(self, trial: int) -> list[Floats]:
+        """Returns the fresh measures of a finalist or of trial 0 in every scenario."""
+        return [measures for (other, _), measures in self.fresh.items() if other == trial]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchAnalysis:
+    """What a search has found for every learner."""
+
+    data: Data[Declared]
+    measure: str
+    """The column of runs that the search compares."""
+    outcomes: Sequence[Outcome]
+    chosen: Mapping[str, Chosen]
+    """The chosen settings, and the effort: all trials, and fresh runs of those that are ranked."""
+
+    def settings(self, learner: Learner, trial: int) -> Row:
+        """Returns the searched settings of a trial, by dotted key."""
+        experiment = self.data.experiment
+        condition, scenario = [*experiment.conditions][trial], next(iter(experiment.scenarios))
+        settings = experiment.population(condition, scenario, learner.name).first.settings
+        return {key: value_at(settings, key) for key in learner.declared.search}
+
+    @cached_property
+    def trials(self) -> pd.DataFrame:
+        """Every trial of every learner: settings, and means over the first runs and, if any, fresh ones."""
+        names, missing = [*self.data.experiment.scenarios], np.array([nan])
+        rows = [
+            {
+                "variant": outcome.learner.variant,
+                "observation": outcome.learner.observation,
+                "trial": trial,
+                "settings": text_of(self.settings(outcome.learner, trial)),
+                self.measure: float(measures.mean()),
+                f"fresh_{self.measure}": float(
+                    np.mean([outcome.fresh.get((trial, name), missing).mean() for name in names])
+                ),
+                **dict(zip(names, measures.mean(axis=1).tolist(), strict=True)),
+            }
+            for outcome in self.outcomes
+            for trial, measures in enumerate(outcome.searched)
+        ]
+        return pd.DataFrame(rows)
+
+
+def analyse(data: Data[Declared]) -> SearchAnalysis:
+    """Finds what was chosen for every learner."""
+    experiment, runs = data.experiment, data.runs
+    found = [*outcomes(experiment, runs)]
+    chosen = {each.learner.name: _chosen(experiment, runs, each) for each in found}
+    return SearchAnalysis(data, measure_of(experiment), found, chosen)
+
+
+def stages(experiment: Experiment, _: Declared, store: Store) -> Iterator[list[Group]]:
+    """Yields the runs of both stages; whoever asks for the second has stored the first."""
+    search, names = experiment.declared.search, [*experiment.scenarios]
+    assert search is not None
+    first = [Group(each, each.runs(), {"stage": _SEARCHED}) for each in experiment.populations]
+    yield first
+    runs, fresh, conditions = tables(first, store, COLUMNS)[0], list[Group](), [*experiment.conditions]
+    for learner in experiment.learners.values():
+        searched = _searched(experiment, runs, learner)
+        again = product([*finalists(searched, search.finalists), 0], names)
+        for trial, name in dict.fromkeys([*again, *zip(best_by_scenario(searched), names, strict=True)]):
+            population = experiment.population(conditions[trial], name, learner.name)
+            fresh.append(Group(population, population.runs(search.fresh), {"stage": _FRESH}))
+    yield fresh
+
+
+def measure_of(experiment: Experiment) -> str:
+    """Returns the column of runs that a search compares."""
+    return "area" if experiment.declared.solved is None else "earliness"
+
+
+def finalists(searched: Floats, n: int) -> list[int]:
+    """Returns the n best trials by (trials, I, N) measures, the best first; of equal ones the first."""
+    order = np.argsort(-searched.mean(axis=(1, 2)), kind="stable")
+    return [int(trial) for trial in order[:n]]
+
+
+def best_by_scenario(searched: Floats) -> list[int]:
+    """Returns the best trial of each scenario, by (trials, I, N) measures."""
+    return [int(trial) for trial in searched.mean(axis=2).argmax(axis=0)]
+
+
+def outcomes(experiment: Experiment, runs: pd.DataFrame) -> Iterator[Outcome]:
+    """Yields what a search has found for every learner, by its runs of both stages."""
+    assert experiment.declared.search is not None
+    for learner in experiment.learners.values():
+        searched = _searched(experiment, runs, learner)
+        again = runs[(runs["learner"] == learner.name) & (runs["stage"] == _FRESH)]
+        groups = again.groupby(["trial", "scenario"], sort=False)[measure_of(experiment)]
+        fresh = {(int(str(trial)), str(name)): rows.to_numpy() for (trial, name), rows in groups}
+        yield Outcome(learner, searched, fresh, finalists(searched, experiment.declared.search.finalists))
+
+
+def _searched(experiment: Experiment, runs: pd.DataFrame, learner: Learner) -> Floats:
+    """Returns the measures of a learner's trials on the first seeds, (trials, I, N)."""
+    rows = runs[(runs["learner"] == learner.name) & (runs["stage"] == _SEARCHED)]
+    measures = rows[measure_of(experiment)].to_numpy()
+    return measures.reshape(len(experiment.conditions), len(experiment.scenarios), -1)
+
+
+def _chosen(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Chosen:
+    """Returns the best settings of a learner and the effort of finding them."""
+    is_final = (runs["stage"] == _FRESH) & runs["trial"].isin([*map(str, outcome.ranked)])
+    tried = runs[(runs["learner"] == outcome.learner.name) & ((runs["stage"] == _SEARCHED) | is_final)]
+    best = [
+        Finalist(
+            trial=trial,
+            settings=_declared_settings(experiment, outcome.learner, trial),
+            score=round(float(np.mean(outcome.again(trial))), 6),
+        )
+        for trial in outcome.ranked[:3]
+    ]
+    return Chosen(
+        **dict(best[0]),
+        others=tuple(best[1:]),
+        trials=len(outcome.searched) - 1,
+        runs=len(tried),
+        steps=int(tried["budget"].sum()),
+        cpu_time_s=round(float(tried["cpu_time_s"].sum()), 3),
+    )
+
+
+def _declared_settings(experiment: Experiment, learner: Learner, trial: int) -> Row:
+    """Returns the settings that a trial declares or draws, but for the budget and the time limit."""
+    condition = [*experiment.conditions.values()][trial]
+    own = experiment.declared.settings | learner.declared.settings
+    kept = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
+    return override(kept, condition.settings_changes(learner.variant), learner.name)
+
+
+def value_at(settings: object, key: str) -> object:
+    """Returns the value of a dotted key; None if it is not set."""
+    for name in key.split("."):
+        settings = settings.get(name) if isinstance(settings, dict) else getattr(settings, name, None)
+    return settings
+
+
+def text_of(settings: Row) -> str:
+    """Returns searched settings as readers see them, without those that are not set."""
+    texts = {key.split(".")[-1]: json.dumps(value) for key, value in settings.items() if value is not None}
+    return ", ".join(f"{key} {text}" for key, text in texts.items()) or "default"
+
+
+def at_edges(space: Space, settings: Row) -> list[str]:
+    """Lists the settings with a number at an edge of what was searched."""
+    numbers = {key: value for key, value in settings.items() if isinstance(value, int | float)}
+    return [key for key, value in numbers.items() if not space[key].edges[0] < value < space[key].edges[1]]
+
+
+def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:
+    """Returns the difference of two means over scenarios, x minus y, as of independent runs."""
+    # Scenarios in which both sides are the same runs change neither the difference nor its interval.
+    differing = [pair for pair in zip(x, y, strict=True) if pair[0] is not pair[1]]
+    sides = [side for pair in differing for side in pair]
+    weights, means = [1 / len(x), -1 / len(x)] * len(differing), [float(side.mean()) for side in sides]
+    if not differing:
+        return Estimate(0.0, 0.0, 0.0)
+    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [*map(len, sides)]))
+
+
+def chances(means: Floats, b: int) -> Floats:
+    """Returns the probability that each of n trials is the best of b drawn without replacement, (n,).
+
+    >>> chances(np.array([0.2, 0.8, 0.5]), 2).round(3).tolist()
+    [0.0, 0.667, 0.333]
+    """
+    n, found = len(means), np.zeros(len(means))
+    for n_better, trial in enumerate(np.argsort(-means, kind="stable")):  # of equal ones, the first is better
+        found[trial] = comb(n - 1 - n_better, b - 1) / comb(n, b)
+    return found
+
+
+def picked(trials: pd.DataFrame, families: Mapping[str, str]) -> Iterator[Row]:
+    """Yields how the pick from b trials compares with that of a reference, for b from 1 to all.
+
+    A pick is the trial of the largest mean over scenarios among b that are drawn, without trial 0. Picks are
+    compared by this mean, and by that in each scenario; ties count as a half. The reference is the learner
+    whose best trial has the largest mean on fresh runs, of those that observe the same (cells or offsets) and
+    are neither nets nor planners; if there are none, of all that observe the same. It has none itself.
+
+    Args:
+      trials: A table like trials.csv, whose last columns are the means in each scenario.
+      families: Of variants, by name.
+    """
+    measure = "area" if "fresh_area" in trials else "earliness"
+    scenarios = [*trials][[*trials].index(f"fresh_{measure}") + 1 :]
+    by_learner = {(str(key[0]), str(key[1])): rows for key, rows in trials.groupby(_KEYS, sort=False)}
+    means = {
+        key: rows[rows["trial"] > 0][[measure, *scenarios]].to_numpy().T for key, rows in by_learner.items()
+    }
+    best = {key: rows[f"fresh_{measure}"].max() for key, rows in by_learner.items()}
+    for key, own in means.items():
+        alike = [other for other in means if other[1].startswith(RELATIVE) == key[1].startswith(RELATIVE)]
+        reference = max(alike, key=lambda other: (families[other[0]] not in ("deep", "planner"), best[other]))
+        n, other, name = own.shape[1], means[reference], ", ".join(reference) * (reference != key)
+        for scenario, x, y in zip((ALL, *scenarios), own, other, strict=True):
+            beaten = (np.sign(x[:, None] - y) + 1) / 2
+            for b in (*(2**i for i in range(n.bit_length()) if 2**i < n), n):
+                chance = chances(own[0], b)
+                beats = float(chance @ beaten @ chances(other[0], b)) if name else nan
+                row = {"scenario": scenario, **dict(zip(_KEYS, key, strict=True)), "reference": name}
+                yield row | {"trials": b, "beats": beats, "expected": float(chance @ x)}

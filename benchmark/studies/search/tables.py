@@ -1,0 +1,110 @@
+"""The tables of a search: what was chosen, what that bought, and what it cost."""
+
+import json
+from collections.abc import Iterator
+from typing import Final
+
+from benchmark.analysis.intervals import mean_over_scenarios
+from benchmark.experiments.search import Choice
+from benchmark.studies.item import COLUMNS, Item, item, labelled_columns, no_rows
+from benchmark.studies.search.analysis import (
+    Row,
+    SearchAnalysis,
+    at_edges,
+    best_by_scenario,
+    gain,
+    picked,
+    text_of,
+    value_at,
+)
+
+_Table = Item[SearchAnalysis]
+_LABELS: Final = COLUMNS["search_labels"]
+
+
+@item(
+    "chosen",
+    "the chosen settings of each learner, and what it reaches with them on fresh runs",
+    labelled_columns(
+        _LABELS, "learner trial settings edges default chosen gain per_scenario sensitivity found"
+    ),
+    best="chosen",
+)
+def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
+    """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
+    scenarios = analysis.data.experiment.scenarios
+    for outcome in analysis.outcomes:
+        learner, trial = outcome.learner, outcome.ranked[0]
+        best, default = outcome.again(trial), outcome.again(0)
+        pairs = zip(best_by_scenario(outcome.searched), scenarios, strict=True)
+        best_of_each = [outcome.fresh[pair] for pair in pairs]
+        settings = analysis.settings(learner, trial)
+        edges = at_edges(learner.declared.search, settings)
+        yield {
+            "variant": learner.variant,
+            "observation": learner.observation,
+            "trial": trial,
+            "settings": text_of(settings),
+            "edges": ", ".join(key.split(".")[-1] for key in edges),
+            "default": mean_over_scenarios(default),
+            "chosen": mean_over_scenarios(best),
+            "gain": gain(best, default),
+            "per_scenario": mean_over_scenarios(best_of_each),
+            "sensitivity": gain(best_of_each, best),
+            "found": float(max(measures.mean() for measures in outcome.searched)),
+        }
+
+
+@item("picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows)
+def picks(analysis: SearchAnalysis) -> Iterator[Row]:
+    """Tabulates what is `picked` of the trials, with the digits that trials.csv has."""
+    learners = analysis.data.experiment.learners.values()
+    trials = analysis.trials.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
+    yield from picked(trials, {learner.variant: learner.family for learner in learners})
+
+
+@item(
+    "cost",
+    "cost of the search: of all trials, and of fresh runs of those that were ranked",
+    labelled_columns(_LABELS, "learner trials runs steps cpu_time_s cpu_ms"),
+    is_measured=True,
+    best="-cpu_time_s",
+)
+def cost(analysis: SearchAnalysis) -> Iterator[Row]:
+    """Tabulates the effort of each search; `cpu_ms` is the mean time that a run of the search trains."""
+    for name, found in analysis.chosen.items():
+        variant, observation = name.split(", ")
+        effort = found.model_dump(include={"trials", "runs", "steps", "cpu_time_s"})
+        cpu_ms = 1000 * found.cpu_time_s / found.runs
+        yield {"variant": variant, "observation": observation, **effort, "cpu_ms": cpu_ms}
+
+
+trials = _Table(
+    "trials",
+    "every trial of every learner: settings, and means by scenario",
+    where=no_rows,
+    meanings={"*": "mean area, or earliness, in this scenario, on the first runs"},
+    compute=lambda analysis: analysis.trials,
+)
+
+
+@item(
+    "spaces",
+    "the declared range of every setting, and why",
+    labelled_columns(_LABELS, "variant setting default range why"),
+    meanings={"default": "value in trial 0, as declared"},
+)
+def spaces(analysis: SearchAnalysis) -> Iterator[Row]:
+    """Tabulates what was declared before the search."""
+    experiment = analysis.data.experiment
+    populations = reversed(experiment.populations)
+    defaults = {population.learner.variant: population.first.settings for population in populations}
+    for name, declared in experiment.declared.algorithms.items():
+        for key, axis in declared.search.items():
+            if isinstance(axis, Choice):
+                texts = " or ".join(map(json.dumps, axis.values))
+            else:
+                texts = f"{axis.low:g} to {axis.high:g}"
+                texts += ", logarithmic" * (axis.scale == "log") + ", whole" * axis.whole
+            default = json.dumps(value_at(defaults[name], key))
+            yield {"variant": name, "setting": key, "default": default, "range": texts, "why": axis.why}
