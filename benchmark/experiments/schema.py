@@ -471,12 +471,10 @@ class Declaration(Table):
     @property
     def most_runs(self) -> int:
         """The number of runs, at most, over all stages; one that several conditions share counts for each."""
-        report = self.reporting
-        looks, contrasts = (report.looks, report.contrasts) if report else ((), ())
-        n, compared = 0, {*chain(*contrasts)}
+        n = 0
         for condition, (learner, variant) in product(self.conditions.values(), self._learners.items()):
             if condition.has(variant, learner.removeprefix(f"{variant}, ")):
-                n += max([len(self.seeds_of(variant, condition)), *(looks if learner in compared else ())])
+                n += len(self.seeds_of(variant, condition))
         if (search := self.search) is not None:
             for variant in self._learners.values():
                 n_around = 1 + sum(len(axis.marks) for axis in self.algorithms[variant].search.values())

@@ -103,9 +103,9 @@ class Item(Generic[A]):
         """Lists the names that its files can have."""
         return (self.file,) if self.file else (f"{self.name}.csv", f"{self.name}.svg")
 
-    def meaning(self, column: str) -> str | None:
-        """Returns what a column of its table means; None if nothing says so."""
-        return _meaning(column, {**COLUMNS["columns"], **(self.meanings or {})})
+    def meaning(self, column: str, study: str = "") -> str | None:
+        """Returns what a column of its table means, in a study of this name; None if nothing says so."""
+        return _meaning(column, {**COLUMNS["columns"], **COLUMNS.get(study, {}), **(self.meanings or {})})
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""

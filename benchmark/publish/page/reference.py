@@ -101,7 +101,8 @@ def columns(results: Path) -> str:
         for item in document.items:
             file = item.file or f"{item.name}.csv"
             if ".csv" in file and file in document.folder:
-                meanings = {f"`{name}`": item.meaning(str(name)) for name in document.folder.frame(file)}
+                names, study = document.folder.frame(file), document.study.name
+                meanings = {f"`{name}`": item.meaning(str(name), study) for name in names}
                 tables.setdefault((document.study.name, file, item.description), {}).update(meanings)
     for (report, name, description), meanings in tables.items():
         grid = tabulate(meanings.items(), ["column", "meaning"], "github")
