@@ -11,7 +11,7 @@ from benchmark.experiments import Population
 from benchmark.studies.data import Data
 from benchmark.studies.item import expanded
 from benchmark.studies.map.declared import MapDeclared, name_of
-from benchmark.studies.map.looks import Contrast, Rows, contrasts_of, learned_at, rows_of
+from benchmark.studies.map.looks import Contrast, Rows, contrasts_of, digests, learned_at, rows_of
 from envs import InputError
 from envs.people import NoisyFeedback
 
@@ -38,7 +38,7 @@ def analyse(data: Data[MapDeclared]) -> MapAnalysis:
     if not contrasts:
         raise InputError(f"{experiment.name}: no contrast has enough runs yet: run the experiment first.")
     first = next(iter(learned.values()))
-    distinct = {(contrast.x.first.digest, contrast.y.first.digest): contrast for contrast in contrasts}
+    distinct = {digests(contrast.x, contrast.y): contrast for contrast in contrasts}
     rows = [expanded(_cell(population, runs[population], own)) for population, own in first.items()]
     cells = pd.DataFrame(rows, index=[population.learner.name for population in first])
     return MapAnalysis(data, curves, runs, first, contrasts, [*distinct.values()], cells)

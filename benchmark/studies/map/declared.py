@@ -1,12 +1,12 @@
 """What a map declares of its report, and what it demands of its experiment."""
 
-from collections.abc import Iterator, Set
+from collections.abc import Iterable, Iterator, Set
 from functools import lru_cache
 from itertools import filterfalse
 from math import prod
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import Field, model_validator
 
 from agents.dynamic_programming import evaluate, largest_success
 from agents.policy import uniform_policy
@@ -17,8 +17,6 @@ from benchmark.experiments.schema import is_number
 from benchmark.studies.study import Declared
 from envs import InputError, Scenario, compile_scenario
 from envs.inputs import Label, Names, Table, distinct, require
-
-Pair = tuple[str, str]
 
 
 class Margins(Table):
@@ -41,16 +39,6 @@ class Panel(Table):
     """Names of the learners that it shows."""
 
 
-def _have_titles(panels: tuple[Panel, ...]) -> tuple[Panel, ...]:
-    distinct(tuple(panel.title for panel in panels), "title ")
-    return panels
-
-
-def _are_distinct(titles: dict[str, str]) -> dict[str, str]:
-    distinct(tuple(titles.values()))
-    return titles
-
-
 class Answer(Table):
     """A map's answer at one point: steps until learners have learned, and success in unseen places."""
 
@@ -58,23 +46,8 @@ class Answer(Table):
     """The grid with the point."""
     point: str
     """The point, as in tables: "places 64". The person must have unseen places there."""
-    learners: Annotated[
-        dict[str, Annotated[Label, Field(min_length=1)]], Field(min_length=1), AfterValidator(_are_distinct)
-    ]
+    learners: Annotated[dict[str, Annotated[Label, Field(min_length=1)]], Field(min_length=1)]
     """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
-
-
-def _compare(contrasts: tuple[Pair, ...]) -> tuple[Pair, ...]:
-    for x, y in contrasts:
-        require(x != y, f"{x} and {y}", "two different learners")
-    distinct(tuple(" and ".join(sorted(pair)) for pair in contrasts))
-    return contrasts
-
-
-def _increase(looks: tuple[int, ...]) -> tuple[int, ...]:
-    if [*looks] != sorted({*looks}):
-        raise ValueError("accepted: increasing numbers")
-    return looks
 
 
 class MapDeclared(Declared):
@@ -82,18 +55,28 @@ class MapDeclared(Declared):
 
     omitted_at_default: ClassVar[Set[str]] = {"answer"}
 
-    contrasts: Annotated[tuple[Pair, ...], Field(min_length=1), AfterValidator(_compare)]
+    contrasts: Annotated[tuple[tuple[str, str], ...], Field(min_length=1)]
     """Pairs of learners x, y that are compared, with verdicts, wherever there are both."""
-    looks: Annotated[
-        tuple[Annotated[int, Field(ge=2, le=10**12)], ...], Field(min_length=1), AfterValidator(_increase)
-    ]
+    looks: Annotated[tuple[Annotated[int, Field(ge=2, le=10**12)], ...], Field(min_length=1)]
     """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
     margins: Margins = Margins()
     """Differences between x and y that are too small to matter."""
-    panels: Annotated[tuple[Panel, ...], AfterValidator(_have_titles)] = ()
+    panels: tuple[Panel, ...] = ()
     """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
     answer: Answer | None = None
     """What the figure of a map's answer shows; without it, there is none."""
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        looks, answer = [*self.looks], self.answer
+        require(looks == sorted({*looks}), f"report.looks = {looks}", "increasing numbers")
+        for x, y in self.contrasts:
+            require(x != y, f"report.contrasts: {x} and {y}", "two different learners")
+        pairs = (" and ".join(sorted(contrast)) for contrast in self.contrasts)
+        distinct(tuple(pairs), "report.contrasts: ")
+        distinct(tuple(panel.title for panel in self.panels), "report.panels: title ")
+        distinct(tuple(answer.learners.values() if answer else ()), "report.answer: ")
+        return self
 
 
 def name_of(population: Population) -> dict[str, str]:
@@ -153,7 +136,9 @@ def _shown_in(experiment: Experiment, grid: str) -> list[str]:
     return [name for name in ranked(experiment) if name in ran]
 
 
-def compared(experiment: Experiment, contrasts: tuple[Pair, ...]) -> list[tuple[Population, Population]]:
+def compared(
+    experiment: Experiment, contrasts: Iterable[tuple[str, str]]
+) -> list[tuple[Population, Population]]:
     """Lists the two populations of each contrast at each point where there are both."""
     points: dict[str, dict[str, Population]] = {}
     for population in experiment.populations:

@@ -21,8 +21,8 @@ from benchmark.studies.comparison.figures import style_of
 from benchmark.studies.item import drawing
 from benchmark.studies.map import tables
 from benchmark.studies.map.analysis import MapAnalysis
-from benchmark.studies.map.declared import axis_of, curve_grids, panels_of, ranked
-from benchmark.studies.map.looks import EQUAL, FASTER, NEITHER, NO_VERDICT, SLOWER, Contrast
+from benchmark.studies.map.declared import Panel, axis_of, curve_grids, panels_of, ranked
+from benchmark.studies.map.looks import FASTER, SLOWER, VERDICTS, Contrast
 
 _COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; numbers for x are bold, to tell them apart in grey
 _MIN_STEPS: Final = 100  # smaller numbers are drawn as this one
@@ -47,13 +47,7 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "x": "x no verdict",
     "": "blank: not compared",
 }
-_SIGN_OF: Final = {  # verdicts without a ratio
-    FASTER: "!",
-    SLOWER: "!",
-    EQUAL: "=",
-    NEITHER: "–",
-    NO_VERDICT: "x",
-}
+_SIGN_OF: Final = dict(zip(VERDICTS, "!!=–?x", strict=True))  # of a verdict without a ratio
 _NEVER: Final = "never learns"
 _LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
 _WHAT: Final = {
@@ -61,7 +55,6 @@ _WHAT: Final = {
     "unseen_success": "success in unseen places\n(more is better)",
 }
 Point = tuple[str, str]  # a grid and a point of it; a gap between grids has empty names
-Panel = tuple[str, str, dict[str, pd.DataFrame]]  # grid, title, and rows of each learner
 
 
 @drawing(
@@ -70,7 +63,7 @@ Panel = tuple[str, str, dict[str, pd.DataFrame]]  # grid, title, and rows of eac
     "Median steps until a run has learned, and mean success with the person in places that did not occur in "
     "training, with 95 % intervals; hollow, at the budget: most runs never learn.",
 )
-def answer(analysis: MapAnalysis, table: pd.DataFrame) -> Figure | None:
+def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the declared point, if there is one, so that it can be read on a phone."""
     declared, experiment, cells = analysis.data.declared.answer, analysis.data.experiment, analysis.cells
     if declared is None:
@@ -125,49 +118,48 @@ def _set_texts(figure: Figure, size: float) -> None:
     "Median steps of each learner until a run has learned, with 95 % intervals; hollow: most runs never "
     "learn.",
 )
-def picture(analysis: MapAnalysis, table: pd.DataFrame) -> Figure | None:
+def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the panels."""
-    panels = panels_of(analysis.data.experiment, analysis.data.declared)
-    drawn = [(panel.grid, panel.title, _curves(analysis, panel.grid, panel.learners)) for panel in panels]
-    return _draw_panels(analysis.data.experiment, drawn, "steps")
+    return _draw_panels(analysis, panels_of(analysis.data.experiment, analysis.data.declared), "steps")
 
 
 @tables.unseen.figure(
     "Mean success of each learner with the person in places that did not occur in training, by the number of "
     "places in training, with 95 % intervals."
 )
-def unseen(analysis: MapAnalysis, table: pd.DataFrame) -> Figure | None:
+def unseen(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the learners of the answer, or all, in the grids about unseen places that have them."""
     experiment, declared = analysis.data.experiment, analysis.data.declared.answer
-    learners = [*(declared.learners if declared else ranked(experiment))]
+    learners = tuple(declared.learners if declared else ranked(experiment))
     panels = [
-        (grid, experiment.declared.grids[grid].question, _curves(analysis, grid, learners))
+        Panel(grid=grid, title=experiment.declared.grids[grid].question, learners=learners)
         for grid in curve_grids(experiment, unseen=True)
     ]
-    complete = [panel for panel in panels if declared is None or len(panel[2]) == len(learners)]
-    return _draw_panels(experiment, complete, "unseen_success")
+    complete = [each for each in panels if not declared or len(_curves(analysis, each)) == len(learners)]
+    return _draw_panels(analysis, complete, "unseen_success")
 
 
-def _curves(analysis: MapAnalysis, grid: str, learners: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """Returns the rows of each of these learners, in the order of values of the grid's axis, `at`."""
-    axis, values = axis_of(analysis.data.experiment, grid)
-    rows = analysis.cells[analysis.cells["grid"] == grid]
+def _curves(analysis: MapAnalysis, panel: Panel) -> dict[str, pd.DataFrame]:
+    """Returns the rows of each learner of a panel, in the order of values of the grid's axis, `at`."""
+    axis, values = axis_of(analysis.data.experiment, panel.grid)
+    rows = analysis.cells[analysis.cells["grid"] == panel.grid]
     rows = rows.assign(at=rows["point"].map({f"{axis} {name}": value for name, value in values.items()}))
-    return {name: rows.loc[[name]].sort_values("at") for name in learners if name in rows.index}
+    return {name: rows.loc[[name]].sort_values("at") for name in panel.learners if name in rows.index}
 
 
-def _draw_panels(experiment: Experiment, panels: Sequence[Panel], column: str) -> Figure | None:
+def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) -> Figure | None:
     """Draws steps or success against the axis of a grid, in rows of two panels, with the same heights."""
-    panels = [panel for panel in panels if panel[2]]
-    if not panels:
+    experiment = analysis.data.experiment
+    drawn = [(panel, curves) for panel in panels if (curves := _curves(analysis, panel))]
+    if not drawn:
         return None
-    cells = pd.concat(rows for *_, curves in panels for rows in curves.values())
+    cells = pd.concat(rows for _, curves in drawn for rows in curves.values())
     lowest, budget = _shown(cells, column).min().min(), cells["budget"].max()
-    n_rows, n_columns = -(-len(panels) // 2), min(len(panels), 2)
+    n_rows, n_columns = -(-len(drawn) // 2), min(len(drawn), 2)
     with figure_of(n_rows, n_columns, (3.95 * n_columns, 3.0 * n_rows)) as (figure, axes):
-        for axis in axes.flat[len(panels) :]:
+        for axis in axes.flat[len(drawn) :]:
             axis.remove()
-        for axis, (grid, title, curves) in zip(axes.flat, panels, strict=False):
+        for axis, (panel, curves) in zip(axes.flat, drawn, strict=False):
             if column == "steps":
                 first, last = next(iter(curves.values()))["at"].iloc[[0, -1]]
                 axis.set(yscale="log", ylim=(lowest / 1.3, 2.2 * budget))
@@ -176,13 +168,11 @@ def _draw_panels(experiment: Experiment, panels: Sequence[Panel], column: str) -
                 axis.yaxis.set_major_formatter("{x:,.0f}")
             else:
                 axis.set(ylim=(0, 1.04))
-            _set_horizontal(axis, *axis_of(experiment, grid))
-            shifts = range(
-                1 - len(curves), len(curves), 2
-            )  # points, so that intervals do not cover each other
+            _set_horizontal(axis, *axis_of(experiment, panel.grid))
+            shifts = range(1 - len(curves), len(curves), 2)  # points
             placed = zip(curves.items(), shifts, strict=True)
             _separate(axis, [_draw_curve(axis, *curve, shift, column, experiment) for curve, shift in placed])
-            axis.set(title=fill(title, 44), ylabel=_WHAT[column] if axis in axes[:, 0] else "")
+            axis.set(title=fill(panel.title, 44), ylabel=_WHAT[column] if axis in axes[:, 0] else "")
             axis.tick_params(labelleft=axis in axes[:, 0])
         _set_texts(figure, _FONT_SIZE)
     return figure
@@ -209,8 +199,11 @@ def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
 def _draw_curve(
     axis: Axes, name: str, rows: pd.DataFrame, shift: float, column: str, experiment: Experiment
 ) -> Annotation:
-    """Draws a learner's curve, with hollow markers where most runs never learn; returns its name."""
-    style, at, learner = style_of(name, experiment), rows["at"].to_numpy(), experiment.learners[name]
+    """Draws a learner's curve, with hollow markers where most runs never learn; returns its name.
+
+    It is shifted by some points, so that intervals do not cover each other.
+    """
+    style, at, title = style_of(name, experiment), rows["at"].to_numpy(), experiment.learners[name].title
     shown, low, high = _shown(rows, column).to_numpy().T
     moved = axis.transData + ScaledTranslation(shift / 72, 0, axis.figure.dpi_scale_trans)
     axis.plot(at, shown, color=style["color"], ls=style["ls"], lw=1.6, transform=moved)
@@ -219,10 +212,7 @@ def _draw_curve(
     for chosen, filling in ((is_known, style["color"]), (~is_known, "white")):
         mark = {"marker": style["marker"], "mec": style["color"], "mfc": filling, "ls": ""}
         axis.plot(at[chosen], shown[chosen], ms=6, transform=moved, **mark)
-    end = at[-1], shown[-1]
-    label = axis.annotate(
-        fill(learner.title, _NAME_WIDTH), end, (_NAME_DISTANCE, 0), textcoords="offset points"
-    )
+    label = axis.annotate(fill(title, _NAME_WIDTH), (at[-1], shown[-1]), (0, 0), textcoords="offset points")
     # The colour of a name does not become lighter with what the learner observes.
     label.set(va="center", color=style_of(name, experiment, observation="")["color"], linespacing=1.0)
     return label
@@ -248,7 +238,7 @@ def _separate(axis: Axes, labels: Sequence[Annotation]) -> None:
     "Contrasts (rows) at each point of the grids (columns): where decided, which learner needs fewer steps, "
     "and how many times as many the other needs. Headings name a grid and its axes, as in `cells: places`."
 )
-def verdicts(analysis: MapAnalysis, table: pd.DataFrame) -> Figure:
+def verdicts(analysis: MapAnalysis, _: pd.DataFrame) -> Figure:
     """Draws all contrasts; grids share a line while there is room."""
     contrasts, learners = analysis.contrasts, analysis.data.experiment.learners
     lines = _packed(contrasts)
@@ -300,29 +290,27 @@ def _draw_cells(
     edges = np.arange(len(columns) + 1) - 0.5, np.arange(len(rows) + 1) - 0.5
     scale, norm = colour_map(_COLOUR_MAP), Normalize(-_MAX_RATIO, _MAX_RATIO)
     axis.pcolormesh(*edges, colours, cmap=scale, norm=norm, edgecolors="white", linewidth=0.8)
-    for grid, points in groupby(columns, key=lambda point: point[0]):
-        parts = [[part.split() for part in point.split(", ")] for _, point in points]
-        if grid:
-            names = ", ".join(_LABELS.get(axis_name, axis_name) for axis_name, _ in parts[0])
-            title = names if names.startswith(grid) else f"{grid}: {names}".replace("_", " ")
-            left = [name for name, _ in columns].index(grid) - 0.5
-            axis.text(left, -0.6, fill(title, max(5 * len(parts), 10)), va="bottom", fontweight="bold")
-    labels = {
-        i: ", ".join(part.split()[1] for part in point.split(", ")).replace("x", "×")
-        for i, (_, point) in enumerate(columns)
-        if point
-    }
-    axis.set_xticks([*labels], [*labels.values()])
+    for grid in dict.fromkeys(grid for grid, _ in columns if grid):
+        points = [point for name, point in columns if name == grid]
+        names = ", ".join(_LABELS.get(name, name) for name in points[0].replace(",", "").split()[::2])
+        title = names if names.startswith(grid) else f"{grid}: {names}".replace("_", " ")
+        title, left = fill(title, max(5 * len(points), 10)), columns.index((grid, points[0])) - 0.5
+        axis.text(left, -0.6, title, va="bottom", fontweight="bold")
+    labels = [", ".join(point.replace(",", "").replace("x", "×").split()[1::2]) for _, point in columns]
+    shown = [i for i, label in enumerate(labels) if label]
+    axis.set_xticks(shown, [labels[i] for i in shown])
     axis.tick_params(length=0)
-    axis.tick_params(axis="x", rotation=90 if max(map(len, labels.values())) > 4 else 0)
+    axis.tick_params(axis="x", rotation=90 if max(map(len, labels)) > 4 else 0)
     axis.spines[:].set_visible(False)
     axis.invert_yaxis()
 
 
 def _sign(contrast: Contrast) -> tuple[str, float]:
     """Returns the text and the colour of a contrast: the logarithm of its ratio of steps, or NaN for none."""
-    verdict, logarithm = contrast.decisions["steps"].verdict, float(np.log(contrast.ratios["steps"].value))
+    (n, verdict, *_), logarithm = contrast.decisions["steps"], float(np.log(contrast.ratios["steps"].value))
     if verdict not in (FASTER, SLOWER) or np.isnan(logarithm):
-        return _SIGN_OF.get(verdict, "?"), np.nan
-    text = "≥" * contrast.is_bound + two_digits(np.exp(abs(logarithm)))
+        return _SIGN_OF[verdict], np.nan
+    # Where most runs of a side never learn, the ratio is a bound.
+    bound = "≥" * any(np.isinf(runs["steps"][:n].median()) for runs in contrast.learned)
+    text = bound + two_digits(np.exp(abs(logarithm)))
     return text, float(np.clip(logarithm, -_MAX_RATIO, _MAX_RATIO))

@@ -77,37 +77,25 @@ class Contrast:
 
     @cached_property
     def ratios(self) -> dict[str, Estimate]:
-        """How many times as much y takes as x, by unit, see `ratio`, over the pairs of the verdict in steps."""
-        n = self.decisions["steps"].n
-        return {
-            unit: ratio(*(runs[[unit, f"spent_{unit}"]].to_numpy(float)[:n] for runs in self.learned))
-            for unit in UNITS
-        }
-
-    @property
-    def is_bound(self) -> bool:
-        """Whether the ratio of steps is a bound, since most runs of a side never learn."""
-        n = self.decisions["steps"].n
-        return any(np.isinf(runs["steps"][:n].median()) for runs in self.learned)
+        """How many times as much y takes as x, by unit, over the pairs of the verdict in steps."""
+        return {unit: ratio(*self.learned, self.decisions["steps"].n, unit) for unit in UNITS}
 
 
-def ratio(x: Numbers, y: Numbers) -> Estimate:
-    """Returns the median of y divided by that of x, over pairs of runs, with a 95 % interval by resampling.
+def ratio(x: pd.DataFrame, y: pd.DataFrame, n: int, unit: str) -> Estimate:
+    """Returns the median of y divided by that of x, over n pairs of runs, see `until_learned`.
 
-    Each run (N, 2) has what it took until it had learned and what it spent altogether, which counts where most
-    runs never learn, so that the ratio is a bound. It is NaN if that is so of both, or if a median is 0.
+    Where most runs never learn, what they spend within the budget counts, so the ratio is a bound. It
+    is NaN if that is so of both, or if a median is 0. The 95 % interval is by resampling pairs.
     """
     rng = np.random.default_rng(BOOTSTRAP_SEED)
-    drawn = np.vstack([np.arange(len(x)), rng.integers(len(x), size=(RESAMPLES, len(x)))])
-    medians = [np.median(side[drawn, 0], axis=1) for side in (x, y)]
+    drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
+    medians = [np.median(runs[unit].to_numpy()[drawn], axis=1) for runs in (x, y)]
     if all(np.isinf(median[0]) for median in medians) or any(median[0] == 0 for median in medians):
         return Estimate(np.nan, np.nan, np.nan)
-    bounded = [
-        np.where(np.isinf(median), np.median(side[:, 1]), median)
-        for median, side in zip(medians, (x, y), strict=True)
-    ]
+    spent = [np.median(runs[f"spent_{unit}"][:n]) for runs in (x, y)]
+    below, above = (np.where(np.isinf(m), most, m) for m, most in zip(medians, spent, strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have learned at step 0
-        samples = bounded[1] / bounded[0]
+        samples = above / below
     return Estimate(float(samples[0]), *map(float, np.nanpercentile(samples[1:], [2.5, 97.5])))
 
 
@@ -186,28 +174,31 @@ def learned_at(experiment: Experiment, curves: Rows) -> dict[float, Rows]:
     }
 
 
+def digests(x: Population, y: Population) -> tuple[str, str]:
+    """Returns what tells two populations from any others, but for the same runs in another grid."""
+    return x.first.digest, y.first.digest
+
+
 def contrasts_of(
     experiment: Experiment, declared: MapDeclared, learned: Mapping[float, Rows]
 ) -> list[Contrast]:
-    """Lists the contrasts that have enough runs for a look, see `learned_at`; one of two grids is decided once."""
+    """Lists the contrasts that have enough runs for a look; one of two grids is decided once."""
     pairs, none, (first, *further) = compared(experiment, declared.contrasts), pd.DataFrame(), learned
     runs: dict[float, dict[tuple[str, str], Sides]] = {
-        level: {(x.first.digest, y.first.digest): (rows.get(x, none), rows.get(y, none)) for x, y in pairs}
+        level: {digests(x, y): (rows.get(x, none), rows.get(y, none)) for x, y in pairs}
         for level, rows in learned.items()
     }
     margin, tail = declared.margins.faster, tail_of(len(runs[first]), _ERROR / len(declared.looks))
     decided = {unit: decide_all(runs[first], declared.looks, margin, unit) for unit in UNITS}
     contrasts = []
     for x, y in pairs:
-        key = x.first.digest, y.first.digest
+        key = digests(x, y)
         if key in decided["steps"]:
             decisions = {unit: found[key] for unit, found in decided.items()}
-            n, n_steps = max(decision.n for decision in decisions.values()), decisions["steps"].n
-            at_level = {
-                level: _look(runs[level][key], n_steps, margin, (tail, tail), "steps").verdict
-                for level in further
-            }
-            used = learned[first][x][:n], learned[first][y][:n]
+            most, n = max(decision.n for decision in decisions.values()), decisions["steps"].n
+            looks = {level: _look(runs[level][key], n, margin, (tail, tail), "steps") for level in further}
+            at_level = {level: look.verdict for level, look in looks.items()}
+            used = learned[first][x][:most], learned[first][y][:most]
             contrasts.append(Contrast(x, y, used, decisions, at_level))
     return contrasts
 

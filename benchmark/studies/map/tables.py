@@ -214,20 +214,11 @@ def success(analysis: MapAnalysis) -> pd.DataFrame:
 @item("pairs", "what every contrast uses: the steps and wrong PINGs of its pairs of runs", where=no_rows)
 def pairs(analysis: MapAnalysis) -> pd.DataFrame | None:
     """Tabulates the runs of each contrast; numbers are empty where a run does not learn."""
-    names = {"steps": "steps", "disagreements": "wrong_pings"}
-    return _numbered(
-        (
-            contrast.names,
-            pd.DataFrame(
-                {
-                    f"{names[unit]}_{side}": runs[unit]
-                    for unit in UNITS
-                    for side, runs in zip("xy", contrast.learned, strict=True)
-                }
-            ),
-        )
-        for contrast in analysis.contrasts
-    )
+    tables = []
+    for contrast in analysis.contrasts:
+        x, y = (runs[[*UNITS]].rename(columns={"disagreements": "wrong_pings"}) for runs in contrast.learned)
+        tables.append((contrast.names, x.join(y, lsuffix="_x", rsuffix="_y").sort_index(axis=1)))
+    return _numbered(tables)
 
 
 @item("runs", "every run: what it took until it had learned", where=no_rows)
