@@ -108,28 +108,27 @@ def tail_of(n_contrasts: int, error: float) -> float:
     return error / (_ENDS * n_contrasts)
 
 
-def decide(x: Numbers, y: Numbers, margin: float, tails: tuple[float, float], is_open: Mask) -> str:
+def decide(
+    x: Numbers, y: Numbers, margin: float, tails: tuple[float, float], is_open: Mask
+) -> tuple[str, Estimate]:
     """Compares what runs of the same seeds took, (N,) each, infinite if they never learned.
 
     The larger of the tails is that by which one learner is faster, the first all others. `is_open` (N,) marks
     pairs of which evaluations are too rare to tell who took less: there is a verdict only if it does not
-    depend on them.
+    depend on them. Returns the verdict, and the probability that x takes less with the interval of the first.
     """
-    never = min(float(proportion_interval(np.isinf(taken).mean(), len(x), tails[0])[0]) for taken in (x, y))
-    if never > 0.5:
-        return NEITHER
     wins = np.where(x == y, 0.5, x < y)
-    cases = wins, np.where(is_open, 0.0, wins), np.where(is_open, 1.0, wins)
-    verdicts = [_verdict(case, margin, tails[0], max(tails)) for case in cases]
-    return verdicts[0] if len({*verdicts}) == 1 else NO_VERDICT if verdicts[0] != UNDECIDED else UNDECIDED
-
-
-def _verdict(wins: Numbers, margin: float, tail: float, stepped: float) -> str:
-    low, high = (float(end) for end in proportion_interval(wins.mean(), len(wins), tail))
-    if 0.5 - margin < low <= high < 0.5 + margin:
-        return EQUAL
-    low, high = (float(end) for end in proportion_interval(wins.mean(), len(wins), stepped))
-    return FASTER if low > 0.5 else SLOWER if high < 0.5 else UNDECIDED
+    means = [case.mean() for case in (wins, np.where(is_open, 0.0, wins), np.where(is_open, 1.0, wins))]
+    never = [np.isinf(side).mean() for side in (x, y)]
+    low, high = proportion_interval(np.array(means + never), len(x), tails[0])
+    faster = Estimate(float(means[0]), float(low[0]), float(high[0]))
+    if low[3:].min() > 0.5:
+        return NEITHER, faster
+    is_equal = (low[:3] > 0.5 - margin) & (high[:3] < 0.5 + margin)
+    low, high = proportion_interval(np.array(means), len(x), max(tails))
+    verdicts = np.select([is_equal, low > 0.5, high < 0.5], [EQUAL, FASTER, SLOWER], UNDECIDED).tolist()
+    is_known = verdicts[0] == UNDECIDED or len({*verdicts}) == 1
+    return verdicts[0] if is_known else NO_VERDICT, faster
 
 
 def until_learned(curves: pd.DataFrame, level: float) -> pd.DataFrame:
@@ -227,22 +226,20 @@ def decide_all(
 
 
 def _look(sides: Sides, n: int, margin: float, tails: tuple[float, float], unit: str) -> Decision:
-    """Decides by the first n pairs of runs; the interval leaves out the first of the tails at each end."""
+    """Decides by the first n pairs of runs, see `decide`."""
     x, y = ({str(name): side[name].to_numpy()[:n] for name in side} for side in sides)
-    mean = float(np.where(x[unit] == y[unit], 0.5, x[unit] < y[unit]).mean())
-    faster = Estimate(mean, *map(float, proportion_interval(mean, n, tails[0])))
-    if max(x["untrained"].mean(), y["untrained"].mean()) > 0.5:
-        return Decision(n, NO_VERDICT, TRIVIAL, faster)
     # What a run took lies between what it had spent at two evaluations.
     is_coarse = [side["steps"] > _COARSE * side["before_steps"] for side in (x, y)]
     overlaps = (x[unit] > y[f"before_{unit}"]) & (y[unit] > x[f"before_{unit}"])
     is_learned = np.isfinite(x[unit]) & np.isfinite(y[unit])
     is_open = is_learned & overlaps & (is_coarse[0] | is_coarse[1])
-    verdict = decide(x[unit], y[unit], margin, tails, is_open)
-    winner = {FASTER: x, SLOWER: y}.get(verdict)
+    verdict, faster = decide(x[unit], y[unit], margin, tails, is_open)
+    why, winner = COARSE if verdict == NO_VERDICT else "", {FASTER: x, SLOWER: y}.get(verdict)
     if winner is not None and winner["lasts"][np.isfinite(winner["steps"])].mean() < 0.5:
-        return Decision(n, NO_VERDICT, LOST, faster)
-    return Decision(n, verdict, COARSE if verdict == NO_VERDICT else "", faster)
+        why = LOST
+    if max(x["untrained"].mean(), y["untrained"].mean()) > 0.5:
+        why = TRIVIAL
+    return Decision(n, NO_VERDICT if why else verdict, why, faster)
 
 
 def stages(experiment: Experiment, declared: MapDeclared, store: Store) -> Iterator[list[Group]]:

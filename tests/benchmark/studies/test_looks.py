@@ -41,7 +41,7 @@ def decided(*sides: tuple[pd.DataFrame, pd.DataFrame], looks: Sequence[int] = LO
 
 
 def verdict_of(x: np.ndarray, y: np.ndarray) -> str:
-    return decide(x, y, MARGIN, (TAIL, TAIL), np.zeros(len(x), bool))
+    return decide(x, y, MARGIN, (TAIL, TAIL), np.zeros(len(x), bool))[0]
 
 
 def test_a_look_by_hand() -> None:
