@@ -1,6 +1,6 @@
 """What is computed of a map, once: what runs took until they had learned, and how contrasts ended."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from benchmark.experiments import Population
 from benchmark.studies.data import Data
 from benchmark.studies.item import expanded
 from benchmark.studies.map.declared import MapDeclared, name_of
-from benchmark.studies.map.looks import Contrast, Rows, contrasts_of, digests, learned_at, rows_of
+from benchmark.studies.map.looks import Contrast, Rows, Runs, contrasts_of, digests, learned_at, rows_of
 from envs import InputError
 from envs.people import NoisyFeedback
 
@@ -23,7 +23,7 @@ class MapAnalysis:
     data: Data[MapDeclared]
     curves: Rows  # of each population
     runs: Rows
-    learned: Rows  # what the runs took, see `looks.until_learned`
+    learned: Mapping[Population, Runs]  # what the runs took, see `looks.until_learned`
     contrasts: Sequence[Contrast]
     distinct: Sequence[Contrast]  # those of several grids once
     cells: pd.DataFrame  # one row for each population, with the learner's name as its index
@@ -44,17 +44,17 @@ def analyse(data: Data[MapDeclared]) -> MapAnalysis:
     return MapAnalysis(data, curves, runs, first, contrasts, [*distinct.values()], cells)
 
 
-def _cell(population: Population, runs: pd.DataFrame, learned: pd.DataFrame) -> dict[str, object]:
+def _cell(population: Population, runs: pd.DataFrame, learned: Runs) -> dict[str, object]:
     """Summarises a population; a run that never learns takes infinitely many steps."""
-    is_solved = np.isfinite(learned["steps"].to_numpy())
+    is_solved = np.isfinite(learned["steps"])
     return learner_of(population) | {
         "n": len(learned),
         "budget": population.first.settings.budget,
         "n_solved": int(is_solved.sum()),
         "solved": proportion(is_solved),
-        "success": proportion(learned["success"].to_numpy()),
-        "steps": median(learned["steps"].to_numpy()),
-        "disagreements": median(learned["disagreements"].to_numpy()),
+        "success": proportion(learned["success"]),
+        "steps": median(learned["steps"]),
+        "disagreements": median(learned["disagreements"]),
         "unseen_success": proportion(runs["unseen_success"].to_numpy()),
         "unseen_budget": proportion(runs["unseen_budget"].to_numpy()),
     }

@@ -311,6 +311,6 @@ def _sign(contrast: Contrast) -> tuple[str, float]:
     if verdict not in (FASTER, SLOWER) or np.isnan(logarithm):
         return _SIGN_OF[verdict], np.nan
     # Where most runs of a side never learn, the ratio is a bound.
-    bound = "≥" * any(np.isinf(runs["steps"][:n].median()) for runs in contrast.learned)
+    bound = "≥" * any(np.isinf(np.median(runs["steps"][:n])) for runs in contrast.learned)
     text = bound + two_digits(np.exp(abs(logarithm)))
     return text, float(np.clip(logarithm, -_MAX_RATIO, _MAX_RATIO))

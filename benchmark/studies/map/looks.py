@@ -47,7 +47,8 @@ _COARSE: Final = 1.25  # an evaluation that is more than so many times as late a
 Numbers = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Rows = Mapping[Population, pd.DataFrame]
-Sides = tuple[pd.DataFrame, pd.DataFrame]  # what the runs of x and y took, see `until_learned`
+Runs = NDArray[np.void]  # (N,): what the runs of a population took, see `until_learned`
+Sides = tuple[Runs, Runs]  # those of x and y
 Key = TypeVar("Key")
 
 
@@ -81,7 +82,7 @@ class Contrast:
         return {unit: ratio(*self.learned, self.decisions["steps"].n, unit) for unit in UNITS}
 
 
-def ratio(x: pd.DataFrame, y: pd.DataFrame, n: int, unit: str) -> Estimate:
+def ratio(x: Runs, y: Runs, n: int, unit: str) -> Estimate:
     """Returns the median of y divided by that of x, over n pairs of runs, see `until_learned`.
 
     Where most runs never learn, what they spend within the budget counts, so the ratio is a bound. It
@@ -89,7 +90,7 @@ def ratio(x: pd.DataFrame, y: pd.DataFrame, n: int, unit: str) -> Estimate:
     """
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
-    medians = [np.median(runs[unit].to_numpy()[drawn], axis=1) for runs in (x, y)]
+    medians = [np.median(runs[unit][drawn], axis=1) for runs in (x, y)]
     if all(np.isinf(median[0]) for median in medians) or any(median[0] == 0 for median in medians):
         return Estimate(np.nan, np.nan, np.nan)
     spent = [np.median(runs[f"spent_{unit}"][:n]) for runs in (x, y)]
@@ -131,8 +132,8 @@ def decide(
     return verdicts[0] if is_known else NO_VERDICT, faster
 
 
-def until_learned(curves: pd.DataFrame, level: float) -> pd.DataFrame:
-    """Returns what the runs of a population took until they had learned, a row for each.
+def until_learned(curves: pd.DataFrame, level: float) -> Runs:
+    """Returns what the runs of a population took until they had learned, as a structured array (N,).
 
     It has the keys of `SPENT`, infinite if the run never learned; the same at the evaluation before
     (`before_`) and at the last one (`spent_`); and whether the first and last policy reach the level.
@@ -147,7 +148,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> pd.DataFrame:
         columns[name] = np.where(first > last, np.inf, values[runs, np.minimum(first, last)])
         columns[f"spent_{name}"] = values[:, last]
         columns[f"before_{name}"] = np.where(first > 0, values[runs, before], 0.0)
-    return pd.DataFrame(columns)
+    return pd.DataFrame(columns).to_records(index=False)
 
 
 def rows_of(experiment: Experiment, frame: pd.DataFrame) -> Rows:
@@ -163,7 +164,7 @@ def rows_of(experiment: Experiment, frame: pd.DataFrame) -> Rows:
     return complete
 
 
-def learned_at(experiment: Experiment, curves: Rows) -> dict[float, Rows]:
+def learned_at(experiment: Experiment, curves: Rows) -> dict[float, dict[Population, Runs]]:
     """Returns what all runs took until they had learned, by level of success, the declared level first."""
     solved = experiment.declared.solved
     assert solved is not None
@@ -179,10 +180,10 @@ def digests(x: Population, y: Population) -> tuple[str, str]:
 
 
 def contrasts_of(
-    experiment: Experiment, declared: MapDeclared, learned: Mapping[float, Rows]
+    experiment: Experiment, declared: MapDeclared, learned: Mapping[float, Mapping[Population, Runs]]
 ) -> list[Contrast]:
     """Lists the contrasts that have enough runs for a look; one of two grids is decided once."""
-    pairs, none, (first, *further) = compared(experiment, declared.contrasts), pd.DataFrame(), learned
+    pairs, none, (first, *further) = compared(experiment, declared.contrasts), np.array([], np.void), learned
     runs: dict[float, dict[tuple[str, str], Sides]] = {
         level: {digests(x, y): (rows.get(x, none), rows.get(y, none)) for x, y in pairs}
         for level, rows in learned.items()
@@ -227,7 +228,7 @@ def decide_all(
 
 def _look(sides: Sides, n: int, margin: float, tails: tuple[float, float], unit: str) -> Decision:
     """Decides by the first n pairs of runs, see `decide`."""
-    x, y = ({str(name): side[name].to_numpy()[:n] for name in side} for side in sides)
+    x, y = (side[:n] for side in sides)
     # What a run took lies between what it had spent at two evaluations.
     is_coarse = [side["steps"] > _COARSE * side["before_steps"] for side in (x, y)]
     overlaps = (x[unit] > y[f"before_{unit}"]) & (y[unit] > x[f"before_{unit}"])

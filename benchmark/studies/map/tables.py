@@ -13,7 +13,7 @@ from benchmark.analysis.intervals import median, proportion
 from benchmark.studies.item import COLUMNS, expanded, item, labelled_columns, no_rows
 from benchmark.studies.map.analysis import MapAnalysis, learner_of, point_of
 from benchmark.studies.map.declared import axis_of, curve_grids, name_of, ranked
-from benchmark.studies.map.looks import FASTER, SLOWER, UNITS, VERDICTS
+from benchmark.studies.map.looks import FASTER, SLOWER, UNITS, VERDICTS, Runs
 
 Row = Mapping[str, object]
 
@@ -39,7 +39,7 @@ def cells(analysis: MapAnalysis) -> pd.DataFrame:
 def cpu(analysis: MapAnalysis) -> Iterator[Row]:
     """Tabulates the time of training alone: no evaluation counts."""
     for population, runs in analysis.learned.items():
-        yield learner_of(population) | {"n": len(runs), "cpu_time_s": median(runs["cpu_time_s"].to_numpy())}
+        yield learner_of(population) | {"n": len(runs), "cpu_time_s": median(runs["cpu_time_s"])}
 
 
 @item(
@@ -173,7 +173,7 @@ def crossings(analysis: MapAnalysis) -> Iterator[Row]:
 def reference(analysis: MapAnalysis) -> Iterator[Row]:
     """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""
     steps = {
-        (population.condition.name, population.learner.name): runs["steps"].to_numpy()
+        (population.condition.name, population.learner.name): runs["steps"]
         for population, runs in analysis.learned.items()
     }
     for population in analysis.learned:
@@ -216,7 +216,7 @@ def pairs(analysis: MapAnalysis) -> pd.DataFrame | None:
     """Tabulates the runs of each contrast; numbers are empty where a run does not learn."""
     tables = []
     for contrast in analysis.contrasts:
-        x, y = (runs[[*UNITS]].rename(columns={"disagreements": "wrong_pings"}) for runs in contrast.learned)
+        x, y = (_units(runs).rename(columns={"disagreements": "wrong_pings"}) for runs in contrast.learned)
         tables.append((contrast.names, x.join(y, lsuffix="_x", rsuffix="_y").sort_index(axis=1)))
     return _numbered(tables)
 
@@ -225,7 +225,7 @@ def pairs(analysis: MapAnalysis) -> pd.DataFrame | None:
 def runs(analysis: MapAnalysis) -> pd.DataFrame | None:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
     return _numbered(
-        (name_of(population) | {"learner": population.learner.name}, rows[[*UNITS]])
+        (name_of(population) | {"learner": population.learner.name}, _units(rows))
         for population, rows in analysis.learned.items()
     )
 
@@ -238,6 +238,10 @@ def unseen(analysis: MapAnalysis) -> pd.DataFrame | None:
         for population, rows in analysis.runs.items()
         if population.scenario.issuer.unseen
     )
+
+
+def _units(runs: Runs) -> pd.DataFrame:
+    return pd.DataFrame({unit: runs[unit] for unit in UNITS})
 
 
 def _numbered(tables: Iterable[tuple[Row, pd.DataFrame]]) -> pd.DataFrame | None:

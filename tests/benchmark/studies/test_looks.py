@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
 
@@ -19,6 +18,7 @@ from benchmark.studies.map.looks import (
     TRIVIAL,
     UNDECIDED,
     Decision,
+    Runs,
     decide,
     decide_all,
     tail_of,
@@ -29,13 +29,18 @@ LOOKS, N_CONTRASTS, MARGIN = (20, 40, 80, 160), 53, 0.2
 TAIL = tail_of(N_CONTRASTS, 0.05 / len(LOOKS))
 
 
-def side(steps: np.ndarray) -> pd.DataFrame:
-    """Returns what runs took, whose evaluations are one percent apart."""
-    fine = {"before_steps": steps * 0.99, "untrained": False, "lasts": True}
-    return pd.DataFrame({"steps": steps} | fine)
+def side(times: np.ndarray, **more: float) -> Runs:
+    """Returns what runs took, whose evaluations are by default one percent apart."""
+    columns = {"steps": times, "before_steps": times * 0.99, "untrained": False, "lasts": True} | more
+    runs = np.empty(
+        len(times), [(name, bool if name in ("untrained", "lasts") else float) for name in columns]
+    )
+    for name, values in columns.items():
+        runs[name] = values
+    return runs
 
 
-def decided(*sides: tuple[pd.DataFrame, pd.DataFrame], looks: Sequence[int] = LOOKS) -> list[Decision]:
+def decided(*sides: tuple[Runs, Runs], looks: Sequence[int] = LOOKS) -> list[Decision]:
     """Returns what is decided of some contrasts."""
     return [*decide_all(dict(enumerate(sides)), looks, MARGIN, "steps").values()]
 
@@ -101,7 +106,7 @@ STEPS = np.full(160, 5000.0)
     ],
 )
 def test_no_verdict_is_about_something_else(x: dict[str, float], y: dict[str, float], why: str) -> None:
-    (found,) = decided((side(STEPS).assign(**x), side(STEPS).assign(**y)))
+    (found,) = decided((side(STEPS, **x), side(STEPS, **y)))
     assert (found.verdict, found.why) == ((NO_VERDICT if why else FASTER), why)
 
 

@@ -450,7 +450,7 @@ def test_ceilings_are_those_of_votes_counted_one_by_one(people: MapAnalysis) -> 
 def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float, spent: float) -> None:
     curves = pd.DataFrame({"step": [0, 100, 200, 400, 800], "success": [0.0, 0.0, 1.0, 0.0, 1.0]})
     curves = curves.assign(seed=0, training_wrong_pings=curves["step"] / 10, cpu_time_s=0.0)
-    end = until_learned(curves[curves["step"] <= budget], 0.9).iloc[0]
+    end = until_learned(curves[curves["step"] <= budget], 0.9)[0]
     assert (end["steps"], end["spent_disagreements"]) == (steps, spent)
 
 
