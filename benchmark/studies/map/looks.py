@@ -148,7 +148,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> Runs:
         columns[name] = np.where(first > last, np.inf, values[runs, np.minimum(first, last)])
         columns[f"spent_{name}"] = values[:, last]
         columns[f"before_{name}"] = np.where(first > 0, values[runs, before], 0.0)
-    return pd.DataFrame(columns).to_records(index=False)
+    return np.rec.fromarrays([*columns.values()], names=[*columns])
 
 
 def rows_of(experiment: Experiment, frame: pd.DataFrame) -> Rows:
