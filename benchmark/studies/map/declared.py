@@ -125,7 +125,8 @@ def panels_of(experiment: Experiment, declared: MapDeclared) -> list[Panel]:
     """Returns the declared panels with their grids; by default, one of the first grid with all learners."""
     first = curve_grids(experiment)[0]
     learners = _shown_in(experiment, first)
-    default = Panel(title=experiment.declared.grids[first].question, learners=tuple(learners))
+    title = experiment.declared.grids[first].question
+    default = Panel.model_construct(title=title, learners=tuple(learners))
     panels = declared.panels or (default,)
     return [panel.model_copy(update={"grid": panel.grid or first}) for panel in panels]
 
