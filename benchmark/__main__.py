@@ -76,7 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = options.command
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with contained(), needed_by(f"benchmark {command}"):
-            code = int(import_module(f"benchmark.commands.{command}").main(options))
+            code = import_module(f"benchmark.commands.{command}").main(options)
+            if not code and getattr(options, "report", False):
+                code = import_module("benchmark.commands.report").main(options)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
         _silence_output()

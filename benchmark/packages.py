@@ -23,7 +23,7 @@ def broken(error: BaseException) -> str:
         for frame, _ in walk_tb(error.__traceback__)
         if frame.f_code.co_name == "<module>"
     ]
-    package = next(filter(None, map(_packages().get, reversed(modules))), None)
+    package = next(filter(None, map(_package, reversed(modules))), None)
     if package is None:
         return ""
     reason = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
@@ -33,10 +33,11 @@ def broken(error: BaseException) -> str:
     return f"the package {package} cannot be imported ({reason}); {advice} {constraints}."
 
 
-def _packages() -> dict[str, str]:
-    """Returns the packages that this project names, by module."""
+def _package(module: str) -> str:
+    """Returns which of this project's packages brings a module; empty if none does."""
     with suppress(Exception):  # of the core, which is enough then: it is imported first
-        from envs.packages import EXTRAS, PACKAGES
+        from envs.packages import extras, package_of
 
-        return {name: PACKAGES.get(name, name) for name in (*_CORE, *chain(*EXTRAS.values()))}
-    return {name: name for name in _CORE}
+        if package_of(module) in chain(*extras().values()):
+            return package_of(module)
+    return module if module in _CORE else ""

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -26,7 +25,7 @@ from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
 from benchmark.studies import report_of
 from envs import InputError
-from envs.packages import EXTRAS
+from envs.packages import extras
 
 _CONSTRAINTS: Final = Path(__file__).parents[2] / "constraints.txt"
 _COLOURS: Final = {"ok": "green", "note": "yellow", "problem": "bold red"}
@@ -72,10 +71,16 @@ def _installation() -> Iterator[Finding]:
         yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
-    complete = [extra for extra, modules in EXTRAS.items() if all(map(find_spec, modules))]
-    others = [extra for extra in EXTRAS if extra not in complete]
+    complete = [extra for extra, packages in extras().items() if all(map(_is_installed, packages))]
+    others = [extra for extra in extras() if extra not in complete]
     more = f"; others: {', '.join(others)} (in a checkout, make .venv/.NAME installs one)" if others else ""
     yield _finding("packages", f"installed extras: {', '.join(complete) or 'none'}{more}")
+
+
+def _is_installed(package: str) -> bool:
+    with suppress(PackageNotFoundError):
+        return bool(version(package))
+    return False
 
 
 def _outside() -> list[str]:

@@ -15,7 +15,7 @@ from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.folder import MANIFEST, Folder
-from benchmark.publish import document, draw, files, prose, sameness
+from benchmark.publish import document, draw, files, front, prose, sameness
 from benchmark.publish.page import build as page
 from benchmark.sealed import sealed
 from benchmark.studies import report_of
@@ -61,7 +61,7 @@ def _rewrite(options: argparse.Namespace) -> int:
             for path, text in leaderboard.texts(options.results, partial(print, file=sys.stderr)).items():
                 files.write_text(path, text)
             if options.results.resolve() == sameness.REPOSITORY / "results":
-                files.write_text(sameness.REPOSITORY / "README.md", document.front(options.results))
+                files.write_text(sameness.REPOSITORY / "README.md", front.front(options.results))
     print(f"the page is {page.write(options.results)}.")
     return 0
 

@@ -10,7 +10,7 @@ from tempfile import TemporaryFile
 
 from benchmark.analysis.frames import Group, tables
 from benchmark.analysis.records import check_scores
-from benchmark.commands import parse_jobs, parse_seeds, report
+from benchmark.commands import parse_jobs, parse_seeds
 from benchmark.execution import driver
 from benchmark.execution.calibration import estimate
 from benchmark.execution.job import LOG
@@ -28,8 +28,8 @@ def main(options: argparse.Namespace) -> int:
     parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
     name, seeds = experiment.name, parse_seeds(options.seeds)
-    own = report_of(experiment).check(is_drawn=options.report)
-    has_stages = own.study.stages is not None
+    report = report_of(experiment).check(is_drawn=options.report)
+    has_stages = report.study.stages is not None
     ranges = [each.seeds for each in experiment.populations] if seeds is None else [seeds]
     if options.report and min(map(len, ranges)) < 2:
         raise InputError("--report: one seed gives no interval; accepted: at least two for every variant.")
@@ -40,16 +40,16 @@ def main(options: argparse.Namespace) -> int:
         _check_log(options)
     with Store(options.results / "runs.db") as store:
         if has_stages:
-            n_runs = own.study.most_runs(experiment, own.declared)
+            n_runs = report.study.most_runs(experiment, report.declared)
             print(f"{name}: at most {n_runs:,} runs over all stages.", file=sys.stderr)
-        for stage, groups in enumerate(own.stages(store, seeds), start=1):
+        for stage, groups in enumerate(report.stages(store, seeds), start=1):
             runs = runs_of(groups)
             label = f"{name}, stage {stage}" if has_stages else name
             if code := _execute(label, runs, store, options):
                 return code
             if options.log is not None:
                 _log_curves(groups, store, options.log)
-    return report.main(options) if options.report else 0
+    return 0
 
 
 def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.folder import README, Folder
-from benchmark.publish import document, draw, files, sameness
+from benchmark.publish import document, draw, files, front, sameness
 from benchmark.publish.page import build as page
 from benchmark.studies import Report, Study, report_of, runs_of
 from envs import InputError
@@ -178,7 +178,7 @@ def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator
         texts |= {path: text for name in pages for path, text in page.texts(results, name, pages[name])}
         texts |= leaderboard.texts(results, problems.append) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
-            texts[sameness.REPOSITORY / README] = document.front(results)
+            texts[sameness.REPOSITORY / README] = front.front(results)
     except InputError as error:
         problems += error.args
     yield from dict.fromkeys(problems)

@@ -159,7 +159,7 @@ def shipped() -> Figure:
     """Draws the shipped scenarios, each with people in one of their places."""
     scenarios = [load_scenario(name) for name in scenario_names()]
     # One place alone is compiled in no time.
-    places = [scenario.places[len(scenario.places) // 2] for scenario in scenarios]
+    places = [scenario.layout.places[len(scenario.layout.places) // 2] for scenario in scenarios]
     changes = [{"issuer.position": place if len(place) > 1 else place[0]} for place in places]
     return gallery([*map(compile_scenario, map(load_scenario, scenarios, changes))])
 
@@ -175,7 +175,7 @@ def gallery(models: Sequence[Model]) -> Figure:
         groups.setdefault(model.scenario.model_dump_json(exclude=_NOT_ON_A_MAP), []).append(model)
     maps = []
     for group in groups.values():
-        n_contexts = group[0].n_places * len(group[0].scenario.stages)
+        n_contexts = group[0].n_places * len(group[0].scenario.layout.stages)
         maps += [(group, context) for context in range(0, n_contexts, math.ceil(n_contexts / _MOST_MAPS))]
     n_rows = math.ceil(len(maps) / _COLUMNS)
     with figure_of(n_rows, _COLUMNS, (_WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
@@ -199,10 +199,10 @@ def gallery(models: Sequence[Model]) -> Figure:
 
 def _which(model: Model, context: int) -> str:
     """Returns which of a scenario's positions and phases a map shows."""
-    place = f"place {context // len(model.scenario.stages) + 1} of {model.n_places}"
+    place = f"place {context // len(model.scenario.layout.stages) + 1} of {model.n_places}"
     phase = scene_of(model, context).phase
-    if model.scenario.moves:
-        phase = f"phase {phase} of {len(model.scenario.stages)}"
+    if model.scenario.layout.moves:
+        phase = f"phase {phase} of {len(model.scenario.layout.stages)}"
     return ", ".join([place] * (model.n_places > 1) + [phase] * bool(phase))
 
 
@@ -221,8 +221,8 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
     axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
     if not scene.cells_of("start"):
-        position = model.context // len(model.scenario.stages)
-        is_here = position[model.starts] == context // len(model.scenario.stages)
+        position = model.context // len(model.scenario.layout.stages)
+        is_here = position[model.starts] == context // len(model.scenario.layout.stages)
         axis.plot(*scene.position[model.cell[model.starts[is_here]]].T[::-1], **_ONE_OF_MANY)
     _dress(axis, scene, _ON_ZONES, scale=0.7)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="", anchor="NW")

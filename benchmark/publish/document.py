@@ -17,7 +17,6 @@ from typing import Any, Final
 import pandas as pd
 
 from benchmark.drawing import tables
-from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, README, Folder, with_titles
 from benchmark.publish import files, prose
 from benchmark.publish.templates import templates_in as templates_in
@@ -27,7 +26,6 @@ from benchmark.studies.study import with_items
 from envs import InputError
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
-_FRONT: Final = Path(__file__).parent / "front.md.jinja"
 
 
 class Document:
@@ -146,31 +144,6 @@ class Document:
                 rows.append((", ".join([first, *ends]), item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times; digests of files"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
-
-
-def front(results: Path) -> str:
-    """Returns the README of the repository, whose numbers and verdicts are those of published tables.
-
-    Its template has all lookups of texts by folder, as in `of.when.number(...)`. A folder that is damaged,
-    lacks what README cites, or does not show what is claimed raises an InputError.
-    """
-
-    def text(name: str, title: str = "") -> str:
-        return prose.paragraphs(Folder(results / name), title)
-
-    def figure(name: str, item: str) -> str:
-        return f"results/{name}/{Folder(results / name).figure(item)}"
-
-    for name in PUBLISHED:
-        prose.written(Folder(results / name))  # also of those that README does not cite
-    of = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
-    template = templates_in(_FRONT.parent).get_template(_FRONT.name)
-    with Folder(results / next(iter(PUBLISHED))).reading():
-        answer = prose.SENTENCES.split(text(next(iter(PUBLISHED))))
-        rendered = template.render(figure=figure, text=text, answer=answer, of=of)
-    if failed := [claim for lookups in of.values() for claim in lookups.failed]:
-        raise prose.ClaimError(*(f"README: tables do not show that {claim}." for claim in failed))
-    return rendered
 
 
 def write(path: Path, study: Study[Any, Any] | None = None) -> None:

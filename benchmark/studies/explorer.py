@@ -161,7 +161,7 @@ def _scene(model: Model) -> dict[str, object]:
     _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
     effects["over"] = model.is_over[shown].astype(int)
     starts = np.concatenate([model.starts, model.unseen_starts])
-    n_places = len(views) // len(scenario.stages)
+    n_places = len(views) // len(scenario.layout.stages)
     # Both only where there is something to tell, so that other files stay the same.
     more = {"group": scenario.n_people} if scenario.group else {}
     more |= {"of_places": model.n_places} if n_places < model.n_places else {}
@@ -171,9 +171,9 @@ def _scene(model: Model) -> dict[str, object]:
         "walls": np.flatnonzero(views[0].is_wall).tolist(),
         "outlines": [*drawn.BORDERS.values()],
         "views": [view.as_json() for view in views],
-        "shape": [n_places, len(scenario.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
-        "ticks": scenario.ticks.tolist(),
-        "phases": [stage.name for stage in scenario.stages],
+        "shape": [n_places, len(scenario.layout.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
+        "ticks": scenario.layout.ticks.tolist(),
+        "phases": [stage.name for stage in scenario.layout.stages],
         "starts": np.searchsorted(shown, starts[np.isin(starts, shown)]).tolist(),
         "kind": kind.ravel().tolist(),
         "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()},

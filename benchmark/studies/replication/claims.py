@@ -84,7 +84,7 @@ def _focus(agents: Records, _: str) -> tuple[Samples, float]:
     mass = np.maximum(weights @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
     scenario = agents.model.scenario
-    distance = target_distance(scenario.regions, scenario.places[0][0], scenario.grid.size)
+    distance = target_distance(scenario.regions, scenario.layout.places[0][0], scenario.grid.size)
     return mass @ distance / mass.sum(axis=1), math.nan
 
 

@@ -21,6 +21,7 @@ from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import _KNOWN, INK, WIDTH, figure_of, learner_style, name_lines, save_figure
 from benchmark.drawing.tables import read_csv
 from benchmark.experiments import load_experiment
+from benchmark.studies import report_of
 from benchmark.studies.item import drawing
 from tests.support import ROOT
 
@@ -147,11 +148,11 @@ def draw_all(folder: Path) -> None:
     for name, figures in PUBLISHED.items():
         tables = {path.stem: read_csv(path) for path in (ROOT / "results" / name).glob("*.csv")}
         data: Any = SimpleNamespace(experiment=load_experiment(name), is_partial=True)
-        report = report_of(data.experiment, is_drawn=False)
-        for item in (item for item in report.items if item.name in figures):
-            item.save(data, tables, folder)
+        study = report_of(data.experiment).study
+        for item in (item for item in study.items if item.name in figures):
+            item.save(data, data, tables, folder)
     of_pyplot = drawing("pyplot", "", "")(lambda: cast(Any, plt.subplots()[0]))
-    of_pyplot.save(cast(Any, SimpleNamespace(is_partial=False)), {}, folder)
+    of_pyplot.save(None, cast(Any, SimpleNamespace(is_partial=False)), {}, folder)
 
 
 def test_figures_do_not_depend_on_the_users_settings(tmp_path: Path, watched: Path) -> None:

@@ -12,6 +12,7 @@ from markdown_it.token import Token
 
 from benchmark.execution.store import Store
 from benchmark.publish import draw
+from benchmark.studies import report_of
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.studies.conftest import experiment_of, trained
 from tests.support import markdown_parser
@@ -60,10 +61,10 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
     text = EXPERIMENT.replace("FOLDER", str(folder)).replace("EFFECT", json.dumps(EFFECT))
     experiment = experiment_of(folder / "mine-1.toml", text.replace("TITLE", json.dumps(TITLE)))
-    report = report_of(experiment)
+    report = report_of(experiment).check()
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, report, store, folder / "mine-1")
+        draw.draw(report, store, folder / "mine-1")
     return folder / "mine-1"
 
 

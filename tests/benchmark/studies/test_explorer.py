@@ -89,7 +89,7 @@ def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) ->
     assert (context == model.context).all()
     zones = np.array([[*map(int, view["zone"])] for view in scene["views"]])
     assert (zones[context, model.cell] == model.zone).all()
-    for cell, view in zip(model.scenario.places, scene["views"][:: len(scene["phases"])], strict=True):
+    for cell, view in zip(model.scenario.layout.places, scene["views"][:: len(scene["phases"])], strict=True):
         assert divmod(view["glyphs"][0]["cell"], scene["columns"]) == cell[0]
     assert scene["walls"] == np.flatnonzero(model.scenario.grid.is_wall).tolist()
 
@@ -106,7 +106,7 @@ def test_of_many_places_some_are_shown(
     states = np.concatenate([model.states_of(place)[0] + np.arange(600) for place in places])
     assert (scene["shape"], scene["of_places"]) == ([len(places), 1, 1, 5], 6)
     cells = [view["glyphs"][0]["cell"] for view in scene["views"]]
-    assert cells == model.scenario.standing[places, 0, 0].tolist()
+    assert cells == model.scenario.layout.standing[places, 0, 0].tolist()
     assert states[scene["starts"]].tolist() == [start for start in model.starts if start in states]
     change = np.array(scene["kinds"]["change"]).reshape(-1, 5)[scene["kind"]]
     assert (change == (model.next_state[..., 0] - np.arange(3600)[:, None])[states]).all()

@@ -151,7 +151,7 @@ def test_runs_of_a_seed_have_the_same_places_and_permuting_is_nothing_to_a_table
     with Store(made.parent / "runs.db", read_only=True) as store:
         for population in experiment.populations:
             condition, runs = population.condition.name, population.runs(range(2))
-            drawn = [run.drawn_scenario.places for run in runs]
+            drawn = [run.drawn_scenario.layout.places for run in runs]
             assert drawn == places.setdefault(condition, drawn)
             assert drawn[0] != drawn[1] or "unseen" in condition
             stored = store.get([run.digest for run in runs])
@@ -314,7 +314,7 @@ def test_levels_by_hand(tmp_path: Path) -> None:
 
     def curve(population: Population) -> dict[float, float]:
         scenario = population.scenario
-        n_places = len(scenario.places) - scenario.issuer.unseen
+        n_places = len(scenario.layout.places) - scenario.issuer.unseen
         if population.learner.variant == "table":
             return {1000: 1.0}
         if n_places == 16:
@@ -401,7 +401,7 @@ learners = ["shared, offset"]
 @pytest.fixture(scope="module")
 def people(tmp_path_factory: pytest.TempPathFactory) -> MapAnalysis:
     folder = tmp_path_factory.mktemp("people")
-    return by_hand(folder, lambda population: {1000.0 * len(population.scenario.places): 1.0}, PEOPLE)
+    return by_hand(folder, lambda population: {1000.0 * len(population.scenario.layout.places): 1.0}, PEOPLE)
 
 
 def test_panels_show_their_learners(people: MapAnalysis) -> None:

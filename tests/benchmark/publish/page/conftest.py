@@ -19,8 +19,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.publish import document
 from benchmark.publish.page import build
-from benchmark.studies import STUDIES
-from benchmark.studies.data import load
+from benchmark.studies import STUDIES, report_of
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.publish.page.made import TEXT
 from tests.support import ROOT, reseal
@@ -141,7 +140,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def learners(made: Path) -> Learners:
     """The stored runs of the experiment, by scenario, algorithm and observation."""
     with Store(made.parent / "runs.db", read_only=True) as store:
-        data = load(load_experiment(made.parent / "mine.toml"), store)
+        data = report_of(load_experiment(made.parent / "mine.toml")).data(store)
         records = [data.records(population) for population in data.experiment.populations]
     return {(each.scenario, each.run.variant, each.run.observation): each for each in records}
 

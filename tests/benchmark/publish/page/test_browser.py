@@ -275,7 +275,7 @@ def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) 
     assert [line[1] for line in cells] == where[:-1]
     assert [line[-4].split(" ")[0] for line in cells] == [ACTIONS[action] for action in taken.actions]
     assert ["(tie of" in line[-4] for line in cells] == had_choice.tolist()
-    phases = [stage.name for stage in model.scenario.stages]
+    phases = [stage.name for stage in model.scenario.layout.stages]
     if len(cells[0]) == 7:
         contexts = model.context[list(taken.states[:-1])] % len(phases)
         assert [line[2] for line in cells] == [phases[phase] for phase in contexts]
@@ -397,7 +397,7 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
 ) -> None:
     opened, population = explore("Anywhere")
     cells, menu = opened.panel("left", ".map svg > g:first-child > g"), "select[name=person]"
-    places = [row * 12 + column for ((row, column),) in population.model.scenario.places]
+    places = [row * 12 + column for ((row, column),) in population.model.scenario.layout.places]
 
     def assert_at(person: int) -> None:
         for side in ("left", "right"):  # which show the same room
@@ -430,7 +430,7 @@ def test_a_group_of_many_places_is_shown_in_some(
 ) -> None:
     changes = {"issuer.places": 12, "others": [{"position": [9, 11]}]}
     population = imperfect(load_scenario("TwoTalking", changes), "nearest")
-    standing = population.model.scenario.standing[:, 0].tolist()
+    standing = population.model.scenario.layout.standing[:, 0].tolist()
     shutil.copytree(made, tmp_path / "mine")
     monkeypatch.setattr(explorer, "MOST_STATES", 3000)  # five places
     explorer.write([population], tmp_path / "mine" / explorer.FILE)

@@ -162,4 +162,4 @@ def test_examples_of_the_guide_to_scenarios_are_right() -> None:
         load_scenario("ThreeTalking").group,
         load_scenario("ThreeTalking").regions,
     )
-    assert load_scenario("S1", tomllib.loads(others)).others_at[4][0].position == (2, 6)
+    assert load_scenario("S1", tomllib.loads(others)).layout.others[4][0].position == (2, 6)
