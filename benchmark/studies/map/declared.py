@@ -190,8 +190,8 @@ def _of_grids(experiment: Experiment) -> Iterator[str]:
         if not grid.question:
             yield f"grids.{name}.question is missing; this report needs it."
         for axis, values in grid.axes.items():
-            for value in filterfalse(is_number, values):
-                yield f'grids.{name}.axes.{axis}: {value}: accepted: a number, or two joined by "x".'
+            for text in filterfalse(is_number, values):
+                yield f'grids.{name}.axes.{axis}: {text}: accepted: a number, or two joined by "x".'
 
 
 def _of_contrasts(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:

@@ -80,7 +80,7 @@ def verdicts(analysis: MapAnalysis) -> Iterator[Row]:
             ended.setdefault(key, []).append(decision.verdict)
     for key, found in ended.items():
         names = dict(zip(("grid", "x", "y", "unit"), key, strict=True))
-        yield names | {"n": len(found)} | _counted(found)
+        yield {**names, "n": len(found), **_counted(found)}
 
 
 @item(
@@ -119,7 +119,7 @@ def looks(analysis: MapAnalysis) -> Iterator[Row]:
     decisions = [contrast.decisions for contrast in analysis.distinct]
     for unit, n in product(UNITS, analysis.data.declared.looks):
         ended = [decision[unit].verdict for decision in decisions if decision[unit].n == n]
-        yield {"unit": UNITS[unit], "n": n, "contrasts": len(ended)} | _counted(ended)
+        yield {"unit": UNITS[unit], "n": n, "contrasts": len(ended), **_counted(ended)}
 
 
 def _counted(ended: Sequence[str]) -> dict[str, int]:
