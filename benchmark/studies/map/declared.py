@@ -86,7 +86,7 @@ def name_of(population: Population) -> dict[str, str]:
 
 
 def curve_grids(experiment: Experiment, *, unseen: bool = False) -> list[str]:
-    """Lists grids with one axis, not named permuted: those about steps, or about success in unseen places.
+    """Lists grids with one axis, not named permuted, about steps or about success in unseen places.
 
     A grid is about steps if it has a point without unseen places.
     """
@@ -122,7 +122,7 @@ def ranked(experiment: Experiment) -> dict[str, list[str]]:
 
 
 def panels_of(experiment: Experiment, declared: MapDeclared) -> list[Panel]:
-    """Returns the declared panels with their grids; by default, one of the first grid with all learners."""
+    """Returns the declared panels with their grids; by default, the first grid with all learners."""
     first = curve_grids(experiment)[0]
     learners = _shown_in(experiment, first)
     title = experiment.declared.grids[first].question
@@ -160,10 +160,8 @@ def most_runs(experiment: Experiment, declared: MapDeclared) -> int:
 def check(experiment: Experiment, declared: MapDeclared) -> None:
     """Refuses, by an InputError, what does not fit a map: grids, contrasts, budgets, seeds or figures."""
     _refuse(experiment, *_of_grids(experiment))
-    budgets, contrasts = _of_budgets(experiment), _of_contrasts(experiment, declared)
-    _refuse(
-        experiment, *contrasts, *budgets, *_of_panels(experiment, declared), *_of_answer(experiment, declared)
-    )
+    runs = [*_of_contrasts(experiment, declared), *_of_budgets(experiment)]
+    _refuse(experiment, *runs, *_of_panels(experiment, declared), *_of_answer(experiment, declared))
     check_number(most_runs(experiment, declared), str(experiment.path))
     for variant, search in sources_of(experiment.declared):
         check_seeds(experiment.declared, variant, experiment.path, search, declared.looks[-1])

@@ -1,4 +1,4 @@
-"""Figures of a map: learners' steps and success along an axis and at one point, and verdicts on contrasts."""
+"""Figures of a map: steps and success along an axis and at one point, and verdicts."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
@@ -30,7 +30,7 @@ _DARK: Final = 0.62  # share of the scale from which on ink is white
 _MAX_RATIO: Final = float(np.log(16.0))  # logarithm of the ratio from which on colours do not differ
 _FONT_SIZE: Final = 8.5
 _HEIGHT, _LINE = 160.0, 9.5  # points of an axis and of a line of text
-_NAME_WIDTH, _SIDE_WIDTH = 18, 37  # characters of a line of a learner's name at its curve and in a contrast
+_NAME_WIDTH, _SIDE_WIDTH = 18, 37  # characters of a line of a name, at its curve and in a contrast
 _NAME_DISTANCE: Final = 13  # points from the end of a curve to its name
 _ROOM: Final = 0.6  # for names at the right of curves, as a share of their width
 _TICK_DISTANCE: Final = 0.07  # smallest distance of the texts of two ticks, as a share of the axis
@@ -170,8 +170,11 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) ->
                 axis.set(ylim=(0, 1.04))
             _set_horizontal(axis, *axis_of(experiment, panel.grid))
             shifts = range(1 - len(curves), len(curves), 2)  # points
-            placed = zip(curves.items(), shifts, strict=True)
-            _separate(axis, [_draw_curve(axis, *curve, shift, column, experiment) for curve, shift in placed])
+            labels = [
+                _draw_curve(axis, name, curves[name], shift, column, experiment)
+                for name, shift in zip(curves, shifts, strict=True)
+            ]
+            _separate(axis, labels)
             axis.set(title=fill(panel.title, 44), ylabel=_WHAT[column] if axis in axes[:, 0] else "")
             axis.tick_params(labelleft=axis in axes[:, 0])
         _set_texts(figure, _FONT_SIZE)
@@ -179,7 +182,7 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) ->
 
 
 def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
-    """Sets the horizontal axis, with room for names at the right, and without texts that cover each other."""
+    """Sets the horizontal axis, with room for names at the right, and texts that do not overlap."""
     numbers = [*values.values()]
     if numbers[0] > 0:
         span = max(numbers[-1] / numbers[0], 4.0)
@@ -306,8 +309,9 @@ def _draw_cells(
 
 
 def _sign(contrast: Contrast) -> tuple[str, float]:
-    """Returns the text and the colour of a contrast: the logarithm of its ratio of steps, or NaN for none."""
-    (n, verdict, *_), logarithm = contrast.decisions["steps"], float(np.log(contrast.ratios["steps"].value))
+    """Returns the text and colour of a contrast: the logarithm of its ratio, or NaN for none."""
+    n, verdict = contrast.decisions["steps"][:2]
+    logarithm = float(np.log(contrast.ratios["steps"].value))
     if verdict not in (FASTER, SLOWER) or np.isnan(logarithm):
         return _SIGN_OF[verdict], np.nan
     # Where most runs of a side never learn, the ratio is a bound.

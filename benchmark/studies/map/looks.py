@@ -148,7 +148,8 @@ def until_learned(curves: pd.DataFrame, level: float) -> Runs:
         columns[name] = np.where(first > last, np.inf, values[runs, np.minimum(first, last)])
         columns[f"spent_{name}"] = values[:, last]
         columns[f"before_{name}"] = np.where(first > 0, values[runs, before], 0.0)
-    return np.rec.fromarrays([*columns.values()], names=[*columns])
+    kinds = [(name, values.dtype) for name, values in columns.items()]
+    return np.rec.fromarrays([*columns.values()], kinds)
 
 
 def rows_of(experiment: Experiment, frame: pd.DataFrame) -> Rows:
@@ -165,7 +166,7 @@ def rows_of(experiment: Experiment, frame: pd.DataFrame) -> Rows:
 
 
 def learned_at(experiment: Experiment, curves: Rows) -> dict[float, dict[Population, Runs]]:
-    """Returns what all runs took until they had learned, by level of success, the declared level first."""
+    """Returns what all runs took until they had learned, by level, the declared level first."""
     solved = experiment.declared.solved
     assert solved is not None
     return {

@@ -131,7 +131,7 @@ def _counted(ended: Sequence[str]) -> dict[str, int]:
     "exploratory: from which value on x needs fewer steps than y, with each of the best settings of both",
 )
 def crossings(analysis: MapAnalysis) -> Iterator[Row]:
-    """Tabulates where the faster learner changes, of contrasts with several settings, in the first grid."""
+    """Tabulates where the faster learner changes in the first grid, if there are several settings."""
     experiment, grid = analysis.data.experiment, curve_grids(analysis.data.experiment)[0]
     (axis, numbers), ranks = axis_of(experiment, grid), ranked(experiment)
     medians = {
@@ -216,7 +216,8 @@ def pairs(analysis: MapAnalysis) -> pd.DataFrame | None:
     """Tabulates the runs of each contrast; numbers are empty where a run does not learn."""
     tables = []
     for contrast in analysis.contrasts:
-        x, y = (_units(runs).rename(columns={"disagreements": "wrong_pings"}) for runs in contrast.learned)
+        sides = (_units(runs) for runs in contrast.learned)
+        x, y = (side.rename(columns={"disagreements": "wrong_pings"}) for side in sides)
         tables.append((contrast.names, x.join(y, lsuffix="_x", rsuffix="_y").sort_index(axis=1)))
     return _numbered(tables)
 

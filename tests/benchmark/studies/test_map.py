@@ -179,7 +179,7 @@ def test_a_map_can_be_analysed_while_runs_are_missing(made: Path, tmp_path: Path
         with pytest.raises(InputError, match=r"1 of .* runs of stage 1 are missing"):
             report.data(other)
         analysis = analyse(report.data(other, partial=True))
-    cells, contrasts = (tabulated(item, analysis) for item in (tables.cells, tables.contrasts))
+    cells, contrasts = tabulated(tables.cells, analysis), tabulated(tables.contrasts, analysis)
     assert cells["n"].iloc[0] == 5  # those before the missing one
     assert "places 1" not in {*contrasts.loc[contrasts["grid"] == "places", "point"]}
 
