@@ -38,6 +38,18 @@ def chosen_for(declared: Declaration, variant: str, observation: str, other: str
     return found.model_copy(update=dict(found.others[rank - 2]))
 
 
+def sources_of(declared: Declaration) -> list[tuple[str, str]]:
+    """Lists each variant with "", for the search that it names, and with others that grids name for it."""
+    pairs = (
+        (name, search)
+        for condition in declared.conditions.values()
+        for name, variant in declared.algorithms.items()
+        for search in ("", condition.tuned_by)
+        if not search or any(condition.has(name, form) for form in variant.observations)
+    )
+    return list(dict.fromkeys(pairs))
+
+
 def source_of(declared: Declaration, variant: str, other: str = "") -> tuple[str, str]:
     """Returns the search that has chosen a variant's settings, and the variant there; empty if none has.
 
@@ -96,13 +108,15 @@ def check_source(declared: Declaration, variant: str, path: Path, other: str = "
         raise InputError(f"{where}: its stream is that of the search; accepted: another stream.")
 
 
-def check_seeds(declared: Declaration, variant: str, path: Path, other: str = "") -> None:
-    """Refuses, by an InputError, seeds on which a variant's settings were chosen."""
+def check_seeds(declared: Declaration, variant: str, path: Path, other: str = "", n_seeds: int = 0) -> None:
+    """Refuses, by an InputError, seeds on which a variant's settings were chosen.
+
+    They are those that the variant declares, or as many as `n_seeds`, if these are more.
+    """
     name, searched = source_of(declared, variant, other)
     taken = _search(name).declared.seeds_of_search(searched) if name else ()
-    largest = max(declared.reporting.looks, default=0) if declared.reporting else 0
     for seeds in {declared.seeds_of(variant, condition) for condition in declared.conditions.values()}:
-        own = range(seeds.start, max(seeds.stop, seeds.start + largest))  # those at further looks, too
+        own = range(seeds.start, max(seeds.stop, seeds.start + n_seeds))
         if any(overlap(own, seeds) for seeds in taken):
             used = " and ".join(f"{seeds.start} to {seeds.stop - 1}" for seeds in taken)
             found = f"{path}: {_key(declared, variant, other)}: the search has used the seeds {used}"

@@ -181,14 +181,8 @@ class _Loading:
     def experiment(self) -> Experiment:
         """Returns the experiment; raises an InputError with all mistakes at once."""
         declared, variants = self.declared, self.declared.algorithms
-        _check_number(declared.most_runs, str(self.path))
-        sources = dict.fromkeys(
-            (name, search)
-            for condition in declared.conditions.values()
-            for name, variant in variants.items()
-            for search in ("", condition.tuned_by)
-            if not search or any(condition.has(name, form) for form in variant.observations)
-        )
+        check_number(declared.most_runs, str(self.path))
+        sources = choices.sources_of(declared)
         check_all(  # what all else depends on
             *(partial(_check_observations, declared, name, self.path) for name in variants),
             *(partial(choices.check_source, declared, name, self.path, other) for name, other in sources),
@@ -382,11 +376,12 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
     """Lists every run of an experiment once, see `interleaved`; of one with stages, those of the first."""
     populations = experiment.populations
     n_runs = sum(len(population.taken(seeds)) for population in populations)
-    _check_number(n_runs, experiment.argument)
+    check_number(n_runs, experiment.argument)
     return interleaved([(population, population.runs(population.taken(seeds))) for population in populations])
 
 
-def _check_number(n_runs: int, where: str) -> None:
+def check_number(n_runs: int, where: str) -> None:
+    """Refuses, by an InputError that begins with `where`, more runs than an experiment may have."""
     if n_runs > MOST_RUNS:
         found = f"up to {n_runs:,} runs, which take {n_runs / 86_400:,.1f} days at a second each"
         raise InputError(f"{where}: {found}; accepted: at most {MOST_RUNS:,}.")

@@ -478,12 +478,10 @@ class Declaration(Table):
     @property
     def most_runs(self) -> int:
         """The number of runs, at most, over all stages; one that several conditions share counts for each."""
-        report = self.reporting
-        looks, contrasts = (report.looks, report.contrasts) if report else ((), ())
-        n, compared = 0, {*chain(*contrasts)}
+        n = 0
         for condition, (learner, variant) in product(self.conditions.values(), self._learners.items()):
             if condition.has(variant, learner.removeprefix(f"{variant}, ")):
-                n += max([len(self.seeds_of(variant, condition)), *(looks if learner in compared else ())])
+                n += len(self.seeds_of(variant, condition))
         if (search := self.search) is not None:
             # Trial 0 runs again, too, and the best trial of a scenario.
             n += len(self._learners) * (search.finalists + 2) * search.seeds

@@ -86,7 +86,7 @@ class Item(Generic[A]):
         if self.draw is None or (self.compute is not None and self.name not in tables):
             return None
         table = tables.get(self.name, pd.DataFrame())
-        return called(self.draw, data, analysis=analysis, tables=tables, table=table)
+        return called(self.draw, data, analysis=analysis, tables=tables, table=table, _=table)
 
     def save(self, analysis: A, data: Data[Any], tables: Frames, directory: Path) -> None:
         """Writes the figure, marked if runs are missing, or the other file."""

@@ -14,6 +14,9 @@ description = "SARSA joins, and so does the number of PINGs."
 [changes]
 "settings.budget" = 5000
 "settings.record_every" = 5000
+"report.looks" = [3]
+"algorithms.shared.seeds" = 3
+"algorithms.table.seeds" = 3
 
 [changes."algorithms.sarsa"]
 algorithm = "sarsa"

@@ -7,10 +7,11 @@ import numpy as np
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import mask_policy
 from benchmark.analysis.records import OPTIMUM_TOLERANCE
-from benchmark.experiments import Experiment, title_of
+from benchmark.experiments import title_of
 from benchmark.studies.item import COLUMNS, item
-from benchmark.studies.map.crossings import leading
-from envs import Scenario, compile_scenario
+from benchmark.studies.map.analysis import MapAnalysis
+from benchmark.studies.map.declared import panels_of
+from envs import compile_scenario
 from envs.observations import INDICES, compile_seen
 
 
@@ -21,11 +22,16 @@ from envs.observations import INDICES, compile_seen
     {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
     meanings=COLUMNS["ceilings"],
 )
-def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
-    """Tabulates the scene of each panel, with everything that can be drawn, and each form of index."""
-    for grid, scenario in _scenes(experiment).items():
+def ceilings(analysis: MapAnalysis) -> Iterator[Mapping[str, object]]:
+    """Tabulates the scene of each panel, with all places that there are, and each form of index."""
+    experiment = analysis.data.experiment
+    horizon, populations = experiment.declared.horizon, experiment.populations
+    scenes = {population.condition.axes["grid"]: population.scenario for population in populations}
+    for grid in dict.fromkeys(panel.grid for panel in panels_of(experiment, analysis.data.declared)):
+        everywhere = scenes[grid].issuer.model_copy(update={"places": None, "unseen": 0})
+        scenario = scenes[grid].model_copy(update={"issuer": everywhere})
         model = compile_scenario(scenario)
-        q, value = solve(model, 1.0, experiment.declared.horizon, issuer_rewards=False)
+        q, value = solve(model, 1.0, horizon, issuer_rewards=False)
         states = model.fresh_state[~model.is_over[model.fresh_state]]
         is_optimal = q[states] >= value[states, None] - OPTIMUM_TOLERANCE
         n_states = len(q)
@@ -42,18 +48,5 @@ def ceilings(experiment: Experiment) -> Iterator[Mapping[str, object]]:
                 "states": n_states,
                 "rows": len(np.unique(seen.observation[states])),
                 "optimal": float(counts.max(axis=1).sum() / len(states)),
-                "success": float(evaluate(seen, policy, experiment.declared.horizon).success),
+                "success": float(evaluate(seen, policy, horizon).success),
             }
-
-
-def _scenes(experiment: Experiment) -> dict[str, Scenario]:
-    """Returns the scene of every panel's grid, with all places that there are."""
-    report, every = experiment.report, {"places": None, "unseen": 0}
-    assert report is not None
-    return {
-        grid: scene.model_copy(update={"issuer": scene.issuer.model_copy(update=every)})
-        for grid in dict.fromkeys(panel.grid or leading(experiment) for panel in report.panels)
-        for population in experiment.populations
-        if population.condition.axes.get("grid") == grid
-        for scene in [population.scenario]
-    }

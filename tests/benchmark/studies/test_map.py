@@ -1,7 +1,6 @@
-"""The report of a map: real runs of tables, and made ones with known ends."""
+"""Maps: real runs of tables, drawn in miniature, and curves with known ends."""
 
-import shutil
-import sqlite3
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,18 +16,16 @@ from agents.dynamic_programming import evaluate, solve
 from agents.policy import mask_policy
 from benchmark.__main__ import main
 from benchmark.analysis.frames import keys_of, learned
-from benchmark.analysis.looks import took
 from benchmark.execution.job import execute_job
 from benchmark.execution.store import Store
 from benchmark.experiments import Population, load_experiment
 from benchmark.publish.document import Document
-from benchmark.publish.draw import tables_of
-from benchmark.studies import runs_of
-from benchmark.studies.data import Data
-from benchmark.studies.map import REPORT, figures
+from benchmark.studies import Item, report_of, runs_of
+from benchmark.studies.map import figures, tables
+from benchmark.studies.map.analysis import MapAnalysis, analyse
 from benchmark.studies.map.ceilings import ceilings
-from benchmark.studies.map.results import verdicts
-from envs import compile_scenario, load_scenario
+from benchmark.studies.map.looks import until_learned
+from envs import InputError, compile_scenario, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.publish.sentences import check_links
 from tests.benchmark.studies.conftest import experiment_of
@@ -42,7 +39,7 @@ horizon = 60
 evaluation_every = 100
 map_every = 100
 solved = { success = 0.9, growth = 1.2, levels = [0.5, 0.7] }
-settings = { budget = 30000, time_limit = 60, record_every = 30000, epsilon = 0.1 }
+settings = { budget = 6000, time_limit = 60, record_every = 6000, epsilon = 0.1 }
 
 [report]
 kind = "map"
@@ -78,21 +75,10 @@ question = "What is learned about places in which the person never stood?"
 scenario = { "grid.rows" = 5, "grid.columns" = 6 }
 axes.places.8.scenario = { "issuer.places" = 8, "issuer.unseen" = 13 }
 
-[algorithms.shared]
-title = "shared table"
-algorithm = "q_learning"
-observations = ["offset"]
-seeds = 12
-
-[algorithms.table]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 12
-
-[algorithms.check]
-algorithm = "q_learning"
-reference_for = "table"
-seeds = 2
+[algorithms]
+shared = { title = "shared table", algorithm = "q_learning", observations = ["offset"], seeds = 12 }
+table = { algorithm = "q_learning", observations = ["index"], seeds = 12 }
+check = { algorithm = "q_learning", reference_for = "table", seeds = 2 }
 """
 
 
@@ -106,78 +92,37 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "small"
 
 
-def test_tables_have_what_the_runs_took(made: Path) -> None:
+def test_cells_have_what_the_runs_took(made: Path) -> None:
     frames = {path.stem: pd.read_csv(path) for path in made.glob("*.csv")}
     assert [name for name in frames if mistyped_columns(made / f"{name}.csv")] == []
-    runs, found = frames["runs"].groupby(["grid", "point", "learner"]), frames["cells"]
-    for _, row in found.iterrows():
-        own = runs.get_group((row["grid"], row["point"], f"{row['variant']}, {row['observation']}"))
-        steps = np.sort(own["steps"].fillna(np.inf))
+    cells, names = frames["cells"], ["grid", "point", "variant", "observation"]
+    learners = cells["variant"] + ", " + cells["observation"]
+    runs, curves = frames["runs"].groupby(["grid", "point", "learner"]), frames["success"].groupby(names)
+    for learner, (_, row) in zip(learners, cells.iterrows(), strict=True):
+        steps = runs.get_group((row["grid"], row["point"], learner))["steps"].fillna(np.inf)
         assert (len(steps), np.isfinite(steps).sum()) == (row["n"], row["n_solved"])
-        assert row["steps"] == np.median(steps)
-        assert row["steps_low"] <= row["steps"] <= row["steps_high"]
-    assert (found["unseen_success"].notna() == (found["grid"] == "unseen")).all()
-    last = found[found["grid"] == "unseen"].set_index("variant")["unseen_success"]
-    assert last["shared"] > 0.6 > 0.5 > last["table"]  # what is known of an offset holds everywhere
-    of_runs = frames["unseen"].groupby("learner")["unseen_success"].mean()
-    assert of_runs[OFFSETS] == pytest.approx(last["shared"], abs=1e-5)
-
-
-NET = """
-[algorithms.net]
-algorithm = "compiled_dqn"
-observations = ["offset_coordinates"]
-seeds = 12
-settings = { policy_kwargs = { net_arch = [8] } }
-"""
-
-
-@pytest.mark.parametrize("learner", [OFFSETS, "net, offset_coordinates"])
-def test_unseen_places_are_scored_at_equal_numbers_of_steps(learner: str, tmp_path: Path) -> None:
-    """At the budget and when a run has learned, by both policies; the second method trains to the end."""
-    text = EXPERIMENT.replace("record_every = 30000, epsilon = 0.1 ", "").replace("60, }", "60 }") + NET
-    text = text.replace("30000", "1500").replace("success = 0.9, ", "success = 0.4, ")
-    text = text.replace(", levels = [0.5, 0.7]", "")
-    experiment = experiment_of(tmp_path / "unseen.toml", text)
-    run = experiment.population("default/unseen/places=8", "Anywhere", learner).first
-    (record,) = execute_job([run])
-    model = compile_seen(run.drawn_scenario, run.observation)
-    algorithm = load_algorithm(run.algorithm)
-    training = algorithm.train(model, run.settings, run.observation, [run.seed_sequence], run.schedule)
-    policies = [mask_policy(greedy) for greedy in training.greedy[0]]
-    success = np.array([[float(evaluate(model, policy, 60).success) for policy in policies]])
-    steps = run.schedule.evaluation_steps
-    first = int(learned(success, steps, 0.4, until=2)[0])
-    later = [i for i in range(len(steps)) if i > first and steps[i] >= 2 * steps[first]]
-    read = [policies[i] for i in ([*later, len(steps) - 1][0], len(steps) - 1)]
-    both = [(policy, 0.95 * policy + 0.01) for policy in read]
-    expected = [[float(evaluate(model, own, 60, "unseen").success) for own in pair] for pair in both]
-    assert record.arrays["unseen_success"].tolist() == pytest.approx(np.array(expected))
-    assert record.arrays["success"][-1] == pytest.approx(success[0, -1])
-    assert record.arrays["updates"] == training.updates[0]
+        assert row["steps_low"] <= row["steps"] == np.median(steps) <= row["steps_high"]
+        curve = curves.get_group(tuple(row[names]))
+        assert len(curve) <= 18
+        assert curve["step"].is_monotonic_increasing
+        assert (curve["step"].iloc[0], curve["step"].iloc[-1]) == (100, row["budget"])
+        last = curve.iloc[-1][["success", "success_low", "success_high"]].astype(float)
+        assert last.tolist() == pytest.approx(row[[*last.index]].astype(float).tolist(), abs=0.0051)
+    assert (cells["unseen_success"].notna() == (cells["grid"] == "unseen")).all()
+    unseen = cells[cells["grid"] == "unseen"].set_index("variant")["unseen_success"]
+    assert unseen["shared"] > 0.6 > 0.5 > unseen["table"]  # what is known of an offset holds everywhere
+    means = frames["unseen"].groupby("learner")["unseen_success"].mean()
+    assert means[OFFSETS] == pytest.approx(unseen["shared"], abs=1e-5)
 
 
 def test_contrasts_follow_from_the_pairs_that_are_published(made: Path) -> None:
     contrasts, pairs = (pd.read_csv(made / f"{name}.csv") for name in ("contrasts", "pairs"))
-    own_pairs = pairs.fillna(np.inf).groupby(["grid", "point"])
+    points = pairs.fillna(np.inf).groupby(["grid", "point"])
     for _, row in contrasts.iterrows():
-        own = own_pairs.get_group((row["grid"], row["point"]))
-        x, y = own["steps_x"], own["steps_y"]
-        assert len(own) == row["n"]
+        x, y = (points.get_group((row["grid"], row["point"]))[side] for side in ("steps_x", "steps_y"))
+        assert len(x) == row["n"]
         assert np.where(x == y, 0.5, x < y).mean() == pytest.approx(row["faster"], abs=1e-5)
         assert np.median(y) / np.median(x) == pytest.approx(row["ratio"], rel=1e-5)
-
-
-def test_success_over_training_is_that_of_the_runs(made: Path) -> None:
-    found = pd.read_csv(made / "success.csv").groupby(["grid", "point", "variant", "observation"])
-    cells = pd.read_csv(made / "cells.csv")
-    for _, row in cells.iterrows():
-        own = found.get_group((row["grid"], row["point"], row["variant"], row["observation"]))
-        assert len(own) <= 18
-        assert own["step"].is_monotonic_increasing
-        assert (own["step"].iloc[0], own["step"].iloc[-1]) == (100, row["budget"])
-        last = own.iloc[-1][["success", "success_low", "success_high"]].astype(float)
-        assert last.tolist() == pytest.approx(row[[*last.index]].astype(float).tolist(), abs=0.0051)
 
 
 def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
@@ -186,13 +131,13 @@ def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
     assert (contrasts.loc[contrasts["n"] == 12, "verdict"] != "undecided").all()
     decided = contrasts[contrasts["point"] == "places 16"].iloc[0]
     assert (decided["n"], decided["verdict"]) == (12, "faster")
-    looks = pd.read_csv(made / "looks.csv").set_index("n")["contrasts"].to_dict()
+    looks = pd.read_csv(made / "looks.csv")
     distinct = contrasts.drop_duplicates(["rows", "columns", "places", "unseen", "permuted"])
     assert len(distinct) == len(contrasts) - 2  # two points of two grids are the same
-    assert looks == distinct.groupby("n").size().to_dict()
-    experiment = load_experiment(made.parent / "small.toml")
+    by_steps = looks[looks["unit"] == "steps"].set_index("n")["contrasts"]
+    assert by_steps.to_dict() == distinct.groupby("n").size().to_dict()
     with Store(made.parent / "runs.db", read_only=True) as store:
-        first, second = stages(experiment, store)
+        first, second = report_of(load_experiment(made.parent / "small.toml")).stages(store)
         assert {run.digest for run in runs_of([*first, *second])} == store.ended()
     assert {run.seed for run in runs_of(second)} == {12, 13, 14, 15}
     undecided = contrasts.loc[contrasts["n"] == 16, ["grid", "point"]].itertuples(index=False, name=None)
@@ -216,58 +161,108 @@ def test_runs_of_a_seed_have_the_same_places_and_permuting_is_nothing_to_a_table
     assert straight == permuted
 
 
-def test_document_and_figures(made: Path) -> None:
+def test_the_document(made: Path) -> None:
     document = Document(made)
     check_links(document, fewest=2)
-    assert document.headline is not None
-    assert "In steps, the shared table of offsets compared with the table: faster at " in document.headline
-    assert (
-        "In wrong PINGs, the shared table of offsets compared with the table: fewer at " in document.headline
-    )
-    assert (made / "map.svg").is_file()
+    headline = document.headline or ""
+    for unit, verdict in (("steps", "faster"), ("wrong PINGs", "fewer")):
+        assert f"In {unit}, the shared table of offsets compared with the table: {verdict} at " in headline
     assert {*pd.read_csv(made / "reference.csv")["y"]} == {"check, index"}
     assert "at most 5 %" in (made / "README.md").read_text(encoding="utf-8")
 
 
-def test_a_map_can_be_drawn_while_runs_are_missing(made: Path, tmp_path: Path) -> None:
-    for name in ("small.toml", "runs.db"):
-        shutil.copy(made.parent / name, tmp_path)
-    sixth = load_experiment(tmp_path / "small.toml").populations[0].runs()[5]
-    with sqlite3.connect(tmp_path / "runs.db") as store:
-        store.execute("DELETE FROM runs WHERE digest = ?", [sixth.digest])
-    command = ["report", str(tmp_path / "small.toml"), "--results", str(tmp_path)]
-    assert main(command) == 2
-    assert main([*command, "--partial"]) == 0
-    cells, contrasts = (
-        pd.read_csv(tmp_path / "small_partial" / f"{name}.csv") for name in ("cells", "contrasts")
-    )
+def test_a_map_can_be_analysed_while_runs_are_missing(made: Path, tmp_path: Path) -> None:
+    experiment = load_experiment(made.parent / "small.toml")
+    sixth, report = experiment.populations[0].runs()[5].digest, report_of(experiment)
+    with Store(made.parent / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
+        other.add(store.get(sorted(store.ended() - {sixth})))
+        with pytest.raises(InputError, match=r"1 of .* runs of stage 1 are missing"):
+            report.data(other)
+        analysis = analyse(report.data(other, partial=True))
+    cells, contrasts = tabulated(tables.cells, analysis), tabulated(tables.contrasts, analysis)
     assert cells["n"].iloc[0] == 5  # those before the missing one
     assert "places 1" not in {*contrasts.loc[contrasts["grid"] == "places", "point"]}
+
+
+NET = """
+[algorithms.net]
+algorithm = "compiled_dqn"
+observations = ["offset_coordinates"]
+seeds = 12
+settings = { policy_kwargs = { net_arch = [8] } }
+"""
+
+
+@pytest.mark.parametrize("learner", [OFFSETS, "net, offset_coordinates"])
+def test_unseen_places_are_scored_at_equal_numbers_of_steps(learner: str, tmp_path: Path) -> None:
+    """At the budget and when a run has learned, by both policies; the second method trains to the end."""
+    text = EXPERIMENT.replace("record_every = 6000, epsilon = 0.1 ", "").replace("60, }", "60 }") + NET
+    text = text.replace("6000", "1500").replace("success = 0.9, ", "success = 0.4, ")
+    text = text.replace(", levels = [0.5, 0.7]", "")
+    experiment = experiment_of(tmp_path / "unseen.toml", text)
+    run = experiment.population("default/unseen/places=8", "Anywhere", learner).first
+    (record,) = execute_job([run])
+    model = compile_seen(run.drawn_scenario, run.observation)
+    algorithm = load_algorithm(run.algorithm)
+    training = algorithm.train(model, run.settings, run.observation, [run.seed_sequence], run.schedule)
+    policies = [mask_policy(greedy) for greedy in training.greedy[0]]
+    success = np.array([[float(evaluate(model, policy, 60).success) for policy in policies]])
+    steps = run.schedule.evaluation_steps
+    first = int(learned(success, steps, 0.4, until=2)[0])
+    later = [i for i in range(len(steps)) if i > first and steps[i] >= 2 * steps[first]]
+    read = [policies[i] for i in ([*later, len(steps) - 1][0], len(steps) - 1)]
+    both = [(policy, 0.95 * policy + 0.01) for policy in read]
+    expected = [[float(evaluate(model, own, 60, "unseen").success) for own in pair] for pair in both]
+    assert record.arrays["unseen_success"].tolist() == pytest.approx(np.array(expected))
+    assert record.arrays["success"][-1] == pytest.approx(success[0, -1])
+    assert record.arrays["updates"] == training.updates[0]
 
 
 # Maps made by hand, with 100,000 steps
 
 
-def by_hand(folder: Path, curve_of: Callable[[Population], Mapping[float, float]], more: str = "") -> Data:
-    """Returns what a map is computed from in which success is 0, and a number from each of these steps on."""
-    text = (EXPERIMENT + more).replace("30000", "100000")
+def by_hand(
+    folder: Path, curve_of: Callable[[Population], Mapping[float, float]], more: str = ""
+) -> MapAnalysis:
+    """Analyses a map in which success is 0, and a number from each of these steps on.
+
+    A variant whose name ends with a digit has the settings of this rank.
+    """
+    text = (EXPERIMENT + more).replace("6000", "100000")
     experiment, runs, curves = experiment_of(folder / "hand.toml", text), [], []
+    learners = dict(experiment.learners)
+    for name, learner in learners.items():
+        if (rank := learner.variant[-1]).isdecimal():
+            declared = learner.declared.model_copy(update={"rank": int(rank)})
+            learners[name] = replace(learner, declared=declared)
     for population in experiment.populations:
         if not population.learner.reference_for:
             changes = curve_of(population)
-            step = np.unique(
-                [0, 100, 1e5, *(min(start, 1e5) * part for start in changes for part in (0.9, 1))]
-            )
+            ends = [min(start, 1e5) * part for start in changes for part in (0.9, 1)]
+            step = np.unique([0, 100, 1e5, *ends])
             success = np.zeros(len(step))
             for start, value in changes.items():
                 success[step >= start] = value
-            spent = {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
-            curve = pd.DataFrame(keys_of(population) | {"step": step, "success": success, **spent})
-            curves += [curve.assign(seed=seed) for seed in range(12)]
+            curve = {"step": step, "success": success}
+            curve |= {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
+            seeds = {"seed": np.repeat(range(12), len(step))}
+            columns = {name: np.tile(values, 12) for name, values in curve.items()}
+            curves.append(pd.DataFrame(keys_of(population) | seeds | columns))
             unseen = {"unseen_success": 0.25, "unseen_budget": 0.25}
             runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), **unseen}))
-    made = {"runs": pd.concat(runs), "curves": pd.concat(curves), "experiment": experiment}
-    return cast("Data", SimpleNamespace(**made, records=None, is_partial=False))
+    data = {"runs": pd.concat(runs), "curves": pd.concat(curves), "declared": report_of(experiment).declared}
+    return analyse(cast("Any", SimpleNamespace(experiment=replace(experiment, learners=learners), **data)))
+
+
+def tabulated(item: Item[Any], analysis: MapAnalysis) -> pd.DataFrame:
+    table = item.tabulate(analysis, analysis.data)
+    assert table is not None
+    return table
+
+
+def drawn(draw: Any, analysis: MapAnalysis) -> Any:
+    """Returns the axes of a figure."""
+    return draw(analysis, pd.DataFrame()).axes
 
 
 @pytest.mark.parametrize(
@@ -283,28 +278,24 @@ def test_verdicts_and_ratios_by_hand(
     shared: float, table: float, verdict: str, ratio: float, sign: str, tmp_path: Path
 ) -> None:
     steps = {"shared": shared, "table": table}
-    data = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
-    tables = tables_of(REPORT.items, data)
-    assert {*tables["contrasts"]["verdict"]} == {verdict}
+    analysis = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
+    contrasts = tabulated(tables.contrasts, analysis)
+    assert {*contrasts["verdict"]} == {verdict}
     for column in ("ratio", "ratio_disagreements"):
-        found = tables["contrasts"].iloc[0][[column, f"{column}_low", f"{column}_high"]].astype(float)
+        found = contrasts.iloc[0][[column, f"{column}_low", f"{column}_high"]].astype(float)
         assert found.tolist() == pytest.approx([ratio] * 3, nan_ok=True)
-    for item in REPORT.items:  # figures can be drawn without a difference, too
-        item.save(data, tables, tmp_path)
-    names = {"answer", "map", "unseen", "verdicts"}
-    assert {path.stem for path in tmp_path.glob("*.[sp][vn]g")} == names
-    picture = verdicts.picture(data, tables)
-    assert picture is not None
-    texts = [text.get_text() for text in picture.axes[0].texts]
-    assert texts.count(sign) == len(tables["contrasts"]) == 9
+    texts = [text.get_text() for text in drawn(figures.verdicts, analysis)[0].texts]
+    assert texts.count(sign) == len(contrasts) == 9
     titles = {"places", "rooms: cells, places", "code: permuted", "unseen: places"}
     assert {text.replace("\n", " ") for text in texts} - {sign} == titles
+    for draw in (figures.answer.draw, figures.picture.draw, figures.unseen):
+        assert drawn(draw, analysis)  # without a difference, too
 
 
 def test_the_answer_by_hand(tmp_path: Path) -> None:
     steps = {"shared": 7000, "table": np.inf}
-    data = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
-    left, right = cast("Any", figures.answer.picture(data, tables_of(REPORT.items, data))).axes
+    analysis = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
+    left, right = drawn(figures.answer.draw, analysis)
     assert [label.get_text() for label in left.get_yticklabels()] == ["mine", "shared"]
     for axis, texts, values in (
         (left, ["never learns", "7,000"], [100_000, 7000]),
@@ -333,9 +324,9 @@ def test_levels_by_hand(tmp_path: Path) -> None:
             return {1000: 0.8, 2000: 1.0}
         return {1000: 0.7, 1500: 0.6, 2000: 1.0} if n_places == 8 else {500: 0.8, 2000: 1.0}
 
-    tables = tables_of(REPORT.items, by_hand(tmp_path, curve))
+    analysis = by_hand(tmp_path, curve)
     columns = ["verdict", "verdict_0.5", "verdict_0.7"]
-    rows = tables["contrasts"].set_index("grid")[["point", *columns]].itertuples()
+    rows = tabulated(tables.contrasts, analysis).set_index("grid")[["point", *columns]].itertuples()
     verdicts_at = {tuple(row[:2]): [*row[2:]] for row in rows}
     assert {found[0] for found in verdicts_at.values()} == {"slower"}
     assert verdicts_at["places", "places 16"] == ["slower"] * 3
@@ -343,7 +334,7 @@ def test_levels_by_hand(tmp_path: Path) -> None:
     assert verdicts_at["rooms", "room 6x7, places 1"] == ["slower", "undecided", "undecided"]
     assert verdicts_at["unseen", "places 8"] == ["slower", "undecided", "slower"]
     # Of 9 points, 7 are distinct: 1, 4 and 16 places, 2 in the room, 1 in the larger one, permuted, unseen.
-    (row,) = tables["levels"].to_dict("records")
+    (row,) = tabulated(tables.levels, analysis).to_dict("records")
     counts = {"at_all_levels": 1, "at_some_levels": 1, "at_no_other_level": 1, "reversed": 4}
     assert row == {"x": OFFSETS, "y": TABLE, "points": 7, "decided": 7, **counts}
 
@@ -355,49 +346,6 @@ def test_runs_do_not_depend_on_levels(tmp_path: Path) -> None:
         for text in texts
     )
     assert with_levels == without
-
-
-RANKS = """
-[algorithms.shared_2]
-algorithm = "q_learning"
-observations = ["offset"]
-seeds = 12
-
-[algorithms.shared_3]
-algorithm = "q_learning"
-observations = ["offset"]
-seeds = 12
-
-[algorithms.table_2]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 12
-
-[[report.panels]]
-title = "With offsets"
-learners = ["shared, offset"]
-
-[[report.panels]]
-title = "With both"
-learners = ["shared, offset", "table, index"]
-"""
-
-
-def with_ranks(folder: Path, steps: Mapping[str, tuple[float, ...]]) -> Data:
-    """Returns a map with the best settings, and with others, of two learners, by steps at 1, 4, 16 places."""
-
-    def curve(population: Population) -> dict[float, float]:
-        places = {"1": 0, "4": 1, "16": 2}.get(population.condition.axes.get("places", ""), 0)
-        return {steps[population.learner.variant][places]: 1.0}
-
-    data = by_hand(folder, curve, RANKS)
-    learners = {}
-    for name, learner in data.experiment.learners.items():
-        last = name.partition(",")[0][-1]
-        declared = learner.declared.model_copy(update={"rank": int(last) if last.isdecimal() else 1})
-        learners[name] = replace(learner, declared=declared)
-    experiment = replace(data.experiment, learners=learners)
-    return cast("Data", SimpleNamespace(**{**vars(data), "experiment": experiment}))
 
 
 # Of (shared, table) and (shared, table_2), 16 places are the first at which 3,000 steps are fewer; of
@@ -418,21 +366,19 @@ STEPS = {
     ],
 )
 def test_crossings_by_hand(third: float, counts: dict[str, int], tmp_path: Path) -> None:
-    data = with_ranks(tmp_path, STEPS | {"shared_3": (third,) * 3})
-    (row,) = tables_of(REPORT.items, data)["crossings"].to_dict("records")
+    steps = STEPS | {"shared_3": (third,) * 3}
+
+    def curve(population: Population) -> dict[float, float]:
+        places = {"1": 0, "4": 1, "16": 2}.get(population.condition.axes.get("places", ""), 0)
+        return {steps[population.learner.variant][places]: 1.0}
+
+    ranks = [("shared_2", "offset"), ("shared_3", "offset"), ("table_2", "index")]
+    same = 'algorithm = "q_learning", seeds = 12'
+    more = "\n".join(f'{name} = {{ observations = ["{form}"], {same} }}' for name, form in ranks)
+    analysis = by_hand(tmp_path, curve, more)
+    (row,) = tabulated(tables.crossings, analysis).to_dict("records")
     names = {"grid": "places", "x": OFFSETS, "y": TABLE, "combinations": 6, "values": 3}
     assert row == names | counts | {"earliest": 4.0, "latest": 16.0}
-
-
-def test_panels_show_their_learners(tmp_path: Path) -> None:
-    data = with_ranks(tmp_path, STEPS | {"shared_3": (600.0,) * 3})
-    first, second = cast("Any", figures.picture.picture(data, tables_of(REPORT.items, data))).axes
-    assert [axis.get_title(loc="left") for axis in (first, second)] == ["With offsets", "With both"]
-    assert first.get_ylim() == second.get_ylim()
-    assert [text.get_text() for text in first.texts] == ["never learns", "shared table of\noffsets"]
-    for axis, n_learners in ((first, 1), (second, 2)):  # none with other settings
-        assert [line.get_linestyle() for line in axis.lines].count("None") == 2 * n_learners
-        assert len({line.get_color() for line in axis.lines if line.get_linestyle() != "None"}) == n_learners
 
 
 PEOPLE = """
@@ -453,20 +399,27 @@ learners = ["shared, offset"]
 """
 
 
-def test_panels_of_other_grids(tmp_path: Path) -> None:
-    data = by_hand(
-        tmp_path, lambda population: {1000.0 * len(population.scenario.layout.places): 1.0}, PEOPLE
-    )
-    tables = tables_of(REPORT.items, data)
-    one, two = cast("Any", figures.picture.picture(data, tables)).axes
-    assert [line.get_xdata().tolist() for line in two.lines[:1]] == [[2, 5]]
-    assert two.lines[0].get_ydata().tolist() == [5000, 5000]  # unseen places are places, too
+@pytest.fixture(scope="module")
+def people(tmp_path_factory: pytest.TempPathFactory) -> MapAnalysis:
+    folder = tmp_path_factory.mktemp("people")
+    return by_hand(folder, lambda population: {1000.0 * len(population.scenario.layout.places): 1.0}, PEOPLE)
+
+
+def test_panels_show_their_learners(people: MapAnalysis) -> None:
+    one, two = drawn(figures.picture.draw, people)
+    assert [axis.get_title(loc="left") for axis in (one, two)] == ["One person", "Two people"]
     assert one.get_ylim() == two.get_ylim()
+    assert [text.get_text() for text in two.texts] == ["never learns", "shared table of\noffsets"]
+    assert two.lines[0].get_xdata().tolist() == [2, 5]
+    assert two.lines[0].get_ydata().tolist() == [5000, 5000]  # unseen places are places, too
+    for axis, n_learners in ((one, 2), (two, 1)):
+        assert [line.get_linestyle() for line in axis.lines].count("None") == 2 * n_learners
+        assert len({line.get_color() for line in axis.lines if line.get_linestyle() != "None"}) == n_learners
 
 
-def test_ceilings_are_those_of_votes_counted_one_by_one(tmp_path: Path) -> None:
-    experiment = by_hand(tmp_path, lambda _: {1000.0: 1.0}, PEOPLE).experiment
-    found = {(row["grid"], row["observation"]): row for row in cast("Any", ceilings.compute)(experiment)}
+def test_ceilings_are_those_of_votes_counted_one_by_one(people: MapAnalysis) -> None:
+    rows = tabulated(ceilings, people).to_dict("records")
+    found = {(row["grid"], row["observation"]): row for row in rows}
     scene = load_scenario(
         "Anywhere", {"grid.rows": 5, "grid.columns": 6, "group": {"people": 2, "apart": [2, 2]}}
     )
@@ -496,7 +449,7 @@ def test_ceilings_are_those_of_votes_counted_one_by_one(tmp_path: Path) -> None:
 def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float, spent: float) -> None:
     curves = pd.DataFrame({"step": [0, 100, 200, 400, 800], "success": [0.0, 0.0, 1.0, 0.0, 1.0]})
     curves = curves.assign(seed=0, training_wrong_pings=curves["step"] / 10, cpu_time_s=0.0)
-    end = took(curves[curves["step"] <= budget], 0.9).iloc[0]
+    end = until_learned(curves[curves["step"] <= budget], 0.9)[0]
     assert (end["steps"], end["spent_disagreements"]) == (steps, spent)
 
 
@@ -508,15 +461,15 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ("seeds = 12", "seeds = 13", "algorithms.shared.seeds = 13: accepted: report.looks[0] = 12, as"),
         ('"shared, offset", "t', '"mesh, offset", "t', "contrasts: mesh, offset: accepted: shared, offset"),
         ("horizon = 60", "horizon = 2", "in Anywhere at places/places=1 no policy succeeds more"),
-        ("seeds = 12", "seeds = 12\nfirst_seed = 5", "accepted: the same first_seed"),
+        ("seeds = 12", "seeds = 12, first_seed = 5", "accepted: the same first_seed"),
         ('kind = "map"', 'kind = "comparison"', "solved with report.kind = comparison: accepted: "),
         ('["Anywhere"]', '["Anywhere", "AnywhereHidden"]', "scenarios: 2: accepted: exactly one"),
         ('{ "issuer.places" = 2', '{ "grid.rows" = 5, "issuer.places" = 2', "grid.rows: accepted: different"),
         ("axes.permuted.100", "axes.permuted.all", "grids.code.axes.permuted: all: accepted: a number"),
         ('question = "What does a larger room cost?"', "", "grids.rooms.question is missing"),
         ("room=6x7/places=2", "room=6x7", "without: room=6x7: accepted: points such as room=5x6/places=1"),
-        ("[algorithms.table]", "[algorithms.table]\nsettings = { budget = 9000, record_every = 9000 }",
-         "algorithms.table: budget = 9000 at places/places=1: accepted: 30000, as others have there"),
+        ("table = {", "table = { settings = { budget = 9000, record_every = 9000 },",
+         "algorithms.table: budget = 9000 at places/places=1: accepted: 6000, as others have there"),
         ("[grids.code]", '[grids.code]\nlearners = ["dqn"]', "grids.code.learners: dqn: accepted: "),
         ("levels = [0.5", "levels = [0.95", "levels = [0.95, 0.7]: accepted: numbers up to success = 0.9"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["dqn, index"] }]',
@@ -537,16 +490,10 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ('"table, index"]]', '"shared, offset"]]', "shared, offset and shared, offset: accepted: two"),
         ('"table, index"]]', '"table, index"], ["table, index", "shared, offset"]]', "index is named twice"),
         ('"mine"', '"shared\N{ZERO WIDTH SPACE}"', "report.answer: shared is named twice"),
-        ("looks = ", 'omit = ["cells"]\nlooks = ', "report.omit: cells: other parts of this report need it"),
     ],
 )  # fmt: skip
-def test_mistakes_are_named(
-    old: str, new: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mistakes_are_named(old: str, new: str, message: str, tmp_path: Path) -> None:
     assert old in EXPERIMENT
-    (tmp_path / "mine.toml").write_text(EXPERIMENT.replace(old, new, 1), encoding="utf-8")
-    assert main(["run", str(tmp_path / "mine.toml"), "--report", "--results", str(tmp_path)]) == 2
-    errors = capsys.readouterr().err
-    assert message in errors
-    assert len(errors.splitlines()) == 1
-    assert not (tmp_path / "runs.db").exists()
+    with pytest.raises(InputError, match=re.escape(message)) as refused:
+        report_of(experiment_of(tmp_path / "mine.toml", EXPERIMENT.replace(old, new, 1))).check()
+    assert len(refused.value.args) == 1
