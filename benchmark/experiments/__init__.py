@@ -13,7 +13,6 @@ from benchmark.experiments.experiment import title_of as title_of
 from benchmark.experiments.run import RunSpecification as RunSpecification
 from benchmark.experiments.schema import DEFAULT_CONDITION as DEFAULT_CONDITION
 from benchmark.experiments.schema import EXPERIMENT_DIRECTORY as EXPERIMENT_DIRECTORY
-from benchmark.experiments.schema import Reporting as Reporting
 from benchmark.experiments.schema import experiment_names as experiment_names
 
 # The experiments whose results are published, the most important first, and whether each has a chapter, its

@@ -130,16 +130,6 @@ class Experiment:
         return self.name if self.name in schema.experiment_names() else str(self.path)
 
     @property
-    def report(self) -> schema.Reporting | None:
-        """What is drawn of it."""
-        return self.declared.reporting
-
-    @property
-    def has_stages(self) -> bool:
-        """Whether its first runs decide which others follow."""
-        return self.declared.search is not None or bool(self.report and self.report.looks)
-
-    @property
     def conditions(self) -> Mapping[str, schema.Condition]:
         """All conditions, by name."""
         return self.declared.conditions

@@ -226,79 +226,6 @@ class Solved(Table):
         return sorted({*self.levels} - {self.success})
 
 
-Margin = Annotated[float, Field(gt=0, le=0.2)]  # a larger difference matters
-
-
-class Margins(Table):
-    """Differences that are too small to matter."""
-
-    success: Margin = 0.1
-    """Of success."""
-    score: Margin = 0.05
-    """Of the score."""
-    faster: Margin = 0.2
-    """Of the probability of being faster, from 1/2."""
-
-
-class Panel(Table):
-    """A panel of a map."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"grid"}
-
-    grid: str = ""
-    """The grid with one axis that it shows; by default the first."""
-    title: Annotated[Label, Field(min_length=1)]
-    """Its heading."""
-    learners: Annotated[Names, Field(min_length=1)]
-    """Names of the learners that it shows."""
-
-
-class Answer(Table):
-    """A map's answer at one point: steps until learners have learned, and success in unseen places."""
-
-    grid: str
-    """The grid with the point."""
-    point: str
-    """The point, as in tables: "places 64". The person must have unseen places there."""
-    learners: Annotated[dict[str, Annotated[Label, Field(min_length=1)]], Field(min_length=1)]
-    """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
-
-
-class Reporting(Table):
-    """What is drawn of an experiment, and what a comparison decides and how, declared before its runs.
-
-    A side of a contrast or effect names a learner, such as "dqn, one_hot", a scenario, or a condition; two or
-    three of these are joined by " @ ". What it leaves open is varied on both sides together.
-    """
-
-    omitted_at_default: ClassVar[Set[str]] = {"answer"}
-
-    kind: str
-    """What kind of report: one of those below, or `module:attribute` of any other."""
-    question: Label = ""
-    """The heading; by default that of the kind."""
-    items: Names = ()
-    """Further tables and figures, each as `module:attribute`."""
-    omit: Names = ()
-    """Names of the kind's items that are left out."""
-    baseline: Names = ()
-    """The learners, of any family, that deep ones have to beat; none if the question is another."""
-    pool: Literal["scenarios", "none"] = "scenarios"
-    """Whether verdicts are on means over scenarios."""
-    margins: Margins = Margins()
-    """Differences between x and y that are too small to matter."""
-    contrasts: tuple[tuple[str, str], ...] = ()
-    """Pairs x, y that are compared, with verdicts."""
-    looks: tuple[Annotated[int, Field(ge=2, le=10**12)], ...] = ()
-    """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
-    panels: tuple[Panel, ...] = ()
-    """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
-    answer: Answer | None = None
-    """What the figure of a map's answer shows; without it, there is none."""
-    effects: tuple[tuple[str, str, Annotated[Label, Field(min_length=1)]], ...] = ()
-    """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
-
-
 @dataclass(frozen=True)
 class Condition:
     """A named change of scenarios and settings: a point in the product of all axes."""
@@ -429,23 +356,6 @@ class Declaration(Table):
         inputs.distinct(names[0], "scenarios: ")
         inputs.distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
         inputs.distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
-        if (report := self.reporting) is None:
-            return
-        inputs.distinct(tuple(panel.title for panel in report.panels), "report.panels: title ")
-        inputs.distinct(tuple(name for *_, name in report.effects), "report.effects: ")
-        inputs.distinct(tuple(report.answer.learners.values() if report.answer else ()), "report.answer: ")
-        shared = {name for each in names if len(each) == 1 for name in each}  # whether a side names it or not
-        for key, pairs in {"contrasts": report.contrasts, "effects": report.effects}.items():
-            sides = [
-                [" @ ".join(sorted({*each.split(" @ ")} - shared)) for each in pair[:2]] for pair in pairs
-            ]
-            inputs.distinct(tuple(" and ".join(sorted(pair)) for pair in sides), f"report.{key}: ")
-
-    @cached_property
-    def reporting(self) -> Reporting | None:
-        """Interim."""
-        given = json.dumps(self.report, default=str)
-        return None if self.report is None else Reporting.model_validate_json(given)
 
     @property
     def _learners(self) -> dict[str, str]:

@@ -56,11 +56,11 @@ def draw(
     stale = {*sameness.listed(directory), *(file for item in study.items for file in item.files())}
     with files.alone(directory.parent), files.replaced(directory, stale) as aside:
         analysis = study.analyse(data)
-        frames = tables_of(study.items, analysis, data)
+        frames = tables_of(study.items, analysis)
         for table, frame in frames.items():
             tables.write_csv(frame, aside / f"{table}.csv")
         for item in study.items:
-            item.save(analysis, data, frames, aside)
+            item.save(analysis, frames, aside, is_partial=data.is_partial)
         sameness.keep_published(aside, name)
         write_manifest(aside, manifest_of(data, seeds))
         document.write(aside, study)
@@ -72,9 +72,9 @@ def draw(
     return Made(is_new=True, certificate=certificate, analysis=analysis)
 
 
-def tables_of(items: Sequence[Item[Any]], analysis: Any, data: Data[Any]) -> dict[str, pd.DataFrame]:
+def tables_of(items: Sequence[Item[Any]], analysis: Any) -> dict[str, pd.DataFrame]:
     """Returns the tables of all items that have one, by name."""
-    return {item.name: frame for item in items if (frame := item.tabulate(analysis, data)) is not None}
+    return {item.name: frame for item in items if (frame := item.tabulate(analysis)) is not None}
 
 
 def _inputs(data: Data[Any], seeds: Sequence[int] | None) -> str:

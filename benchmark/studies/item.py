@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.style import save_figure, settings
 from benchmark.drawing.tables import decimals_of, inert, link, show
-from benchmark.studies.data import Data
 from envs import InputError
 
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
@@ -28,10 +27,9 @@ Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
 A = TypeVar("A")
-# What columns mean: in any table, and in those of some kinds of reports.
+# What columns mean: in any table, and in those of single studies.
 _FILE: Final = Path(__file__).with_name("columns.toml")
 COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(_FILE.read_text(encoding="utf-8"))
-_INTERIM: Final = ("runs", "curves", "experiment", "records", "is_partial")
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
@@ -73,31 +71,30 @@ class Item(Generic[A]):
         self.show = function
         return function
 
-    def tabulate(self, analysis: A, data: Data[Any]) -> pd.DataFrame | None:
+    def tabulate(self, analysis: A) -> pd.DataFrame | None:
         """Computes the table; None if there is nothing to tabulate."""
-        rows = None if self.compute is None else called(self.compute, data, analysis=analysis)
+        rows = None if self.compute is None else called(self.compute, analysis)
         if rows is None or isinstance(rows, pd.DataFrame):
             return rows
         flat = [expanded(row) for row in rows]
         return pd.DataFrame(flat) if flat else None
 
-    def picture(self, analysis: A, data: Data[Any], tables: Frames) -> Figure | None:
+    def picture(self, analysis: A, tables: Frames) -> Figure | None:
         """Draws the figure; None if there is nothing to draw."""
         if self.draw is None or (self.compute is not None and self.name not in tables):
             return None
-        table = tables.get(self.name, pd.DataFrame())
-        return called(self.draw, data, analysis=analysis, tables=tables, table=table, _=table)
+        return called(self.draw, analysis, tables.get(self.name, pd.DataFrame()))
 
-    def save(self, analysis: A, data: Data[Any], tables: Frames, directory: Path) -> None:
+    def save(self, analysis: A, tables: Frames, directory: Path, *, is_partial: bool = False) -> None:
         """Writes the figure, marked if runs are missing, or the other file."""
         with settings():
-            if (figure := self.picture(analysis, data, tables)) is not None:
-                if data.is_partial:
+            if (figure := self.picture(analysis, tables)) is not None:
+                if is_partial:
                     figure.suptitle("PARTIAL: runs are missing", color="firebrick")
                 save_figure(figure, directory / f"{self.name}.svg")
                 plt.close(figure)  # if its author made it in pyplot
         if self.write is not None:
-            called(self.write, data, analysis=analysis, path=directory / self.file)
+            called(self.write, analysis, directory / self.file)
 
     def files(self) -> tuple[str, ...]:
         """Lists the names that its files can have."""
@@ -137,14 +134,15 @@ class Item(Generic[A]):
 item: Final = Item  # as a decorator
 
 
-def called(function: Callable[..., T], data: Data[Any], **more: object) -> T:
-    """Calls a function with those arguments that it names: interim, until all take the analysis."""
-    names, known = inspect.signature(function).parameters, (*_INTERIM, *more)
-    for name in names:
-        if name not in known:
-            where = f"{function.__module__}: {function.__name__}"
-            raise InputError(f"{where}: argument {name}: accepted: {', '.join(known)}.")
-    return function(**{name: more[name] if name in more else getattr(data, name) for name in names})
+def called(function: Callable[..., T], *arguments: object) -> T:
+    """Calls a function of an item; one that does not take these arguments raises an InputError."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError as error:
+        accepted = "(analysis) for a table, (analysis, table) for a figure, (analysis, path) for a file"
+        where = f"{function.__module__}: {function.__name__}"
+        raise InputError(f"{where}: {error}; accepted: a function of {accepted}.") from error
+    return function(*arguments)
 
 
 def labelled_columns(labels: Mapping[str, str], names: str) -> dict[str, str]:

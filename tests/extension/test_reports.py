@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
@@ -118,13 +117,11 @@ def test_mistakes_get_one_sentence(tmp_path: Path, report: str, names: list[str]
     assert "\n" not in str(caught.value)
 
 
-def test_an_argument_that_no_item_has_is_named() -> None:
-    def counted(run: object) -> None: ...
+def test_a_function_of_other_arguments_is_named() -> None:
+    def counted(runs: object, curves: object) -> None: ...
 
-    with pytest.raises(
-        InputError, match=r"counted: argument run: accepted: runs, curves, experiment, records"
-    ):
-        called(counted, SimpleNamespace())  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"counted: missing a required argument: 'curves'; accepted: a func"):
+        called(counted, None)
 
 
 def test_a_folder_without_results_says_so(tmp_path: Path) -> None:

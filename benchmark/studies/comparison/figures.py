@@ -197,7 +197,7 @@ def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | 
     "performance profiles: the share of runs with a higher clipped score",
     "Performance profiles: the share of runs whose clipped score is above a threshold; shade: 95 % interval.",
 )
-def profiles(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:  # noqa: ARG001
+def profiles(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the profiles of the learners that the outcome is about, unless there are several conditions."""
     drawn = [(name, own) for _, name, own in analysis.scores if name in analysis.plan.drawn]
     if not drawn or "condition" in analysis.names:
@@ -216,7 +216,7 @@ def profiles(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None
 
 
 @tables.scenarios.figure("The scenarios.")
-def draw_scenarios(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:  # noqa: ARG001
+def draw_scenarios(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure:
     """Draws each scenario."""
     return gallery([*models_of(analysis).values()])
 
@@ -226,7 +226,7 @@ def draw_scenarios(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
     "what the first run of each learner does after training",
     "What the first run of each learner does after training in the first scenario, before any PING.",
 )
-def policies(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:  # noqa: ARG001
+def policies(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the policies of compared learners that have runs in the first scenario."""
     runs, experiment = analysis.data.runs, analysis.experiment
     scenario, condition = (str(runs[key].iloc[0]) for key in ("scenario", "condition"))

@@ -33,7 +33,7 @@ _OF_BLOCK: Final = {"step": "first", "mean": "mean", "min": "min", "max": "max"}
     "a figure as in the paper: maximum Q per step, final Q of the moves, final Q of PING",
     "As in the paper's figure: maximum Q over training, final Q of the moves and of PING.",
 )
-def figure(analysis: ReplicationAnalysis, table: pd.DataFrame) -> Figure:  # noqa: ARG001
+def figure(analysis: ReplicationAnalysis, _: pd.DataFrame) -> Figure:
     """Draws a column per scenario."""
     curves, values, groups = analysis.max_q, analysis.q_values, analysis.few
     moves, pings = values[values["action"] != "PING"], values[values["action"] == "PING"]
@@ -112,7 +112,7 @@ def learning(analysis: ReplicationAnalysis, table: pd.DataFrame) -> Figure:
 
 
 @tables.optimal.figure("Where agents act optimally after training, and what is optimal there.")
-def optimal(analysis: ReplicationAnalysis, table: pd.DataFrame) -> Figure:  # noqa: ARG001
+def optimal(analysis: ReplicationAnalysis, _: pd.DataFrame) -> Figure:
     """Draws the share of agents that act optimally in each cell."""
     cells, groups = analysis.q_values, analysis.few
     shares = 1 - cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first()

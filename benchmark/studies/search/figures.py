@@ -90,7 +90,7 @@ def trials(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure:
 
 
 @drawing("scenes", "the scenarios of the search", "The scenarios of the search.")
-def scenes(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure:  # noqa: ARG001
+def scenes(analysis: SearchAnalysis, _: pd.DataFrame) -> Figure:
     """Draws where settings are searched for."""
     scenarios = analysis.data.experiment.scenarios.values()
     return gallery([compile_scenario(scenario) for scenario in scenarios])

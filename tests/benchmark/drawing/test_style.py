@@ -152,9 +152,9 @@ def draw_all(folder: Path) -> None:
         data: Any = SimpleNamespace(experiment=load_experiment(name), is_partial=True)
         study = report_of(data.experiment).study
         for item in (item for item in study.items if item.name in figures):
-            item.save(data, data, tables, folder)
+            item.save(data, tables, folder, is_partial=True)
     of_pyplot = drawing("pyplot", "", "")(lambda: cast(Any, plt.subplots()[0]))
-    of_pyplot.save(None, cast(Any, SimpleNamespace(is_partial=False)), {}, folder)
+    of_pyplot.save(None, {}, folder)
 
 
 def test_figures_do_not_depend_on_the_users_settings(tmp_path: Path, watched: Path) -> None:

@@ -180,6 +180,6 @@ def item(name: str) -> Item[ComparisonAnalysis]:
 
 def table(name: str, analysis: ComparisonAnalysis) -> pd.DataFrame:
     """Returns a table of the comparison."""
-    found = item(name).tabulate(analysis, analysis.data)
+    found = item(name).tabulate(analysis)
     assert found is not None
     return found

@@ -138,7 +138,7 @@ def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:
     few = compared(learners, [("x", "y")], ["y"], scenarios[:4], pool="none")
     tables = compared({"y": learners["y"]}, scenarios=scenarios, pool="none")  # without contrasts
     for analysis in (few, tables):
-        assert item("verdicts").tabulate(analysis, analysis.data) is None
+        assert item("verdicts").tabulate(analysis) is None
     learners["z"] = Made("deep", 1.0)
     many = compared(learners, [("x", "y"), ("z", "y")], ["y"], scenarios, pool="none")
     frame = table("verdicts", many)

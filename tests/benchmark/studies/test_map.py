@@ -255,7 +255,7 @@ def by_hand(
 
 
 def tabulated(item: Item[Any], analysis: MapAnalysis) -> pd.DataFrame:
-    table = item.tabulate(analysis, analysis.data)
+    table = item.tabulate(analysis)
     assert table is not None
     return table
 

@@ -50,7 +50,7 @@ def analysed(few: int | None = None, n: int = 4, **arrays: Any) -> ReplicationAn
 def table(name: str, analysis: ReplicationAnalysis) -> pd.DataFrame:
     """Returns a table by its name."""
     (item,) = [item for item in STUDY.items if item.name == name]
-    frame = item.tabulate(analysis, analysis.data)
+    frame = item.tabulate(analysis)
     assert frame is not None
     return frame
 

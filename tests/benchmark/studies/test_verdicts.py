@@ -299,7 +299,7 @@ def test_the_answer_counts_scenarios_by_outcome() -> None:
 def test_the_answer_counts_verdicts_without_baselines() -> None:
     learners = {"table": TABLE, "net": LOSER, "other": EQUAL}
     analysis = compared(learners, [("net", "table"), ("net", "other")])
-    assert item("outcomes").tabulate(analysis, analysis.data) is None
+    assert item("outcomes").tabulate(analysis) is None
     assert headline(analysis) == "Verdicts on success: worse (2 of 2)."
 
 

@@ -6,13 +6,11 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from benchmark.analysis.frames import RecordsOf
 from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import inert, link, show
-from benchmark.experiments import Experiment
 from benchmark.folder import Folder
-from benchmark.studies import Declared, Study, explorer
-from benchmark.studies.item import Estimate, Frames, drawing, item
+from benchmark.studies import Data, Declared, Study, explorer
+from benchmark.studies.item import Estimate, drawing, item
 
 # HTML, an entity, a script's link, a picture of somebody else's, and blocks of Markdown.
 TEXT = r"""<script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1)) <img src=x onerror=alert(1)>
@@ -22,9 +20,9 @@ SHOWN = {**dict.fromkeys(NAMES, ""), "score": "", "reached": "steps to 0.5", "re
 
 
 @item("summary", "success and score after training", SHOWN)
-def summary(curves: pd.DataFrame) -> Iterator[dict[str, object]]:
+def summary(analysis: Data[Declared]) -> Iterator[dict[str, object]]:
     """A table with intervals, and with steps that are never reached."""
-    for names, rows in curves.groupby(NAMES, sort=False):
+    for names, rows in analysis.curves.groupby(NAMES, sort=False):
         means = rows.groupby("step")["unbounded_score"].mean()
         good, final = means[means >= 0.5], rows.loc[rows["step"] == rows["step"].max(), "score"]
         yield dict(zip(NAMES, names, strict=True)) | {
@@ -36,9 +34,9 @@ def summary(curves: pd.DataFrame) -> Iterator[dict[str, object]]:
 
 
 @item("curves", "mean score over training")
-def mean_curves(curves: pd.DataFrame) -> Iterator[dict[str, object]]:
+def mean_curves(analysis: Data[Declared]) -> Iterator[dict[str, object]]:
     """A table that is shown on demand."""
-    for names, scores in curves.groupby([*NAMES, "step"], sort=False)["unbounded_score"]:
+    for names, scores in analysis.curves.groupby([*NAMES, "step"], sort=False)["unbounded_score"]:
         keys = dict(zip([*NAMES, "step"], names, strict=True))
         yield keys | {"score": Estimate(scores.mean(), scores.min(), scores.max())}
 
@@ -51,14 +49,15 @@ def _lines(frame: pd.DataFrame, column: str) -> Figure:
 
 
 @mean_curves.figure("Mean score over training.")
-def _(table: pd.DataFrame) -> Figure:
+def draw_curves(_: Data[Declared], table: pd.DataFrame) -> Figure:
+    """Draws the mean."""
     return _lines(table, "score")
 
 
 @drawing("highest", "highest score of any run", "Highest score over training.")
-def highest(tables: Frames) -> Figure:
+def highest(analysis: Data[Declared], _: pd.DataFrame) -> Figure:
     """A figure without a table."""
-    return _lines(tables["curves"], "score_high")
+    return _lines(pd.DataFrame(mean_curves.tabulate(analysis)), "score_high")
 
 
 def _headline(folder: Folder) -> str:
@@ -69,9 +68,9 @@ def _headline(folder: Folder) -> str:
 
 
 @explorer.explorer_item
-def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
+def agents(analysis: Data[Declared], path: Path) -> None:
     """What all learners know."""
-    explorer.write([records(population) for population in experiment.populations], path)
+    explorer.write([analysis.records(population) for population in analysis.experiment.populations], path)
 
 
 STUDY = Study(
