@@ -131,7 +131,7 @@ class Item(Generic[A]):
         return pd.concat(rows.sort_values(by, ascending=is_ascending, kind="stable") for _, rows in parts)
 
 
-item: Final = Item  # as a decorator
+item: Final[type[Item[Any]]] = Item  # as a decorator
 
 
 def called(function: Callable[..., T], *arguments: object) -> T:
