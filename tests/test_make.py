@@ -21,7 +21,6 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
         ["disk full", "interrupted: 1; runs lost, repeated or different: 0"],
         set(),
     ),
-    "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"], set()),
     "report": ([], [], {"README.md", "index.html"}),
     "when": (["EXPERIMENT=when_smoke"], ["the page is"], {"runs.db", "when_smoke/map.svg"}),
     "sb3": (["EXPERIMENT=sb3_smoke"], ["the page is"], {"runs.db", "sb3_smoke/policies.svg"}),
@@ -30,8 +29,8 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
 }
 
 
-# Others use what these make: tests/test_pipeline.py, tests/benchmark/studies and tests/benchmark/publish.
-TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs"}
+# Other tests use what these make.
+TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs", "fuzz"}
 
 
 @pytest.mark.parametrize("target", sorted({*TARGETS} - TESTED_ELSEWHERE))
