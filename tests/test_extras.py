@@ -19,7 +19,7 @@ from packaging.utils import canonicalize_name
 
 from benchmark import __version__
 from envs.packages import EXTRAS, PACKAGES, needed_by
-from tests.support import PROJECT, ROOT, git
+from tests.support import PROJECT, ROOT, copy_compiled, git
 from tests.test_layering import imported
 
 LAYERS: Final = ("agents", "benchmark", "envs")
@@ -52,13 +52,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (wheel,) = directory.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(directory / "core")
-    for source in (ROOT / "agents").rglob("*"):  # what is compiled already is not compiled again
-        target = directory / "core" / source.relative_to(ROOT)
-        if source.suffix == ".nbc":
-            target.parent.mkdir(exist_ok=True)
-            shutil.copy(source, target)
-        elif source.suffix == ".py":
-            shutil.copystat(source, target)  # by which numba knows a source
+    copy_compiled(directory / "core")
     install(requirements(None), directory / "core")
     (directory / "reproduce").mkdir()
     install(requirements(None) | requirements("reproduce"), directory / "reproduce")
@@ -215,7 +209,6 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     [
         ("list", "benchmark list", r"\w+", "reproduce", "base"),
         ("run compare_deep --report", "compare_deep: its report", "rliable", "deep", "deep"),
-        ("speed", "benchmark speed", "torch", "deep", "deep"),
     ],
 )
 def test_commands_name_their_extra(

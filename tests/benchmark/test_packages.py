@@ -8,17 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import ROOT
+from tests.support import ROOT, small_experiment, variant
 
-NET = """
-description = "A net that Stable-Baselines3 trains."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 200
-map_every = 200
-settings = { budget = 200 }
-algorithms.dqn = { algorithm = "sb3_dqn", observations = ["one_hot"], seeds = 1 }
-"""
+NET = small_experiment(algorithms={"dqn": variant("sb3_dqn", "one_hot", seeds=1)})
 
 
 def sentence(package: str, reason: str) -> str:
