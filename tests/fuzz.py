@@ -18,9 +18,10 @@ import tempfile
 import tomllib
 import traceback
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -39,7 +40,7 @@ from benchmark.experiments import EXPERIMENT_DIRECTORY, load_experiment
 from benchmark.experiments.choices import digest_of_search
 from benchmark.sealed import sealed
 from envs import OBSERVATIONS, scenario_names
-from envs.inputs import InputError
+from envs.inputs import InputError, read_toml
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT, small_experiment, toml, variant
 
@@ -48,6 +49,8 @@ MAX_LINES: Final = 11  # ten mistakes, and how many more there are
 MAX_CPU_S: Final = 30.0
 MAX_MEMORY_MB: Final = 1000
 CHUNK: Final = 500
+MINE: Final = "@FOLDER@/mine.toml"
+RESULTS: Final = ("--results", "@FOLDER@/results")
 
 # A comparison, an extension, maps, a replication and searches.
 EXPERIMENTS: Final = ("compare_deep", "reproduce_smoke", "when", "groups_smoke", "reproduce", "tuning_smoke")
@@ -101,7 +104,8 @@ class Input(NamedTuple):
     """A command line, and the files that it is about."""
 
     arguments: Sequence[str]  # with @FOLDER@ for the folder of the files
-    files: dict[str, bytes] = {}  # noqa: RUF012
+    files: Mapping[str, bytes] = {}
+    changed: Sequence[str] = ()  # files of which one or two are changed
     is_data: bool = False  # whether the files may not name code that is run
 
 
@@ -111,13 +115,14 @@ class Input(NamedTuple):
 def draw(seed: int, number: int) -> Input:
     """Draws an input. The first example of hypothesis is always the simplest, so it is the second."""
     drawn: list[Input] = []
-    inputs()  # what is loaded is the same for every input, since hypothesis also draws from its constants
+    kinds = (shipped_scenarios(), shipped_experiments(), copied_search(), published_results())
+    strategy = st.sampled_from([*kinds[:1] * 8, *kinds[1:2] * 7, *kinds[2:]]).flatmap(changed_inputs)
 
     @hypothesis.seed(f"{seed} {number}")
     @hypothesis.settings(
         max_examples=2, phases=[Phase.generate], database=None, suppress_health_check=[*HealthCheck]
     )
-    @hypothesis.given(inputs())
+    @hypothesis.given(command_lines() | strategy)
     def collect(given: Input) -> None:
         drawn.append(given)
 
@@ -125,96 +130,86 @@ def draw(seed: int, number: int) -> Input:
     return drawn[-1]
 
 
-@cache
-def inputs() -> st.SearchStrategy[Input]:
-    """Draws inputs of every kind, mostly scenarios and experiments."""
-    kinds = [scenario_files()] * 8 + [experiment_files()] * 7 + [command_lines()] * 2
-    kinds += [chosen_files(_search()), published_files()]
-    return st.sampled_from(kinds).flatmap(lambda kind: kind)
-
-
-def _search() -> dict[str, bytes]:
-    """Returns the files of a copy of a shipped search: itself, and what it has chosen."""
-    shipped = EXPERIMENT_DIRECTORY / "tuning"
-    files = {f"search{end}": Path(f"{shipped}{end}").read_bytes() for end in (".toml", ".chosen.json")}
-    declared = load_experiment("tuning").declared.model_copy(update={"name": "search"})
-    chosen = json.loads(files["search.chosen.json"]) | {"search": digest_of_search(declared)}
-    return files | {"search.chosen.json": sealed(chosen, indent=1).encode()}
-
-
 @st.composite
 def command_lines(draw: st.DrawFn) -> Input:
+    """Draws options and their values, or others."""
     command = draw(st.sampled_from([*OPTIONS]))
     arguments = [command]
     for _ in range(draw(st.integers(0, 4))):
         option, value = draw(st.sampled_from(OPTIONS[command])), draw(texts | numbers.map(str))
         value = value.replace("\0", "0")  # no argument can have it
         arguments += draw(st.sampled_from([[option, value], [f"{option}={value}"], [value], [option]]))
-    if "--results" not in " ".join(arguments):
-        arguments += ["--results", "@FOLDER@/results"]
-    return Input(arguments)
+    return Input(arguments if "--results" in " ".join(arguments) else [*arguments, *RESULTS])
 
 
-def scenario_files() -> st.SearchStrategy[Input]:
-    tables = [_loaded(SCENARIO_DIRECTORY / f"{name}.toml") for name in scenario_names()]
-    for table in tables:
+@cache
+def shipped_scenarios() -> Sequence[Input]:
+    """Lists commands that assess an agent in a scenario."""
+    command, files = ["assess", "--agent", "tests.fuzz:up", "--scenario", MINE, *RESULTS], []
+    for name in scenario_names():
+        table = read_toml(SCENARIO_DIRECTORY / f"{name}.toml")
         if "group" in table:
             table["issuer"]["places"] = 6  # of thousands
-    command = ["assess", "--agent", "tests.fuzz:up", "--observation"]
-    return _files(tables, [[*command, name, "--scenario"] for name in OBSERVATIONS])
+        files.append({"mine.toml": toml(table).encode()})
+    forms = [["--observation", form] for form in OBSERVATIONS]
+    return [Input(command + form, file, ["mine.toml"]) for form in forms for file in files]
 
 
-def experiment_files() -> st.SearchStrategy[Input]:
-    tables = [_loaded(EXPERIMENT_DIRECTORY / f"{name}.toml") for name in EXPERIMENTS]
-    return _files(tables, [["run"], ["run", "--report"], ["report"], ["run", "--seeds", "0-12"]])
+@cache
+def shipped_experiments() -> Sequence[Input]:
+    """Lists commands that run or report an experiment."""
+    tables = [read_toml(EXPERIMENT_DIRECTORY / f"{name}.toml") for name in EXPERIMENTS]
+    files = [{"mine.toml": toml(table).encode()} for table in tables]
+    commands = [["run"], ["run", "--report"], ["report"], ["run", "--seeds", "0-12"]]
+    return [Input([*command, MINE, *RESULTS], file, ["mine.toml"]) for command in commands for file in files]
 
 
-def _loaded(path: Path) -> dict[str, Any]:
-    return tomllib.loads(path.read_text(encoding="utf-8"))
+@cache
+def copied_search() -> Sequence[Input]:
+    """Lists a command that runs an experiment whose settings come from a copy of a shipped search."""
+    shipped, tuned = (
+        EXPERIMENT_DIRECTORY / "tuning",
+        variant(first_seed=900, tuned_by="@FOLDER@/search.toml:q_learning"),
+    )
+    files = {f"search{end}": Path(f"{shipped}{end}").read_bytes() for end in (".toml", ".chosen.json")}
+    files["mine.toml"] = small_experiment(algorithms={"table": tuned}).encode()
+    declared = load_experiment("tuning").declared.model_copy(update={"name": "search"})
+    chosen = json.loads(files["search.chosen.json"]) | {"search": digest_of_search(declared)}
+    files["search.chosen.json"] = sealed(chosen, indent=1).encode()
+    return [Input(["run", MINE, *RESULTS], files, ["search.chosen.json"], is_data=True)]
 
 
-def _files(tables: Sequence[dict[str, Any]], commands: Sequence[list[str]]) -> st.SearchStrategy[Input]:
-    """Draws commands about a file with one of these tables, changed."""
-    name, results = "mine.toml", ["--results", "@FOLDER@/results"]
-    files = st.sampled_from(tables).flatmap(lambda table: changed(name, toml(table).encode()))
-    arguments = st.sampled_from([[*command, f"@FOLDER@/{name}", *results] for command in commands])
-    return st.builds(Input, arguments, st.fixed_dictionaries({name: files}))
-
-
-@st.composite
-def chosen_files(draw: st.DrawFn, search: dict[str, bytes]) -> Input:
-    """An experiment that takes its settings from a search whose file of chosen settings is changed."""
-    name = "search.chosen.json"
-    tuned = variant(first_seed=900, tuned_by="@FOLDER@/search.toml:q_learning")
-    files = search | {"mine.toml": small_experiment(algorithms={"table": tuned}).encode()}
-    files[name] = draw(changed(name, files[name]))
-    with contextlib.suppress(ValueError, TypeError, RecursionError):
-        if draw(st.booleans()):
-            files[name] = sealed(json.loads(files[name]), indent=1).encode()
-    return Input(["run", "@FOLDER@/mine.toml", "--results", "@FOLDER@/results"], files, is_data=True)
-
-
-@st.composite
-def published_files(draw: st.DrawFn) -> Input:
-    """Published results, some of whose files are changed, from which the texts and the page are made."""
+@cache
+def published_results() -> Sequence[Input]:
+    """Lists commands that make texts and the page from published files, which may name code."""
     paths = [path for name in ("sb3", "leaderboard") for path in (ROOT / "results" / name).iterdir()]
     files = {f"results/{path.parent.name}/{path.name}": path.read_bytes() for path in paths}
-    name = "results/sb3/manifest.json"
-    manifest = json.loads(files[name])
-    if draw(st.booleans()):  # what might lead to code
-        table = draw(st.sampled_from([manifest, manifest["report"]]))
-        table[draw(st.sampled_from(["argument", "experiment", "kind"]))] = draw(st.sampled_from(HOSTILE))
-        files[name] = sealed(manifest, indent=1).encode()
-    tables = st.sampled_from([file for file in files if not file.endswith((".svg", ".md"))])
-    for file in draw(st.lists(st.just(name) | tables, min_size=1, max_size=2)):
-        files[file] = draw(changed(file, files[file]))
-    with contextlib.suppress(ValueError, TypeError, LookupError, AttributeError, RecursionError):
-        if draw(st.booleans()):  # so that it is the content that is refused
-            manifest = json.loads(files[name])
-            for file in manifest["files"]:
-                manifest["files"][file] = hashlib.sha256(files[f"results/sb3/{file}"]).hexdigest()
-            files[name] = sealed(manifest, indent=1).encode()
-    return Input(["report", "--results", "@FOLDER@/results"], files, is_data=True)
+    tables = [name for name in files if not name.endswith((".svg", ".md"))]
+    manifest = "results/sb3/manifest.json"
+    given = Input(["report", *RESULTS], files, [*tables, *[manifest] * len(tables)], is_data=True)
+    inputs = [given] * 15
+    for key, code in product(("argument", "experiment", "kind"), HOSTILE):
+        content = json.loads(files[manifest])
+        (content["report"] if key == "kind" else content)[key] = code
+        inputs.append(given._replace(files=files | {manifest: sealed(content, indent=1).encode()}))
+    return inputs
+
+
+@st.composite
+def changed_inputs(draw: st.DrawFn, given: Sequence[Input]) -> Input:
+    """Draws one of these inputs with changed files, whose digests may be right all the same."""
+    one = draw(st.sampled_from(given))
+    files = {**one.files}
+    for name in draw(st.lists(st.sampled_from(one.changed), min_size=1, max_size=2)):
+        files[name] = draw(changed(name, files[name]))
+    for name in [name for name in files if name.endswith(".json")] if draw(st.booleans()) else ():
+        with contextlib.suppress(ValueError, TypeError, LookupError, AttributeError, RecursionError):
+            content = json.loads(files[name])
+            for file in content.get("files", ()):
+                digest = hashlib.sha256(files[f"{name.rpartition('/')[0]}/{file}"])
+                content["files"][file] = digest.hexdigest()
+            files[name] = sealed(content, indent=1).encode()
+    return one._replace(files=files)
 
 
 @st.composite
@@ -291,7 +286,7 @@ def check(given: Input) -> tuple[str, str]:
     memory_mb = peak_memory_mb() or 0
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         markers = {"marker.py": MODULE, "marker.md.jinja": TEMPLATE.encode()}
-        for name, content in (given.files | markers).items():
+        for name, content in {**given.files, **markers}.items():
             (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
             (Path(folder) / name).write_bytes(content.replace(b"@FOLDER@", folder.encode()))
         errors = io.StringIO()

@@ -100,7 +100,7 @@ def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
 
 
 def copy_compiled(folder: Path) -> None:
-    """Copies what numba has compiled for this checkout into a copy of it, which then compiles nothing again."""
+    """Copies what numba has compiled in this checkout into a copy of it, which then need not do it."""
     for source in (ROOT / "agents").rglob("*"):
         target = folder / source.relative_to(ROOT)
         if source.suffix == ".nbc":

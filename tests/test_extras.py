@@ -134,14 +134,12 @@ def test_an_agent_of_the_current_folder_is_scored_and_told_where_ranks_are(
     installed: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "ten.py").write_text("act = lambda observation: 3\n", encoding="utf-8")
-    code = "import sys; from benchmark.__main__ import script; sys.exit(script())"
+    code = "import sys; from benchmark.__main__ import main, script\nscript(); main(sys.argv[1:] + RANKS)"
+    code = code.replace("RANKS", f"{['--results', str(ROOT / 'results')]}")
     arguments = ["assess", "--agent", "ten:act", "--observation", "index"]
     done = python(installed, "-c", code, *arguments, cwd=tmp_path, extras=True)
-    expected = r"\nno rank: .*\n\(all are in the folder results of a checkout: results=PATH, or --results"
-    assert re.search(expected, done.stdout), done.stderr
-    arguments += ["--results", str(ROOT / "results")]
-    done = python(installed, "-m", "benchmark", *arguments, cwd=tmp_path, extras=True)
-    assert "ranks " in done.stdout
+    said = r"\nno rank: .*\n\(all are in the folder results of a checkout: results=PATH, or --results"
+    assert re.search(rf"{said}(.|\n)*ranks ", done.stdout), done.stderr
 
 
 def test_environments_need_only_the_core(installed: Path, tmp_path: Path) -> None:
@@ -198,10 +196,14 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     arguments = ["run", "reproduce_smoke", "--report", "--seeds", "0-1", "--results", "out"]
     done = python(installed, "-m", "benchmark", *arguments, cwd=tmp_path, extras=True)
     assert done.returncode == 0, done.stderr
-    (folder,) = (path for path in (tmp_path / "out").iterdir() if path.is_dir())
+    folder = tmp_path / "out" / "reproduce_smoke_seeds_0-1"
     names = {path.name for path in folder.iterdir()}
     assert {"README.md", "claims.csv", "figure.svg", "manifest.json", "index.html"} <= names
-    assert json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["commits"] == [None]
+    for name in ("README.md", "index.html"):
+        assert "very learner has the seeds 0 to 1 instead of" in (folder / name).read_text(encoding="utf-8")
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["command"] == "python -m benchmark run reproduce_smoke --seeds 0-1 --report"
+    assert manifest["commits"] == [None]
 
 
 @pytest.mark.parametrize(
