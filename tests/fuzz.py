@@ -115,14 +115,15 @@ class Input(NamedTuple):
 def draw(seed: int, number: int) -> Input:
     """Draws an input. The first example of hypothesis is always the simplest, so it is the second."""
     drawn: list[Input] = []
-    kinds = (shipped_scenarios(), shipped_experiments(), copied_search(), published_results())
-    strategy = st.sampled_from([*kinds[:1] * 8, *kinds[1:2] * 7, *kinds[2:]]).flatmap(changed_inputs)
+    given = (shipped_scenarios(), shipped_experiments(), copied_search(), published_results())
+    kinds = [(command_lines(), 2), *zip(map(changed_inputs, given), (8, 7, 1, 1), strict=True)]
+    weighted = st.sampled_from([kind for kind, weight in kinds for _ in range(weight)])
 
     @hypothesis.seed(f"{seed} {number}")
     @hypothesis.settings(
         max_examples=2, phases=[Phase.generate], database=None, suppress_health_check=[*HealthCheck]
     )
-    @hypothesis.given(command_lines() | strategy)
+    @hypothesis.given(weighted.flatmap(lambda kind: kind))
     def collect(given: Input) -> None:
         drawn.append(given)
 
@@ -215,7 +216,7 @@ def changed_inputs(draw: st.DrawFn, given: Sequence[Input]) -> Input:
 @st.composite
 def changed(draw: st.DrawFn, name: str, content: bytes) -> bytes:
     """Draws a file with other values in it, or other bytes."""
-    with contextlib.suppress(ValueError, RecursionError):  # it is damaged already
+    with contextlib.suppress(ValueError, TypeError, RecursionError):  # it is damaged already
         if draw(st.integers(0, 4)):
             if name.endswith(".toml"):
                 return toml(draw(mutated(tomllib.loads(content.decode())))).encode()
@@ -223,10 +224,10 @@ def changed(draw: st.DrawFn, name: str, content: bytes) -> bytes:
                 return json.dumps(draw(mutated(json.loads(content)))).encode()
             if name.endswith(".csv"):
                 rows = draw(mutated([line.split(",") for line in content.decode().splitlines()]))
-                text = "\n".join(
-                    ",".join(map(str, row)) if isinstance(row, list) else f"{row}" for row in rows
+                lines = (",".join(map(str, row if isinstance(row, list) else [row])) for row in rows)
+                return "\n".join(lines).encode(
+                    draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-7"]))
                 )
-                return text.encode(draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-7"])))
     start = draw(st.integers(0, len(content)))
     piece = draw(st.sampled_from(PIECES) | st.binary(max_size=8))
     return content[:start] + piece + content[start + draw(st.integers(0, 20)) :]
