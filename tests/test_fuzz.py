@@ -11,11 +11,11 @@ from tests.support import make
 
 
 def test_drawn_inputs_are_accepted_or_refused_by_one_line() -> None:
-    done = make("fuzz", "FUZZ=--inputs 150")
+    done = make("fuzz", "FUZZ=--inputs 100")
     assert done.returncode == 0, done.stdout + done.stderr
     ((accepted, refused),) = re.findall(r"inputs accepted: (\d+), refused: (\d+)\nfailed: 0 ", done.stdout)
-    assert int(accepted) > 3
-    assert int(refused) > 75
+    assert int(accepted) > 2
+    assert int(refused) > 50
 
 
 @pytest.mark.parametrize(

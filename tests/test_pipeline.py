@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.execution.store import Record, Store
+from benchmark.execution.store import Store
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
 from tests.support import ROOT, mistyped_columns
@@ -127,14 +127,6 @@ def test_read_only_archive_is_verified(results: Path, capsys: pytest.CaptureFixt
     said = capsys.readouterr().out
     assert re.search(r"reproduce_smoke: identical to .* \((\d+) of \1 files\)\.", said)
     assert "problems found" not in said
-
-
-def test_every_record_of_the_store_is_verified(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with Store(tmp_path / "runs.db") as store:
-        store.add([Record(digest, "{}", "failed", {}, {}, "error") for digest in ("one", "other")])
-    execute(tmp_path / "runs.db", "UPDATE runs SET provenance = '1'")
-    assert main(["verify", "--results", str(tmp_path)]) == 1
-    assert "2 of 2 records are damaged" in capsys.readouterr().err
 
 
 def test_list_tells_what_is_done(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
