@@ -4,7 +4,6 @@ VENV ?= .venv
 PY ?= $(VENV)/bin/python
 RESULTS ?= results
 SITE ?= build/site
-PACKAGES ?=
 EXPERIMENT ?=
 SEEDS ?=
 TESTS ?=
@@ -53,8 +52,8 @@ groups: $(DEEP) ## the same with several people, strangers or in a group that ta
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)
 
-docs: $(DOCS) ## the site: page, guide, keys of files, columns of tables, API, in build/site/
-	$(PY) -m benchmark.publish.page.site $(RESULTS) $(SITE) $(PACKAGES)
+docs: $(DOCS) ## the site: page, guides, columns of tables, API, in build/site/
+	$(PY) -m benchmark.publish.page.site $(RESULTS) $(SITE)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)
 	$(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)

@@ -1,7 +1,7 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
 numba trusts its files: with a damaged one it fails, crashes or computes something else. And it looks only at
-the file of a function, not at the files of what the function calls; here all of them count.
+the file of a function, not at the files of what the function calls; all of them count.
 """
 
 import hashlib
@@ -24,14 +24,18 @@ _DIGEST_SIZE = 32
 _ROOT = Path(__file__).parents[1]
 
 
-def compiled(function: _Function) -> _Function:
-    """Makes a function that is compiled when it is first called, and that releases Python's global lock."""
+def compiled(function: _Function, made_for: str = "") -> _Function:
+    """Makes a function that is compiled when it is first called, and that releases Python's global lock.
+
+    Functions that differ only in variables around them differ in `made_for`.
+    """
     dispatcher: Any = numba.njit(nogil=True)(function)
     try:
         cached = FunctionCache(function)
-        stamp = cached._impl.locator.get_source_stamp(), digest_when_loaded(function.__module__)
+        locator = cached._impl.locator
+        stamp = made_for, locator.get_source_stamp(), digest_when_loaded(function.__module__)
         cached._cache_file = _Files(cached._cache_path, cached._impl.filename_base, stamp)
-        cached._impl.locator.ensure_cache_path = lambda: None  # `save` finds out
+        locator.ensure_cache_path = lambda: None  # `save` finds out
         dispatcher._cache = cached
     except (OSError, RuntimeError):  # numba finds no folder that can be written
         _say_unsaved()
@@ -52,7 +56,7 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
     belongs to another version of numba or an older source, is not read any further.
     """
 
-    def load(self, key: object) -> object:
+    def load(self, key: Any) -> object:
         """Returns what was saved for a signature and a processor; None if that cannot be used."""
         path = self._path(key)
         try:
@@ -62,7 +66,7 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         content = stored[_DIGEST_SIZE:]
         return pickle.loads(content) if stored[:_DIGEST_SIZE] == self._digest(path, content) else None
 
-    def save(self, key: object, data: object) -> None:
+    def save(self, key: Any, data: object) -> None:
         """Saves what was compiled for a signature and a processor, unless the disk is full, for example."""
         path, content = self._path(key), self._dump(data)
         try:
@@ -71,8 +75,12 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         except OSError:
             _say_unsaved()
 
-    def _path(self, key: object) -> Path:
-        digest = hashlib.sha256(repr(key).encode()).hexdigest()
+    def _path(self, key: Any) -> Path:
+        signature, processor, _ = (
+            key  # the last changes from process to process where compiled code is around
+        )
+        made_for, *_ = self._source_stamp
+        digest = hashlib.sha256(repr((signature, processor, made_for)).encode()).hexdigest()
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
 
     def _digest(self, path: Path, content: bytes) -> bytes:

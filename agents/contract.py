@@ -123,7 +123,7 @@ class Algorithm(ABC):
         """
 
 
-Fields = dict[str, ArrayLike]  # of an agent's `Training`, without the axis N
+Fields = dict[str, ArrayLike]  # an agent's `Training` without the axis N
 
 
 class SequentialAlgorithm(Algorithm):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Final, NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,7 +55,7 @@ class Starts(NamedTuple):
     """
 
     state: NDArray[np.int64]  # those with a probability above 0, rising
-    probability: NDArray[np.float64]  # of each
+    probability: NDArray[np.float64]  # the probability of each of them
     first: NDArray[np.int64]  # (places + 1,) index of the first start of each place
     n_block: int  # states of a place
 
@@ -88,7 +89,7 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
     """Computes the expected return of a policy under a time limit, and other expectations.
 
     Leading axes of the policy, (..., O, A), are a batch. Episodes are truncated after `horizon` steps, at
-    least 1, and start as in `from_starts`. A ValueError is raised if the policy is none of this model.
+    least 1, and start as in `from_starts`. A ValueError is raised if the policy does not fit the model.
     """
     shape = model.n_observations, len(ACTIONS)
     policy = np.asarray(policy, dtype=np.float64)
@@ -124,85 +125,121 @@ def _sweep(
     It lists the transitions between the states that the policy can reach, ordered by target. Then every step
     is a pass over that list.
     """
-    next_state, outcome, terminated, observation = dynamics
-    start_states, start_probability, group, n_block = starts
-    n_states, n_actions, n_outcomes = next_state.shape
-    index = np.full(n_states, -1, dtype=np.int32)  # of a state in `reached`
-    reached = np.empty(n_block, dtype=np.int64)  # the states reached, in the order of their discovery
-    first = np.empty(n_block + 1, dtype=np.int64)  # the first transition into each of them
-    source = np.empty(n_block * n_actions * n_outcomes, dtype=np.int32)  # the index where each starts
-    probability = np.empty(n_block * n_actions * n_outcomes)  # of each transition
-    here = np.empty(n_block)  # probability of each state reached before the step
-    there = np.empty(n_block)  # the same after the step
-    visits = np.empty(n_block)  # expected number of steps that start in each of them
-    for n in range(policies.shape[0]):
-        policy = policies[n]
-        for g in range(len(group) - 1):
-            n_starts = group[g + 1] - group[g]
-            if n_starts == 0:
-                continue
-            n_reached = n_starts
-            for i in range(n_starts):
-                index[start_states[group[g] + i]] = i
-                reached[i] = start_states[group[g] + i]
-            first[:] = 0
-            i = 0
-            while i < n_reached:
-                s = reached[i]
-                for a in range(n_actions):
-                    if policy[observation[s], a] > 0.0 and not terminated[s, a]:
-                        for k in range(n_outcomes):
-                            if outcome[s, a, k] > 0.0:
-                                s_next = next_state[s, a, k]
-                                if index[s_next] < 0:
-                                    index[s_next] = n_reached
-                                    reached[n_reached] = s_next
-                                    n_reached += 1
-                                first[index[s_next] + 1] += 1
-                i += 1
+    n_transitions = starts.n_block * grid_reward.shape[1] * dynamics[0].shape[2]
+    index = np.full(len(grid_reward), -1, dtype=np.int32)  # where states are in `reached`, or -1
+    reached = np.empty(starts.n_block, dtype=np.int64)  # the states reached, in the order of their discovery
+    first = np.empty(starts.n_block + 1, dtype=np.int64)  # the first transition into each of them
+    source = np.empty(n_transitions, dtype=np.int32)  # the index where each transition starts
+    probability = np.empty(n_transitions)  # the probability of each transition
+    for n in range(len(policies)):
+        for g in range(len(starts.first) - 1):
+            some = slice(starts.first[g], starts.first[g + 1])
+            n_reached = _list_states(policies[n], dynamics, starts.state[some], index, reached, first)
+            states = reached[:n_reached]
+            _list_transitions(policies[n], dynamics, states, index, first, source, probability)
+            visits = _count_visits(starts.probability[some], first[:n_reached], source, probability, horizon)
             for i in range(n_reached):
-                first[i + 1] += first[i]
-            for i in range(n_reached):
-                s = reached[i]
-                for a in range(n_actions):
-                    if policy[observation[s], a] > 0.0 and not terminated[s, a]:
-                        for k in range(n_outcomes):
-                            if outcome[s, a, k] > 0.0:
-                                j = index[next_state[s, a, k]]
-                                source[first[j]] = i
-                                probability[first[j]] = policy[observation[s], a] * outcome[s, a, k]
-                                first[j] += 1  # ends as the first transition into the next
-
-            here[:n_reached] = 0.0
-            here[:n_starts] = start_probability[group[g] : group[g + 1]]
-            visits[:n_reached] = 0.0
-            for _ in range(horizon):
-                going = 0.0
-                last = 0
-                for i in range(n_reached):
-                    visits[i] += here[i]
-                    arriving = 0.0
-                    for transition in range(last, first[i]):
-                        arriving += here[source[transition]] * probability[transition]
-                    last = first[i]
-                    there[i] = arriving
-                    going += arriving
-                here, there = there, here
-                if going == 0.0:
-                    break
-
-            for i in range(n_reached):
-                s = reached[i]
+                s = states[i]
                 index[s] = -1
-                for a in range(n_actions):
-                    p = visits[i] * policy[observation[s], a]
+                for a in range(grid_reward.shape[1]):
+                    p = visits[i] * policies[n, dynamics[3][s], a]
                     sums[n, 0] += p * grid_reward[s, a]
                     sums[n, 1] += p * issuer_reward[s, a]
                     sums[n, 2] += p * is_success[s, a]
                     sums[n, 3] += p
                     sums[n, 4] += p * is_wrong_ping[s, a]
-                    for k in range(n_outcomes):
-                        sums[n, 5 + zone[next_state[s, a, k]]] += p * outcome[s, a, k]
+                    for k in range(dynamics[0].shape[2]):
+                        sums[n, 5 + zone[dynamics[0][s, a, k]]] += p * dynamics[1][s, a, k]
+
+
+@numba.njit
+def _list_states(
+    policy: NDArray[np.float64],
+    dynamics: Dynamics,
+    starts: NDArray[np.int64],
+    index: NDArray[np.int32],
+    reached: NDArray[np.int64],
+    first: NDArray[np.int64],
+) -> int:
+    """Lists the states that a policy can reach; returns their number.
+
+    `first` then has, for each of them, the number of transitions into those before.
+    """
+    next_state, outcome, terminated, observation = dynamics
+    n_reached = len(starts)
+    reached[:n_reached] = starts
+    for i in range(n_reached):
+        index[starts[i]] = i
+    first[:] = 0
+    i = 0
+    while i < n_reached:
+        s = reached[i]
+        for a in range(policy.shape[1]):
+            if policy[observation[s], a] > 0.0 and not terminated[s, a]:
+                for k in range(next_state.shape[2]):
+                    if outcome[s, a, k] > 0.0:
+                        s_next = next_state[s, a, k]
+                        if index[s_next] < 0:
+                            index[s_next] = n_reached
+                            reached[n_reached] = s_next
+                            n_reached += 1
+                        first[index[s_next] + 1] += 1
+        i += 1
+    for i in range(n_reached):
+        first[i + 1] += first[i]
+    return n_reached
+
+
+@numba.njit
+def _list_transitions(
+    policy: NDArray[np.float64],
+    dynamics: Dynamics,
+    reached: NDArray[np.int64],
+    index: NDArray[np.int32],
+    first: NDArray[np.int64],
+    source: NDArray[np.int32],
+    probability: NDArray[np.float64],
+) -> None:
+    """Lists transitions ordered by target; `first` then has where those into each state end."""
+    next_state, outcome, terminated, observation = dynamics
+    for i in range(len(reached)):
+        s = reached[i]
+        for a in range(policy.shape[1]):
+            if policy[observation[s], a] > 0.0 and not terminated[s, a]:
+                for k in range(next_state.shape[2]):
+                    if outcome[s, a, k] > 0.0:
+                        j = index[next_state[s, a, k]]
+                        source[first[j]] = i
+                        probability[first[j]] = policy[observation[s], a] * outcome[s, a, k]
+                        first[j] += 1
+
+
+@numba.njit
+def _count_visits(
+    start_probability: NDArray[np.float64],
+    end: NDArray[np.int64],
+    source: NDArray[np.int32],
+    probability: NDArray[np.float64],
+    horizon: int,
+) -> NDArray[np.float64]:
+    """Returns the expected number of steps in each state, given where transitions into it end."""
+    before, after, visits = np.zeros(len(end)), np.empty(len(end)), np.zeros(len(end))
+    before[: len(start_probability)] = start_probability
+    for _ in range(horizon):
+        going = 0.0
+        last = 0
+        for i in range(len(end)):
+            visits[i] += before[i]
+            arriving = 0.0
+            for transition in range(last, end[i]):
+                arriving += before[source[transition]] * probability[transition]
+            last = end[i]
+            after[i] = arriving
+            going += arriving
+        before, after = after, before
+        if going == 0.0:
+            break
+    return visits
 
 
 def solve(

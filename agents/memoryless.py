@@ -15,6 +15,7 @@ import math
 import time
 from typing import Annotated, Final
 
+import numba
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
@@ -26,10 +27,10 @@ from agents.dynamic_programming import Dynamics, Starts, dynamics, from_starts, 
 from agents.policy import Policy
 from envs.model import Model
 
-_FIRST_RATE: Final = 1.0  # of a step, per unit of advantage
-_FASTER, _SLOWER, _LEAST_RATE, _MOST_RATE = 1.5, 0.3, 1e-6, 1e6
-_MOST_GUIDANCE: Final = 100.0  # with which a policy hardly ever takes another action than the best
-_LEAST_PROBABILITY: Final = 1e-12  # that an episode goes on, below which a sweep ends
+_FIRST_RATE: Final = 1.0  # the length of a step per unit of advantage
+_FASTER, _SLOWER, _MIN_RATE, _MAX_RATE = 1.5, 0.3, 1e-6, 1e6
+_MAX_GUIDANCE: Final = 100.0  # with which a policy hardly ever takes another action than the best
+_MIN_PROBABILITY: Final = 1e-12  # that an episode goes on, below which a sweep ends
 
 
 class MemorylessSettings(LearnerSettings):
@@ -71,7 +72,7 @@ class Memoryless(SequentialAlgorithm):
         guide = _guide(model, settings.time_limit)
         started_s = time.thread_time()
         first = settings.noise * np.random.default_rng(seed).standard_normal(guide.shape)
-        weights = settings.guidance, _MOST_GUIDANCE
+        weights = settings.guidance, _MAX_GUIDANCE
         searches = [Search(model, weight * guide + first, settings.time_limit) for weight in weights]
         policies = np.empty((len(schedule.evaluation_steps), *guide.shape))
         cpu_time_s = np.empty(len(policies))
@@ -109,14 +110,14 @@ class Search:
         """Makes steps until there are so many; a step that does not improve the return changes nothing."""
         while self._n_steps < until:
             self._n_steps += 1
-            if self._rate < _LEAST_RATE:
+            if self._rate < _MIN_RATE:
                 continue
             logits = self._logits + self._rate * self._advantage
             logits = np.maximum(logits - logits.max(axis=1, keepdims=True), -700.0)  # so that none overflows
             value, advantage = gradient(self._model, _softmax(logits), self._horizon)
             if value > self.expected_return:
                 self._logits, self.expected_return, self._advantage = logits, value, advantage
-                self._rate = min(self._rate * _FASTER, _MOST_RATE)
+                self._rate = min(self._rate * _FASTER, _MAX_RATE)
             else:
                 self._rate *= _SLOWER
 
@@ -145,56 +146,79 @@ def _sweep(
     visits: NDArray[np.float64],
 ) -> float:
     """Carries the state distribution forward and values back; adds up sum_t d_t(s) Q_t(s, a), and visits."""
-    next_state, outcome, terminated, observation = dynamics
     start_states, start_probability, first, n_block = starts
-    n_actions, n_outcomes = reward.shape[1], next_state.shape[2]
-    here = np.zeros((horizon + 1, n_block))  # probability of each state before each step
-    value, next_value = np.zeros(n_block), np.zeros(n_block)
+    distribution = np.zeros((horizon + 1, n_block))  # probability of each state before each step
     total = 0.0
     for g in range(len(first) - 1):
         offset = g * n_block
-        here[0] = 0.0
+        distribution[0] = 0.0
         for i in range(first[g], first[g + 1]):
-            here[0, start_states[i] - offset] = start_probability[i]
-        n_steps = 0
-        while n_steps < horizon:
-            here[n_steps + 1] = 0.0
-            going = 0.0
-            for i in range(n_block):
-                d = here[n_steps, i]
-                if d > 0.0:
-                    s = offset + i
-                    o = observation[s]
-                    visits[o] += d
-                    for a in range(n_actions):
-                        p = d * policy[o, a]
-                        if not terminated[s, a]:
-                            going += p
-                            for k in range(n_outcomes):
-                                here[n_steps + 1, next_state[s, a, k] - offset] += p * outcome[s, a, k]
-            n_steps += 1
-            if going < _LEAST_PROBABILITY:
-                break
-        next_value[:] = 0.0
-        for t in range(n_steps - 1, -1, -1):
-            for i in range(n_block):
-                s = offset + i
-                o = observation[s]
-                d = here[t, i]
-                best = 0.0
-                for a in range(n_actions):
-                    q = reward[s, a]
-                    if not terminated[s, a]:
-                        for k in range(n_outcomes):
-                            q += outcome[s, a, k] * next_value[next_state[s, a, k] - offset]
-                    best += policy[o, a] * q
-                    if d > 0.0:
-                        gains[o, a] += d * q
-                value[i] = best
-            value, next_value = next_value, value
+            distribution[0, start_states[i] - offset] = start_probability[i]
+        n_steps = _carry_forward(policy, dynamics, offset, distribution, visits)
+        value = _carry_back(policy, dynamics, reward, offset, distribution[:n_steps], gains)
         for i in range(first[g], first[g + 1]):
-            total += start_probability[i] * next_value[start_states[i] - offset]
+            total += start_probability[i] * value[start_states[i] - offset]
     return total
+
+
+@numba.njit
+def _carry_forward(
+    policy: NDArray[np.float64],
+    dynamics: Dynamics,
+    offset: int,
+    distribution: NDArray[np.float64],
+    visits: NDArray[np.float64],
+) -> int:
+    """Fills the distributions after the first; returns how many steps an episode can have."""
+    next_state, outcome, terminated, observation = dynamics
+    for t in range(len(distribution) - 1):
+        distribution[t + 1] = 0.0
+        going = 0.0
+        for i in range(distribution.shape[1]):
+            d, s = distribution[t, i], offset + i
+            if d > 0.0:
+                o = observation[s]
+                visits[o] += d
+                for a in range(policy.shape[1]):
+                    p = d * policy[o, a]
+                    if not terminated[s, a]:
+                        going += p
+                        for k in range(next_state.shape[2]):
+                            distribution[t + 1, next_state[s, a, k] - offset] += p * outcome[s, a, k]
+        if going < _MIN_PROBABILITY:
+            return t + 1
+    return len(distribution) - 1
+
+
+@numba.njit
+def _carry_back(
+    policy: NDArray[np.float64],
+    dynamics: Dynamics,
+    reward: NDArray[np.float64],
+    offset: int,
+    distribution: NDArray[np.float64],
+    gains: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Returns the values of states at first, and adds up what actions gain in all steps."""
+    next_state, outcome, terminated, observation = dynamics
+    n_steps, n_block = distribution.shape
+    value, next_value = np.zeros(n_block), np.zeros(n_block)
+    for t in range(n_steps - 1, -1, -1):
+        for i in range(n_block):
+            s = offset + i
+            o = observation[s]
+            mean = 0.0
+            for a in range(policy.shape[1]):
+                q = reward[s, a]
+                if not terminated[s, a]:
+                    for k in range(next_state.shape[2]):
+                        q += outcome[s, a, k] * next_value[next_state[s, a, k] - offset]
+                mean += policy[o, a] * q
+                if distribution[t, i] > 0.0:
+                    gains[o, a] += distribution[t, i] * q
+            value[i] = mean
+        value, next_value = next_value, value
+    return next_value
 
 
 def _softmax(logits: NDArray[np.float64]) -> Policy:

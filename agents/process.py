@@ -71,11 +71,11 @@ def process_of(model: Model) -> Process:
 
 def _outcomes(model: Model, some: slice) -> NDArray[np.void]:
     """Returns the outcomes of some states, (states, A, K)."""
-    here = np.arange(len(model.observation))[some, None, None]
+    state = np.arange(len(model.observation))[some, None, None]
     outcomes = np.zeros(model.next_state[some].shape, dtype=OUTCOME)  # zeros between fields, too: bytes count
     outcomes["reward"] = (model.grid_reward[some] + model.issuer_reward[some])[..., None]
-    outcomes["state_change"] = model.next_state[some] - here
-    outcomes["observation_change"] = model.observation[model.next_state[some]] - model.observation[here]
+    outcomes["state_change"] = model.next_state[some] - state
+    outcomes["observation_change"] = model.observation[model.next_state[some]] - model.observation[state]
     outcomes["terminates"] = model.terminated[some, :, None]
     outcomes["is_wrong_ping"] = model.is_wrong_ping[some, :, None]
     outcomes["noise"] = model.issuer_noise[some, :, None]

@@ -9,8 +9,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from benchmark import __version__, packages
+from benchmark import __version__
 
+_CORE: Final = ("gymnasium", "numpy", "pydantic")  # packages without which nothing works
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
 _SPEED_INTERRUPTED: Final = "interrupted: the table is as before; the same command measures all rows again."
 
@@ -31,8 +32,9 @@ except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)
         sys.exit(130)
-    if _sentence := packages.broken(error):
-        print(f"error: {_sentence}", file=sys.stderr)
+    if isinstance(error, ModuleNotFoundError) and error.name in _CORE:
+        installer = f"pip install {error.name} installs it (in a checkout: make .venv/.base)"
+        print(f"error: the package {error.name} is not installed; {installer}.", file=sys.stderr)
         sys.exit(2)
     raise
 
@@ -45,10 +47,10 @@ examples:
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
-  python -m benchmark watch --scenario S2 --learner dqn  watch an agent learn
+  python -m benchmark watch --scenario S2 --learner dqn --save film.webp  a film of an agent that learns
   python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip  a trained agent, for SB3
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
-  python -m benchmark doctor compare_deep          examine this machine; estimate time and disk
+  python -m benchmark doctor compare_deep          what is missing here; estimate time and disk
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
 with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
@@ -66,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
     _open_streams()
     if arguments is None:  # this process, and those that it starts, are the command's alone
-        os.environ["MPLBACKEND"] = "agg"  # one of a notebook might not be there; `watch` finds its own
+        os.environ["MPLBACKEND"] = "agg"  # one of a notebook might not be there
         keep_running()
     command = ""
     try:
@@ -76,7 +78,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = options.command
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with contained(), needed_by(f"benchmark {command}"):
-            code = int(import_module(f"benchmark.commands.{command}").main(options))
+            code: int = import_module(f"benchmark.commands.{command}").main(options)
+            if not code and getattr(options, "report", False):
+                code = import_module("benchmark.commands.report").main(options)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
         _silence_output()
@@ -86,16 +90,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(_SPEED_INTERRUPTED if command == "speed" else _INTERRUPTED, file=sys.stderr)
             return 130
         message: object = error
-        is_expected = isinstance(error, InputError | MemoryError | OSError)
-        if sentence := packages.broken((is_expected and error.__cause__) or error):
-            message = InputError(sentence)
-        elif isinstance(error, MemoryError):
+        if isinstance(error, MemoryError):
             message = "out of memory; give fewer --jobs or run a smaller experiment."
         elif isinstance(error, OSError):
             _silence_output()
             where = f"{error.filename}: " if error.filename else ""
             message = InputError(f"{where}{error.strerror or error}.")
-        elif not is_expected:
+        elif not isinstance(error, InputError):
             raise
         print(*(f"error: {line}" for line in str(message).split("\n")), sep="\n", file=sys.stderr)
         return 2
@@ -184,7 +185,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(verify, "--seed", "N", "seed that selects the runs to repeat (default: random)", int)
     _add(verify, "--jobs", "N", f"{jobs})", int)
 
-    watch = command("watch", "show an agent learn, in a window or as a file")
+    watch = command("watch", "make a film of an agent that learns")
     _add(watch, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
     about = "a variant, or one with its form, as in 'ppo, one_hot' (default: q_learning)"
     _add(watch, "--learner", "NAME", about, default="q_learning")
@@ -192,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
     about = "whose settings are used; a missing run is trained and stored (default: compare_deep)"
     _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")
-    _add(watch, "--save", "FILE", "write an animated .webp or .gif instead of showing it", Path)
+    _add(watch, "--save", "FILE", "the film, an animated .webp or .gif", Path, required=True)
 
     export = command("export", "repeat a run, and write its trained agent to a file")
     _add(export, "experiment", "EXPERIMENT", named)
@@ -226,7 +227,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(assess, "--search-trials", "N", "how many settings were tried; 0 without a search", int)
     _add(assess, "--note", "TEXT", "anything else, such as the settings or where the code is")
 
-    doctor = command("doctor", "examine the installation, the machine and the stored runs")
+    doctor = command("doctor", "say which packages are missing, and what this machine and the store have")
     about = f"{named}; then its time and disk are estimated, from published results"
     _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
     _add(doctor, "--jobs", "N", f"{jobs})", int)

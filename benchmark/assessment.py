@@ -28,7 +28,7 @@ with needed_by("benchmark.assessment"):
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
     from agents.sb3.imported import is_sb3_class
-    from benchmark.analysis.records import anchors, check_anchors, overlap
+    from benchmark.analysis.records import anchors, check_anchors, overlap, unbounded_scores
     from benchmark.drawing.maps import draw_policy, policy_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.experiments import experiment_names
@@ -39,10 +39,10 @@ Act = Callable[[Any], object]  # from an observation to an action, or to the pro
 HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
 RESULTS: Final = Path(__file__).parents[1] / "results"
 PICTURES: Final = (".png", ".svg")  # endings of files
-_TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
+_TOLERANCE: Final = 1e-5  # for probabilities, which may be of single precision
 _RANKED: Final = ["success", "score"]  # columns, in order of precedence
-_DECIMALS: Final = 5  # of these columns that count, since files have six significant digits
-_LONGEST_ANSWER: Final = 100  # characters that a message repeats
+_DECIMALS: Final = 5  # compared in these columns, since files have six significant digits
+_MAX_ANSWER: Final = 100  # characters that a message repeats
 
 
 class Standing(NamedTuple):
@@ -69,8 +69,7 @@ class Assessment:
     @cached_property
     def unbounded_score(self) -> float:
         """The return as a score: 0 for the random policy, 1 for the optimal one; it can be below 0."""
-        random, optimal = anchors(self.model, HORIZON, "start")
-        return round((float(self.evaluation.grid_return) - random) / (optimal - random), 9)
+        return float(unbounded_scores(self.evaluation.grid_return, self.model, HORIZON, "start"))
 
     @property
     def score(self) -> float:
@@ -232,17 +231,17 @@ def standing_of(success: float, score: float, published: pd.DataFrame) -> Standi
     """Ranks an agent by success, then by score in [0, 1]; `published` has both, and a row per run."""
 
     def better_by(rows: pd.DataFrame) -> NDArray[np.float64]:
-        apart = (rows[_RANKED] - (success, score)).round(_DECIMALS)
-        return np.where(apart["success"] != 0, apart["success"], apart["score"])
+        lead = (rows[_RANKED] - (success, score)).round(_DECIMALS)
+        return np.where(lead["success"] != 0, lead["success"], lead["score"])
 
-    apart = better_by(published)
-    runs = published.assign(lower=apart < 0, equal=apart == 0, higher=apart > 0)
+    lead = better_by(published)
+    runs = published.assign(lower=lead < 0, equal=lead == 0, higher=lead > 0)
     groups = runs.groupby(["experiment", "learner"], sort=False)
     learners = groups[[*_RANKED, "lower", "equal", "higher"]].mean()
     learners.insert(0, "runs", groups.size())
     learners = learners.reset_index().sort_values(_RANKED, ascending=False, kind="stable", ignore_index=True)
-    apart = better_by(learners)
-    return Standing(int((apart > 0).sum()) + 1, int((apart == 0).sum()), learners)
+    lead = better_by(learners)
+    return Standing(int((lead > 0).sum()) + 1, int((lead == 0).sum()), learners)
 
 
 def saved_model(path: Path) -> Path:
@@ -270,7 +269,7 @@ def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic:
 def _row(answer: object) -> NDArray[np.float64] | None:
     """Returns the probabilities, (A,), that a function's answer stands for; None if it is no answer."""
     if isinstance(answer, tuple) and len(answer) == 2 and answer[1] is None:
-        answer = answer[0]  # of a model's `predict`, without a memory
+        answer = answer[0]  # what a model's `predict` returns without a memory
     try:
         values = np.asarray(answer)
     except (ValueError, TypeError, RuntimeError):  # nested lists, or tensors that need a gradient
@@ -285,7 +284,7 @@ def _row(answer: object) -> NDArray[np.float64] | None:
 
 
 def _shown(answer: object) -> str:
-    return shortened(" ".join(repr(answer).split()), _LONGEST_ANSWER)
+    return shortened(" ".join(repr(answer).split()), _MAX_ANSWER)
 
 
 def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:

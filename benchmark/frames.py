@@ -12,12 +12,12 @@ with needed_by("benchmark.frames"):
     import pandas as pd
 
     from benchmark.analysis.frames import tables
-    from benchmark.analysis.stages import stages
     from benchmark.assessment import RESULTS
     from benchmark.execution.store import NoRunsError, Store
     from benchmark.experiments import Experiment, all_specifications, load_experiment
     from benchmark.folder import SCORES, Folder, with_titles
     from benchmark.publish.manifest import digest_of
+    from benchmark.studies import report_of
 
 _PUBLISHED: Final = ((SCORES, "runs.csv"), ("curves.csv", "success.csv", "learning.csv"))  # runs, curves
 Where = str | Path
@@ -74,7 +74,7 @@ def _stored(experiment: Experiment, results: Path, which: int, is_whole: bool) -
     path, n, n_all = results / "runs.db", 0, 0
     with suppress(NoRunsError), Store(path, read_only=True) as store:
         ended = store.ended()
-        declared = [group for groups in stages(experiment, store) for group in groups]
+        declared = [group for groups in report_of(experiment).stages(store) for group in groups]
         runs = ([run for run in group.runs if run.digest in ended] for group in declared)
         there = [replace(group, runs=own) for group, own in zip(declared, runs, strict=True)]
         n, n_all = (sum(len(group.runs) for group in groups) for groups in (there, declared))
@@ -90,7 +90,8 @@ def _published(experiment: Experiment, results: Path, which: int, is_whole: bool
     if file is None:
         return f"{folder.path} has no {' or '.join(_PUBLISHED[which])}"
     with folder.reading():
-        is_known = is_whole and not experiment.has_stages  # the runs of later stages depend on earlier ones
+        # The runs of later stages depend on earlier ones.
+        is_known = is_whole and not report_of(experiment).study.stages
         if is_known and folder.manifest["digest"] != digest_of(all_specifications(experiment)):
             return f"{folder.path / file} is of other runs than the experiment declares now"
         return with_titles(folder.frame(file), {})

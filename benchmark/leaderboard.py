@@ -26,9 +26,9 @@ from envs.observations import OBSERVATIONS, compile_seen
 from envs.scenario import scenario_names
 
 _HEAD: Final = "# Made by python -m benchmark assess --submit. Keys above scenario are declared, not checked."
-_TOLERANCE: Final = 1e-9  # of probabilities and scores
-_DECIMALS: Final = 12  # of scores and successes that count
-_LARGEST_FILE: Final = 2_000_000  # bytes: 250,000 numbers of a policy, and 2,000 rows with all digits
+_TOLERANCE: Final = 1e-9  # for probabilities and scores
+_DECIMALS: Final = 12  # compared in scores and successes
+_MAX_FILE: Final = 2_000_000  # bytes: 250,000 numbers of a policy, and 2,000 rows with all digits
 _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
 
 
@@ -104,7 +104,7 @@ def _check_name(path: Path) -> None:
 def checked(path: Path) -> Submission:
     """Reads a file, with scores computed again; one that says something else raises an InputError."""
     _check_name(path)
-    submission = parse(Submission, read_toml(path, _LARGEST_FILE), str(path))
+    submission = parse(Submission, read_toml(path, _MAX_FILE), str(path))
     for key, known in (("scenario", scenario_names()), ("observation", OBSERVATIONS)):
         if getattr(submission, key) not in known:
             unknown_name(str(path), key, getattr(submission, key), known)
@@ -138,8 +138,9 @@ def _computed(assessment: Assessment) -> dict[str, Any]:
 
 def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
     """Returns the leaderboard's README, by its path; calls `refused` with a sentence on each bad file."""
-    folder, entries, shown = results / "leaderboard", list[dict[str, object]](), dict[object, str]()
-    for path in (paths := sorted(folder.glob("[!.]*.toml"))):
+    folder, entries = results / "leaderboard", list[dict[str, object]]()
+    paths = sorted(folder.glob("[!.]*.toml"))
+    for path in paths:
         try:
             each = checked(path)
         except InputError as error:
@@ -157,16 +158,20 @@ def texts(results: Path, refused: Callable[[str], None]) -> dict[Path, str]:
             "declared search trials": f"{each.search_trials:,}",
         }
         entries.append(row)
-    for scenario, rows in pd.DataFrame(entries).groupby("scenario") if entries else ():
-        here = rows.sort_values(["success", "score"], ascending=False, kind="stable")
-        names = []
-        for name, behaviour in zip(here["name"], here["behaviour"], strict=True):
-            others = here["name"][(here["behaviour"] == behaviour) & (here["name"] != name)]
-            names.append(Markup(", same policy as ".join([name, *others])))
-        here = here.assign(name=names, score=_texts([*here["score"]]), success=_texts([*here["success"]]))
-        shown[scenario] = to_markdown(here.drop(columns=["scenario", "behaviour"]))
-    text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=shown)
+    frame = pd.DataFrame(entries)
+    tables = {scenario: _table(rows) for scenario, rows in frame.groupby("scenario")} if entries else {}
+    text = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name).render(tables=tables)
     return {folder / "README.md": text} if paths else {}
+
+
+def _table(rows: pd.DataFrame) -> str:
+    """Returns the table of a scenario: the best first, each with the names of those with its behaviour."""
+    ranked = rows.sort_values(["success", "score"], ascending=False, kind="stable")
+    names = ranked["name"].groupby(ranked["behaviour"])
+    others = names.transform(lambda same: same.map(lambda name: [name, *same[same != name]]))
+    ranked["name"] = [Markup(", same policy as ".join(each)) for each in others]
+    ranked[["score", "success"]] = ranked[["score", "success"]].apply(lambda column: _texts([*column]))
+    return to_markdown(ranked.drop(columns=["scenario", "behaviour"]))
 
 
 def _behaviour(submission: Submission) -> str:

@@ -9,11 +9,10 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, NamedTuple, NoReturn
+from typing import Any, Final, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -29,11 +28,10 @@ from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import Experiment, Reporting
-from benchmark.folder import Folder, write_manifest
+from benchmark.folder import write_manifest
 from benchmark.publish import document, files
-from benchmark.studies.item import COLUMNS, Item, Report, entry
-from envs import InputError, Model, compile_scenario, load_scenario
+from benchmark.publish.document import SPEED
+from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 
 _ENV: Final = "envs:Proxemic/S1-v0"
@@ -66,18 +64,17 @@ def measure(results: Path, *, smoke: bool) -> None:
 
     agents.sb3.use_same_instructions()
 
-    directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
+    directory = results / (f"{SPEED}_smoke" if smoke else SPEED)
     with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
         print("speed: preparing what is measured ...", file=sys.stderr)
-        rows, published = all_rows(smoke, Path(scratch)), results / REPORT.name / "speed.csv"
-        frame = _measured(rows, 2 if smoke else 16, published)
+        frame = _measured(all_rows(smoke, Path(scratch)), 2 if smoke else 16)
         print(to_markdown(frame))
         manifest = {
-            "experiment": REPORT.name,
+            "experiment": SPEED,
             "description": "The speed of this project against common alternatives.",
             "command": "make speed",
             "argument": "",  # none: the command `report` does not draw it
-            "report": Reporting(kind=f"{__name__}:REPORT").model_dump(mode="json"),
+            "report": {"kind": SPEED, "question": "", "items": []},
             "partial": "",
             "note": "Measured with `--smoke`: the numbers mean nothing." if smoke else "",
             "scenarios": {},
@@ -93,11 +90,10 @@ def measure(results: Path, *, smoke: bool) -> None:
     print(f"written to {directory}")
 
 
-def _measured(rows: list[Row], n_turns: int, published: Path) -> pd.DataFrame:
+def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
     """Lets the sides of all rows take turns, fewer of them by CPU time, and tabulates their rates.
 
-    The first turn of a side, which compiles, imports and fills caches, does not count. The time left is
-    estimated from the published rates.
+    The first turn of a side, which compiles, imports and fills caches, does not count.
     """
     sides = {
         (row, column): row.ours if column == "per_second" else row.other for row in rows for column in _SIDES
@@ -108,13 +104,8 @@ def _measured(rows: list[Row], n_turns: int, published: Path) -> pd.DataFrame:
         for row, column in sides
         if turn < 5 or not row.is_by_cpu_time
     }
-    costs, expected_s = dict.fromkeys(turns, 1.0), 0.0
-    with suppress(OSError, ValueError, KeyError):  # nothing is published, or of other rows
-        rates = pd.read_csv(published, index_col="name").to_dict()
-        costs = {turn: sides[side][0] / rates[side[1]][side[0].name] for turn, side in turns.items()}
-        expected_s = sum(costs.values())
     seconds = defaultdict[tuple[Row, str], list[float]](list)
-    with Display("speed", costs, expected_s) as display:
+    with Display("speed", dict.fromkeys(turns, 1.0)) as display:
         for turn, (row, column) in turns.items():
             display.advance([], name=turn)
             clock = time.process_time if row.is_by_cpu_time else time.perf_counter
@@ -257,35 +248,3 @@ def _play(episodes: int) -> None:
         terminated = truncated = False
         while not (terminated or truncated):
             _, _, terminated, truncated, _ = env.step(rng.randrange(N_ACTIONS))
-
-
-def _headline(folder: Folder) -> str:
-    frame = folder.frame("speed")
-    nets = frame[frame["name"].str.fullmatch("net_(dqn|ppo)_(one_hot|coordinates)")].sort_values("ratio")
-    rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
-    q_learning, low, high = (entry(row, "ratio", "speed") for row in rows)
-    return (
-        f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN and "
-        f"PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
-    )
-
-
-def _shown(frame: pd.DataFrame) -> pd.DataFrame:
-    rows = [row for _, row in frame.iterrows()]
-    return pd.DataFrame({name: [entry(row, str(name), "speed") for row in rows] for name in frame})
-
-
-def _refuse(experiment: Experiment) -> NoReturn:
-    raise InputError(f"{experiment.argument}: report: accepted: a report that can be drawn of an experiment.")
-
-
-_ABOUT: Final = "rates of this project and of common alternatives, from the same run"
-_SPEED: Final = Item("speed", _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS["speed"])
-REPORT: Final = Report(
-    name="speed",
-    question="How fast is this project?",
-    check=_refuse,
-    items=(_SPEED,),
-    document=Path(__file__).with_name("speed.md.jinja"),
-    headline=_headline,
-)

@@ -17,11 +17,11 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic import SerializerFunctionWrapHandler as Handler
 from pydantic_core import ErrorDetails
 
-_LONGEST_MESSAGE: Final = 300  # characters
-_MOST_MESSAGES: Final = 10
-_LONGEST_VALUE: Final = 80  # characters of a value that a message repeats
-_SHORTEST_LIST: Final = 40  # characters of accepted names that a message has room for
-_LONGEST_NAME: Final = 60  # characters of a name that is compared with others
+_MAX_LENGTH: Final = 300  # characters
+_MAX_MESSAGES: Final = 10
+_MAX_VALUE: Final = 80  # characters of a value that a message repeats
+_MIN_LIST: Final = 40  # characters of accepted names that a message has room for
+_MAX_NAME: Final = 60  # characters of a name that is compared with others
 
 _NAME_RULE: Final = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false or NA"
@@ -44,8 +44,8 @@ class InputError(ValueError):
 
     def __init__(self, *messages: str) -> None:
         lines = [*dict.fromkeys(map(_as_line, messages))]
-        n_more = len(lines) - _MOST_MESSAGES
-        super().__init__(*lines[:_MOST_MESSAGES], *[f"and {n_more:,} more."] * (n_more > 0))
+        n_more = len(lines) - _MAX_MESSAGES
+        super().__init__(*lines[:_MAX_MESSAGES], *[f"and {n_more:,} more."] * (n_more > 0))
 
     def __str__(self) -> str:
         return "\n".join(self.args)
@@ -53,8 +53,8 @@ class InputError(ValueError):
 
 def _as_line(message: str) -> str:
     line = " ".join("".join(c if c.isprintable() or c.isspace() else "?" for c in message).split())
-    if len(line) > _LONGEST_MESSAGE:
-        line = f"{line[: _LONGEST_MESSAGE // 2 - 5]} ... {line[-_LONGEST_MESSAGE // 2 :]}"
+    if len(line) > _MAX_LENGTH:
+        line = f"{line[: _MAX_LENGTH // 2 - 5]} ... {line[-_MAX_LENGTH // 2 :]}"
     return line
 
 
@@ -204,7 +204,7 @@ def whole_number(text: str, option: str, low: int, high: int) -> int:
     return int(text)
 
 
-def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
+def shortened(text: str, longest: int = _MAX_VALUE) -> str:
     r"""Returns a text as messages repeat it: cut if it is long, quoted if it is not printable.
 
     >>> shortened("abc"), shortened("abcdef", longest=5), shortened("a\tb")
@@ -258,7 +258,7 @@ def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: o
 
 
 def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[str]) -> list[str]:
-    *tables, key = (shortened(str(part), _LONGEST_NAME) for part in error["loc"] or [""])
+    *tables, key = (shortened(str(part), _MAX_NAME) for part in error["loc"] or [""])
     if error["type"] == "extra_forbidden":
         *location, name = error["loc"]
         where = f"{source}: [{'.'.join(tables)}]" if tables else source
@@ -277,16 +277,16 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], oth
 
 def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> str:
     accepted = sorted(accepted)
-    message = f"{source}: unknown {kind} {shortened(name, _LONGEST_NAME)}{guess(name, accepted)}; accepted: "
+    message = f"{source}: unknown {kind} {shortened(name, _MAX_NAME)}{guess(name, accepted)}; accepted: "
     last = f", or {otherwise}" if otherwise else ""
-    room = max(_LONGEST_MESSAGE - len(message) - len(last) - 1, _SHORTEST_LIST)
+    room = max(_MAX_LENGTH - len(message) - len(last) - 1, _MIN_LIST)
     return f"{message}{shortened(', '.join(accepted), room)}{last}."
 
 
 def guess(name: str, accepted: Iterable[str]) -> str:
     """Returns a question with the accepted name that is most like another one; empty if none is like it."""
     lower = {other.lower(): other for other in accepted}
-    nearest = difflib.get_close_matches(name[:_LONGEST_NAME].lower(), lower, n=1, cutoff=0.6)
+    nearest = difflib.get_close_matches(name[:_MAX_NAME].lower(), lower, n=1, cutoff=0.6)
     return f" (did you mean {lower[nearest[0]]}?)" if nearest else ""
 
 

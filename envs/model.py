@@ -45,7 +45,7 @@ Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 T = TypeVar("T")
 P = ParamSpec("P")
 Feedback = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]  # see `_feedback`
-_STATES_AT_ONCE: Final = 200_000  # that are compiled together, to save memory
+_STATES_AT_ONCE: Final = 200_000  # states that are compiled together, to save memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +53,12 @@ class Component:
     """A component of an observation."""
 
     name: str
-    of_state: NDArray[np.int32]  # (S,) its value, 0 to size - 1
+    value: NDArray[np.int32]  # (S,) that of each state, 0 to size - 1
     numbers: NDArray[np.int_]  # (size, D) what each value stands for, from 0
-    largest: NDArray[np.int_]  # (D,) of them
-    per_cell: int  # by how many a number rises from a cell to the next; 0 if it is no position
+    largest: NDArray[np.int_]  # (D,) the largest of these numbers
+    per_cell: int  # difference of a number between adjacent cells; 0 if it is no position
     ones: NDArray[np.int_]  # (size, people) which columns of the component's one-hot block are 1
-    width: int  # of this block
+    width: int  # number of columns of this block
 
     @property
     def size(self) -> int:
@@ -86,7 +86,9 @@ class Model:
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
     zone: NDArray[np.int8]  # (S,) index into ZONES
-    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)  # from it, and kept
+    derived: dict[Hashable, Any] = field(
+        default_factory=dict, init=False, repr=False
+    )  # what is derived from the model and kept with it
 
     def __reduce__(self) -> tuple[Callable[[Scenario], "Model"], tuple[Scenario]]:
         """Pickles only the scenario, from which the model is compiled again."""
@@ -110,7 +112,7 @@ class Model:
     @property
     def n_places(self) -> int:
         """J; the states of a place are contiguous, and an episode never leaves them."""
-        return len(self.scenario.standing)
+        return len(self.scenario.layout.standing)
 
     @cached_property
     def fresh_state(self) -> NDArray[np.int64]:
@@ -127,9 +129,9 @@ class Model:
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
-        place, phase = divmod(context, len(self.scenario.stages))
+        place, phase = divmod(context, len(self.scenario.layout.stages))
         _, n_ticks, *parts = _shape(self.scenario)
-        first = place * n_ticks + int(np.argmax(self.scenario.ticks == phase))
+        first = place * n_ticks + int(np.argmax(self.scenario.layout.ticks == phase))
         return np.arange(parts[-1]) + first * math.prod(parts)
 
     @cached_property
@@ -192,7 +194,7 @@ def compile_scenario(scenario: Scenario) -> Model:
 def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
     """Returns how many values each part of a state has."""
     n_delays, n_cells = 1 + scenario.is_delayed, len(scenario.grid.position)
-    return len(scenario.standing), len(scenario.ticks), n_delays, scenario.ping_limit, n_cells
+    return len(scenario.layout.standing), len(scenario.layout.ticks), n_delays, scenario.ping_limit, n_cells
 
 
 @lru_cache(maxsize=64)
@@ -211,13 +213,13 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
             if values.any():  # memory for zeros is not even touched
                 arrays[name][first * n_block :][: len(values)] = values
 
-    place, tick, cell = scenario.every_start.T
+    place, tick, cell = scenario.layout.starts.T
     starts = np.ravel_multi_index((place, tick, 0 * place, 0 * place, cell), shape).astype(np.int32)
-    is_seen = scenario.is_seen[place]
+    is_seen = scenario.layout.is_seen[place]
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
     observation, size = np.zeros(len(arrays["cell"]), dtype=np.int64), 1
     for component in components:
-        observation += size * component.of_state
+        observation += size * component.value
         size *= component.size
     model = Model(
         scenario=scenario,
@@ -241,13 +243,13 @@ def _compile_places(
 ) -> dict[str, NDArray[np.generic]]:
     """Returns the arrays of a model over the states of some places."""
     rows, columns = scenario.grid.size
-    shape, n_phases = _shape(scenario), len(scenario.stages)
+    shape, n_phases = _shape(scenario), len(scenario.layout.stages)
     n_pings, n_cells = shape[3:]
     n_block = math.prod(shape[1:])
-    here = np.arange(places[0] * n_block, (places[-1] + 1) * n_block)
-    place, tick, delayed, pings, cell = np.unravel_index(here, shape)  # (S,) each
-    context = place * n_phases + scenario.ticks[tick]
-    zone_of = scenario.zone.reshape(-1, n_cells)  # (J * P, C)
+    state = np.arange(places[0] * n_block, (places[-1] + 1) * n_block)
+    place, tick, delayed, pings, cell = np.unravel_index(state, shape)  # (S,) each
+    context = place * n_phases + scenario.layout.ticks[tick]
+    zone_of = scenario.layout.zone.reshape(-1, n_cells)  # (J * P, C)
     zone = zone_of[context, cell]
 
     # The agent's part: event, grid reward and next cell
@@ -285,11 +287,11 @@ def _compile_places(
     issuer_reward[delayed == 1] += mean[delayed == 1, None]
     next_delayed = np.zeros(event.shape, dtype=np.int64)
     next_delayed[:, PING] = comes_late
-    ticks, chances = scenario.following
+    ticks, chances = scenario.layout.following
     next_tick = np.broadcast_to(ticks[tick][:, None], (*event.shape, ticks.shape[1]))  # (S, A, K)
-    if scenario.moves:
+    if scenario.layout.moves:
         is_person = zone_of == ZONES.index("issuer")  # (J * P, C)
-        next_context = place[:, None, None] * n_phases + scenario.ticks[next_tick]
+        next_context = place[:, None, None] * n_phases + scenario.layout.ticks[next_tick]
         waits = is_person[next_context, next_cell[:, :, None]] & ~terminated[:, :, None]
         next_tick = np.where(waits, tick[:, None, None], next_tick)
     next_tick = np.where(terminated[:, :, None], tick[:, None, None], next_tick)
@@ -300,7 +302,7 @@ def _compile_places(
     next_state = np.ravel_multi_index(tuple(following), shape)
 
     over = (zone == ZONES.index("issuer")) | scenario.grid.is_wall[cell]  # absorbing
-    next_state[over] = here[over][:, None, None]
+    next_state[over] = state[over][:, None, None]
     wrong_pings[over] = pings[over, None]
     event[over] = EVENTS.index("none")
     grid_reward[over] = issuer_reward[over] = issuer_noise[over] = 0.0
@@ -321,19 +323,22 @@ def _compile_places(
     }
 
 
-def _components(scenario: Scenario, *of_states: NDArray[np.int32]) -> tuple[Component, ...]:
+def _components(
+    scenario: Scenario, context: NDArray[np.int32], cell: NDArray[np.int32], pings: NDArray[np.int32]
+) -> tuple[Component, ...]:
     """Returns the observed components of all states, given (S,) their context, cell and wrong PINGs."""
-    context, cell, pings = of_states
-    grid, n, n_phases = scenario.grid, scenario.n_people, len(scenario.stages)
+    grid, n, n_phases = scenario.grid, scenario.n_people, len(scenario.layout.stages)
     largest = np.maximum(np.array(grid.size) - 1, 1)
-    cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
-    standing = scenario.standing.reshape(-1, n)  # (J * P, people)
+    cells = np.array(scenario.layout.issuer_cells) @ (grid.columns, 1)
+    standing = scenario.layout.standing.reshape(-1, n)  # (J * P, people)
     spots = np.searchsorted(cells, standing)  # among the cells
     if n == 1:
         groups, group = np.arange(len(cells))[:, None], spots[:, 0]
     else:
         groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
-    shown = np.array(scenario.shown_cells)[groups]  # (places, people, 2)
+    shown = np.array(scenario.layout.shown_cells(scenario.issuer.permuted, scenario.draw))[
+        groups
+    ]  # (places, people, 2)
 
     def component(name: str) -> Component:
         match name:
@@ -341,14 +346,13 @@ def _components(scenario: Scenario, *of_states: NDArray[np.int32]) -> tuple[Comp
                 ones = np.arange(len(grid.position))[:, None]
                 return Component(name, cell, grid.position, largest, 1, ones, len(ones))
             case "issuer":
-                numbers, of_state = shown.reshape(len(groups), -1), group[context].astype(np.int32)
-                return Component(name, of_state, numbers, np.tile(largest, n), 1, groups, len(cells))
+                numbers, value = shown.reshape(len(groups), -1), group[context].astype(np.int32)
+                return Component(name, value, numbers, np.tile(largest, n), 1, groups, len(cells))
             case "phase" | "wrong_pings":
-                of_state, size = (
-                    (context % n_phases, n_phases) if name == "phase" else (pings, scenario.ping_limit)
-                )
+                phases, counts = (context % n_phases, n_phases), (pings, scenario.ping_limit)
+                value, size = phases if name == "phase" else counts
                 numbers = np.arange(size)[:, None]
-                return Component(name, of_state, numbers, np.array([max(size - 1, 1)]), 0, numbers, size)
+                return Component(name, value, numbers, np.array([max(size - 1, 1)]), 0, numbers, size)
             case _:
                 return _relative(scenario, name, context, cell)
 
@@ -365,7 +369,7 @@ def _relative(
     """
     grid, n = scenario.grid, scenario.n_people
     farthest, columns = np.array(grid.size) - 1, 2 * grid.columns - 1
-    standing = scenario.standing.reshape(-1, n)
+    standing = scenario.layout.standing.reshape(-1, n)
     offset = grid.position[standing][:, None] - grid.position[:, None]  # (J * P, C, people, 2)
     if name == "centre":
         offset, farthest = offset.sum(axis=2, keepdims=True), n * farthest
@@ -375,15 +379,15 @@ def _relative(
         offset = np.take_along_axis(offset, order[:, :, : scenario.n_seen, None], axis=2)
     index = (offset + farthest) @ (columns, 1)  # (J * P, C, people)
     size, n_seen = (2 * int(farthest[0]) + 1) * columns, index.shape[2]
-    values, of_cell = np.arange(size)[:, None], index[:, :, 0]
+    values, number_at = np.arange(size)[:, None], index[:, :, 0]
     if n_seen > 1:  # of the many combinations of offsets, only those that occur
         rows = index.reshape(-1, n_seen)
         first, number = numbered([*rows.T])
-        of_cell, values = number.reshape(of_cell.shape), rows[first]
+        number_at, values = number.reshape(number_at.shape), rows[first]
     numbers = np.stack(np.divmod(values, columns), axis=2).reshape(len(values), -1)
     return Component(
         name=name,
-        of_state=of_cell[context, cell].astype(np.int32),
+        value=number_at[context, cell].astype(np.int32),
         numbers=numbers,
         largest=np.tile(np.maximum(2 * farthest, 1), n_seen),
         per_cell=n if name == "centre" else 1,
@@ -414,22 +418,22 @@ def _feedback(scenario: Scenario) -> Feedback:
     W is `ping_limit` if users' functions are given the wrong PINGs so far, else 1. Feedback by distance is
     relative to the largest distance from a start in the same place.
     """
-    position = scenario.grid.position
-    place, tick, cell = scenario.every_start.T
-    n_places, n_phases, n = scenario.standing.shape
+    layout, position = scenario.layout, scenario.grid.position
+    n_places, n_phases, n = layout.standing.shape
     n_pings = scenario.ping_limit if scenario.own_feedback else 1
     shape, flat = (n_places, n_phases, n_pings, len(position)), (n_places * n_phases, n_pings, len(position))
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-    answering = [[it for it in others if it.feedback] for others in scenario.others_at]
+    answering = [[it for it in others if it.feedback] for others in layout.others]
     feedback = [scenario.issuer.feedback] * n + [it.feedback for it in answering[0] if it.feedback]
     if all(it.kind == "none" for it in feedback):
         return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)
     stands = np.empty((n_places, n_phases, len(feedback), 2), dtype=np.int_)
-    stands[:, :, :n] = position[scenario.standing]
+    stands[:, :, :n] = position[layout.standing]
     for p, others in enumerate(answering):
         stands[:, p, n:] = np.array([it.position for it in others]).reshape(-1, 2)
+    place, tick, cell = layout.starts.T
     from_start = np.zeros((n_places, len(feedback)), dtype=np.int_)
-    far = abs(position[cell][:, None] - stands[place, scenario.ticks[tick]]).sum(axis=2)
+    far = abs(position[cell][:, None] - stands[place, layout.ticks[tick]]).sum(axis=2)
     np.maximum.at(from_start, place, far)
     for p in range(n_phases):
         far = abs(position - stands[:, p, :, None]).sum(axis=3)  # (J, people, C), L1 distances
@@ -441,23 +445,44 @@ def _feedback(scenario: Scenario) -> Feedback:
                 case BoundedFeedback(kind="uniform", low=low, high=high):
                     value, width = (low + high) / 2, (high - low) / 2
                 case BoundedFeedback(low=low, high=high):
-                    value = np.where(scenario.zone[:, p, None] == ZONES.index("target"), high, low)
+                    value = np.where(layout.zone[:, p, None] == ZONES.index("target"), high, low)
                 case NoisyFeedback():
                     width = its.noise
                 case OwnFeedback():
-                    rewards = np.zeros((2, n_places, n_pings, len(position)))  # lowest and highest
-                    for j, _, c in np.argwhere(nearest == k).tolist():
-                        person = [it for it in scenario.people_in(j, p) if it.feedback][k]
-                        zone, agent = ZONES[scenario.zone[j, p, c]], divmod(c, scenario.grid.columns)
-                        if zone == "issuer" or scenario.grid.is_wall[c]:
-                            continue
-                        distances, phase = (int(far[j, k, c]), int(from_start[j, k])), scenario.stages[p].name
-                        seen = partial(Ping, agent, person.position, person.heading, *distances, zone, phase)
-                        rewards[:, j, :, c] = its.answers([*map(seen, range(n_pings))], scenario.name)
-                    value, width = rewards.mean(axis=0), (rewards[1] - rewards[0]) / 2
+                    asked = np.argwhere(nearest == k)[:, [0, 2]]
+                    low, high = _own_rewards(scenario, its, (p, k), asked, far[:, k], from_start[:, k])
+                    value, width = (low + high) / 2, (high - low) / 2
                 case _ if its.kind == "none":
                     value = 0.0
-            mean[:, p] = np.where(nearest == k, value, mean[:, p])
-            noise[:, p] = np.where(nearest == k, width, noise[:, p])
-            is_late[:, p] = np.where(nearest == k, its.kind == "delayed", is_late[:, p])
+            is_nearest = nearest == k
+            mean[:, p] = np.where(is_nearest, value, mean[:, p])
+            noise[:, p] = np.where(is_nearest, width, noise[:, p])
+            is_late[:, p] = np.where(is_nearest, its.kind == "delayed", is_late[:, p])
     return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)
+
+
+def _own_rewards(
+    scenario: Scenario,
+    feedback: OwnFeedback,
+    at: tuple[int, int],
+    asked: NDArray[np.int_],
+    far: NDArray[np.int_],
+    from_start: NDArray[np.int_],
+) -> NDArray[np.float64]:
+    """Returns the lowest and highest rewards by a user's function, (2, J, ping_limit, C).
+
+    It is asked in a phase and by the person with a number, `at`, in the places and cells of `asked`, (n, 2).
+    Distances are of each cell, (J, C), and of the farthest start, (J,).
+    """
+    phase, person = at
+    layout, n_pings = scenario.layout, scenario.ping_limit
+    rewards = np.zeros((2, len(far), n_pings, far.shape[1]))
+    for j, c in asked.tolist():
+        zone = ZONES[layout.zone[j, phase, c]]
+        if zone == "issuer" or scenario.grid.is_wall[c]:
+            continue
+        its = [it for it in scenario.people_in(j, phase) if it.feedback][person]
+        agent, distances = divmod(c, scenario.grid.columns), (int(far[j, c]), int(from_start[j]))
+        seen = partial(Ping, agent, its.position, its.heading, *distances, zone, layout.stages[phase].name)
+        rewards[:, j, :, c] = feedback.answers([*map(seen, range(n_pings))], scenario.name)
+    return rewards

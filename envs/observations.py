@@ -26,14 +26,14 @@ OBSERVATIONS: Final = tuple(ENCODINGS)
 INDICES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "index")
 VECTORS: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding != "index")
 COORDINATES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "coordinates")
-LARGEST_TABLE: Final = 50_000_000  # numbers, of all one-hot observations
+MAX_TABLE: Final = 50_000_000  # numbers in the table of all one-hot observations
 
 
 def check_one_hot(n_observations: int, n_features: int) -> None:
     """Refuses, by an InputError, a table of one-hot observations that does not fit into memory."""
-    if n_observations * n_features > LARGEST_TABLE:
+    if n_observations * n_features > MAX_TABLE:
         found = f"{n_observations:,} observations of {n_features:,} numbers each"
-        accepted = f'at most {LARGEST_TABLE:,} numbers in all, or "coordinates" or "index"'
+        accepted = f'at most {MAX_TABLE:,} numbers in all, or "coordinates" or "index"'
         raise InputError(f"observation one_hot: {found}; accepted: {accepted}.")
 
 

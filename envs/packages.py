@@ -2,38 +2,53 @@
 
 import os
 import posix
-from collections.abc import Callable, Iterator, Mapping
+import re
+import tomllib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, requires
 from importlib.util import find_spec
 from itertools import chain
+from pathlib import Path
 from traceback import extract_tb
 from types import ModuleType
 from typing import Final
 
 from envs.inputs import InputError, guess, shortened
 
-# The modules of each extra. They are not read from the metadata of an installation, since a checkout need not
-# be installed; a test compares them with pyproject.toml.
-EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
-    "reproduce": (
-        "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba",
-        "pandas", "rich", "scipy", "seaborn", "tabulate",
-    ),
-    "deep": (
-        "arch", "moviepy", "rliable", "sb3_contrib", "stable_baselines3", "tensorboard", "torch", "tqdm",
-    ),
-    "docs": ("pdoc",),
-    "cluster": ("distributed",),
-    "render": ("pygame",),
-}  # fmt: skip
-# Names of packages that differ from those of their modules.
-PACKAGES: Final[Mapping[str, str]] = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
+# Modules whose names are not those of their packages.
+_RENAMED: Final = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
 
 
 class MissingPackageError(ModuleNotFoundError, InputError):
     """A package is not installed. The message says what installs it."""
+
+
+@cache
+def extras() -> dict[str, list[str]]:
+    """Returns the names of the packages that each extra of this project adds."""
+    try:
+        lines = requires("proxemic-benchmark") or []
+    except PackageNotFoundError:  # a checkout need not be installed
+        pyproject = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+        tables = pyproject["project"]["optional-dependencies"]
+        lines = [f"{line}; extra == '{extra}'" for extra in tables for line in tables[extra]]
+    found: dict[str, list[str]] = {}
+    for line in lines:
+        if match := re.fullmatch(r"([a-z0-9-]+)[^\[]*extra == .(.+).", line):  # no other extras, in brackets
+            found.setdefault(match[2], []).append(match[1])
+    return found
+
+
+def package_of(module: str) -> str:
+    """Returns the name of the package that brings a module.
+
+    >>> package_of("sb3_contrib"), package_of("PIL")
+    ('sb3-contrib', 'pillow')
+    """
+    return _RENAMED.get(module, module.replace("_", "-"))
 
 
 def imported(name: str, source: str, kind: str) -> object:
@@ -57,7 +72,8 @@ def imported(name: str, source: str, kind: str) -> object:
             hint = _installer(missing)
         elif missing == module.partition(".")[0]:
             accepted = "a module of the current folder, of that of the file, or of an installed package"
-            hint = f"{guess(missing, chain(*EXTRAS.values()))}; accepted: {accepted}"
+            modules = (package.replace("-", "_") for package in chain(*extras().values()))
+            hint = f"{guess(missing, modules)}; accepted: {accepted}"
         raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}.") from error
 
 
@@ -105,7 +121,7 @@ def needed_by(what: str) -> Iterator[None]:
 
 def missing_package(what: str, module: str) -> MissingPackageError:
     """Returns the error that something needs a package, given as the module that is not installed."""
-    needed = f"{what} needs the package {PACKAGES.get(module, module)}, which is not installed"
+    needed = f"{what} needs the package {package_of(module)}, which is not installed"
     return MissingPackageError(f"{needed}{_installer(module)}.", name=module)
 
 
@@ -118,8 +134,8 @@ def _missing(error: BaseException) -> str | None:
 
 
 def _installer(module: str) -> str:
-    for extra, modules in EXTRAS.items():
-        if module in modules:
+    for extra, packages in extras().items():
+        if package_of(module) in packages:
             mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"
             elsewhere = f"pip install 'CHECKOUT[{extra}]' elsewhere, where CHECKOUT is its path"
             return f"; in a checkout of this project, make {mark} installs it, and {elsewhere}"

@@ -6,32 +6,16 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, Tag, ValidationError, WrapValidator, model_validator
-from pydantic import ValidatorFunctionWrapHandler as Handler
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from envs.inputs import InputError, Line, Table, require, shortened
+from envs.inputs import InputError, Label, Line, Table, require, shortened
 from envs.packages import contained, imported
-from envs.regions import HEADINGS, Cell, Heading, Length, Regions, Ring
+from envs.regions import HEADINGS, Cell, Heading, Length, Place, Regions, Ring
 
-MAX_STATES: Final = 4_000_000  # of a scenario
-_MOST: Final = 1_000_000  # of a reward
-Reward = Annotated[float, Field(ge=-_MOST, le=_MOST)]
+MAX_STATES: Final = 4_000_000  # states of a scenario
+_MAX_REWARD: Final = 1_000_000
+Reward = Annotated[float, Field(ge=-_MAX_REWARD, le=_MAX_REWARD)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
-
-
-def _checked_place(value: object, handler: Handler) -> object:
-    if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
-        value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
-    try:
-        return handler(value)
-    except ValidationError as error:
-        accepted = 'a cell [ROW, COLUMN], a list of at least one cell, or "anywhere"'
-        raise ValueError(f"accepted: {accepted}") from error
-
-
-# A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
-_Cells = Annotated[tuple[Cell, ...], Field(min_length=1)]
-Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_place)]
 
 
 class PlainFeedback(Table):
@@ -102,19 +86,22 @@ class OwnFeedback(Table):
         """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
         function = contained()(self.function(source))
         try:
-            said, again = (np.array([np.broadcast_to(function(ping), 2) for ping in pings]) for _ in range(2))
+            answers, again = (
+                np.array([np.broadcast_to(function(ping), 2) for ping in pings]) for _ in range(2)
+            )
         except Exception as error:  # whatever the function raises
             reason = f"{type(error).__name__}: {error}".removesuffix(".")
         else:
-            if said.dtype.kind not in "iuf":
+            if answers.dtype.kind not in "iuf":
                 reason = "no number"
-            elif not ((abs(said) <= _MOST) & (said[:, :1] <= said)).all():
-                reason = shortened(str(said.tolist()))
-            elif not np.array_equal(said, again):
+            elif not ((abs(answers) <= _MAX_REWARD) & (answers[:, :1] <= answers)).all():
+                reason = shortened(str(answers.tolist()))
+            elif not np.array_equal(answers, again):
                 reason = "another answer when asked again"
             else:
-                return said.T.astype(np.float64)
-        accepted = f"a number from {-_MOST:,} to {_MOST:,}, or a pair of them, the lowest and the highest"
+                return answers.T.astype(np.float64)
+        numbers = f"a number from {-_MAX_REWARD:,} to {_MAX_REWARD:,}"
+        accepted = f"{numbers}, or a pair of them, the lowest and the highest"
         where = f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
         raise InputError(f"{where}: {reason}; accepted: {accepted}.")
 
@@ -180,13 +167,45 @@ class Issuer(Table):
     unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
     """Further such places, drawn after these: part of the observations, but no episode starts with them."""
     permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Fraction of the cells where people may stand that are shown with another cell's coordinates."""
+    """Fraction of cells shown with another cell's coordinates."""
     feedback: Feedback
     """The reward that the person adds to every PING."""
     heading: Heading = "up"
     """Where the person looks."""
     walk: Walk | None = None
     """How the person walks; by default not at all."""
+
+
+# Names and probabilities. Sorted, so that equal phases have equal hashes and draw alike.
+Chances = Annotated[
+    dict[str, Annotated[float, Field(gt=0, le=1)]],
+    Field(max_length=20),
+    AfterValidator(lambda chances: dict(sorted(chances.items()))),
+]
+
+
+class Phase(Table):
+    """What is different about the person for some time, and how the phase ends.
+
+    Either every phase lasts a number of `steps`, and the first follows the last; or every phase names with
+    which probability which other phase follows after each step (`next`), and stays otherwise. What a phase
+    does not give is as in the scenario's other tables.
+    """
+
+    omitted_at_default: ClassVar[Set[str]] = {"position", "heading", "regions", "steps", "next"}
+
+    name: Annotated[Label, Field(min_length=1, max_length=40)]
+    """Name of the phase, for pictures and for `next`."""
+    position: Cell | None = None
+    """Where the person stands in this phase."""
+    heading: Heading | None = None
+    """Where the person looks in this phase."""
+    regions: Regions | None = None
+    """The regions around the person in this phase."""
+    steps: Steps | None = None
+    """How many steps the phase lasts."""
+    next: Chances | None = None
+    """With which probability which other phase follows after each step, by name; the sum is at most 1."""
 
 
 class Group(Table):

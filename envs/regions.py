@@ -1,15 +1,16 @@
-"""The regions around a person: their shapes, the zones of cells, and outlines.
+"""The grid and the regions around people: their shapes, the zones of cells, and outlines.
 
 The C cells are numbered `row * columns + column`. A region holds every cell whose centre lies in its shape.
 """
 
 from collections.abc import Set
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, WrapValidator, model_validator
+from pydantic import ValidatorFunctionWrapHandler as Handler
 
 from envs.inputs import InputError, Table, require
 
@@ -24,8 +25,88 @@ Corner = tuple[int, int]  # (row, column); cell (r, c) lies between the corners 
 # on its right.
 Loop = tuple[Corner, ...]
 
+MAX_CELLS: Final = 100_000
 # Lengths that are rounded in metres must not decide whether a cell on the border belongs to a region.
 TOLERANCE: Final = 1e-9
+
+
+def _checked_place(value: object, handler: Handler) -> object:
+    if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
+        value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
+    try:
+        return handler(value)
+    except ValidationError as error:
+        accepted = 'a cell [ROW, COLUMN], a list of at least one cell, or "anywhere"'
+        raise ValueError(f"accepted: {accepted}") from error
+
+
+# A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
+_Cells = Annotated[tuple[Cell, ...], Field(min_length=1)]
+Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_place)]
+
+
+def listed(place: Place | None) -> list[Cell]:
+    """Returns the different cells that a place lists: none for "anywhere"."""
+    match place:
+        case None | "anywhere":
+            return []
+        case (int(row), int(column)):
+            return [(row, column)]
+        case cells:
+            return [*dict.fromkeys(cells)]
+
+
+class Grid(Table):
+    """Size of the floor, the cell in which episodes start, and walls."""
+
+    omitted_at_default: ClassVar[Set[str]] = {"walls", "metres_per_cell"}
+
+    rows: Annotated[int, Field(ge=1, le=1000)]
+    """Number of rows; together at most 100,000 cells."""
+    columns: Annotated[int, Field(ge=1, le=1000)]
+    """Number of columns."""
+    start: Place
+    """Where the agent starts, outside every region, and with a way to a target region."""
+    walls: str = ""
+    """A line of text per row: "#" is a wall, "." floor. Nobody can enter a wall."""
+    metres_per_cell: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Width of a cell, for regions in metres."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    @cached_property
+    def position(self) -> NDArray[np.int_]:
+        """(C, 2) row and column of each cell."""
+        return np.stack(np.divmod(np.arange(self.rows * self.columns), self.columns), axis=1)
+
+    @cached_property
+    def is_wall(self) -> NDArray[np.bool_]:
+        """(C,) which cells are walls."""
+        signs = "".join(self.walls.split()) or "." * (self.rows * self.columns)
+        return np.array([sign == "#" for sign in signs])
+
+    def index(self, cell: Cell) -> int:
+        """Returns the number of a cell."""
+        return cell[0] * self.columns + cell[1]
+
+    def cells_of(self, place: Place) -> NDArray[np.int_]:
+        """Returns the numbers of the different cells of a place."""
+        if place == "anywhere":
+            return np.arange(len(self.position))
+        return np.array([*map(self.index, listed(place))])
+
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        (rows, columns), lines = self.size, self.walls.split()
+        size = f"rows x columns = {rows} x {columns}"
+        require(rows * columns <= MAX_CELLS, size, f"at most {MAX_CELLS} cells")
+        is_complete = [len(line) for line in lines] == [columns] * rows and set(self.walls) <= set("#. \n")
+        accepted = f'{rows} lines of {columns} characters, "#" a wall, "." floor'
+        require(is_complete or not lines, "walls", accepted)
+        return self
 
 
 class Round(Table):
@@ -103,6 +184,10 @@ class Regions(Table):
         require(not is_around, 'uncomfortable.kind = "ring"', "square, circle or egg")
         return self
 
+    def cell_width(self, grid: Grid) -> float:
+        """Returns the width of a grid's cells in the unit of lengths."""
+        return grid.metres_per_cell or 1.0 if self.unit == "metres" else 1.0
+
     @property
     def shapes(self) -> tuple[AnyShape, AnyShape]:
         """The shapes of the uncomfortable region, and of the target region with what lies inside."""
@@ -112,13 +197,11 @@ class Regions(Table):
         )
 
 
-def zones(
-    regions: Regions, heading: Heading, cell: Cell, size: tuple[int, int], metres_per_cell: float = 1.0
-) -> NDArray[np.int8]:
-    """Returns the zone of every cell around a person, (C,) index into ZONES; `size` is that of the grid."""
-    window = _window(regions, heading, size, metres_per_cell if regions.unit == "metres" else 1.0)
-    top, left = size[0] - 1 - cell[0], size[1] - 1 - cell[1]
-    return window[top : top + size[0], left : left + size[1]].ravel()
+def zones(regions: Regions, heading: Heading, cell: Cell, grid: Grid) -> NDArray[np.int8]:
+    """Returns the zone of every cell around a person, (C,) index into ZONES."""
+    window = _window(regions, heading, grid.size, regions.cell_width(grid))
+    top, left = grid.rows - 1 - cell[0], grid.columns - 1 - cell[1]
+    return window[top : top + grid.rows, left : left + grid.columns].ravel()
 
 
 @lru_cache(maxsize=256)
@@ -203,7 +286,7 @@ def outlines(inside: NDArray[np.bool_]) -> tuple[Loop, ...]:
     (((0, 1), (0, 3), (1, 3), (1, 1)),)
     """
     padded = np.pad(inside, 1)
-    following: dict[Corner, list[Corner]] = {}  # ends of the edges that start here
+    following: dict[Corner, list[Corner]] = {}  # ends of the edges that start in a corner
     for row, column in np.argwhere(padded).tolist():
         top, left = row - 1, column - 1
         corners = ((top, left), (top, left + 1), (top + 1, left + 1), (top + 1, left))

@@ -41,9 +41,9 @@ BORDERS: Final = {
     "target": ("target region's outer edge", False),
     "uncomfortable": ("uncomfortable region's edge", True),
 }
-COLOUR_MAP: Final = "cividis"  # of values, wherever they are drawn
-DIVERGING: Final = "PuOr"  # of values of both signs, whose middle is zero
-CLIPPED_SHARE: Final = 0.01  # of values, at each end of a colour scale, which outliers would stretch
+COLOUR_MAP: Final = "cividis"  # colour map of values, wherever they are drawn
+DIVERGING: Final = "PuOr"  # colour map of values of both signs; its middle is zero
+CLIPPED_SHARE: Final = 0.01  # share of values beyond each end of a colour scale; outliers would stretch it
 _ASIDE: Final = MOVES[:, ::-1]
 # Of each move, (row, column) from the cell's centre: corners of its triangle, the third of which is the
 # centre, and of its arrow head, the first of which is the tip.
@@ -51,7 +51,7 @@ TRIANGLES: Final = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES
 ARROWHEADS: Final = np.stack(
     [0.46 * MOVES, 0.27 * MOVES + 0.13 * _ASIDE, 0.27 * MOVES - 0.13 * _ASIDE], axis=1
 )
-NOSE: Final = 0.5, 0.2, 0.25  # of a person: distances of tip and base from the centre, and half the base
+NOSE: Final = 0.5, 0.2, 0.25  # distances of the nose's tip and base from a person's centre, and half its base
 
 
 @dataclass(frozen=True)
@@ -111,10 +111,10 @@ class Scene:
 @kept_with_model
 def scene_of(model: Model, context: int = 0) -> Scene:
     """Returns the map of a model's cells with the issuer in one position and phase, see `Model.context`."""
-    scenario = model.scenario
+    scenario, layout = model.scenario, model.scenario.layout
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
-    position, phase = divmod(context, len(scenario.stages))
+    position, phase = divmod(context, len(layout.stages))
     people = [
         Glyph(
             "issuer" if person.regions else "bystander",
@@ -126,11 +126,11 @@ def scene_of(model: Model, context: int = 0) -> Scene:
     ]
     np.put(zone, [glyph.cell for glyph in people if glyph.kind == "bystander"], ZONES.index("outside"))
     circle = None
-    if isinstance((scenario.stages[phase].regions or scenario.regions).target, Ring):
-        centres, radii = circles(grid.position[scenario.standing[position, phase]][None])
+    if isinstance((layout.stages[phase].regions or scenario.regions).target, Ring):
+        centres, radii = circles(grid.position[layout.standing[position, phase]][None])
         circle = (*(centres[0] + 0.5).tolist(), float(radii[0]))
-    is_here = model.context[model.starts] // len(scenario.stages) == position
-    starts = np.unique(model.cell[model.starts[is_here]]).tolist()  # one of many is not marked
+    is_in_place = model.context[model.starts] // len(layout.stages) == position
+    starts = np.unique(model.cell[model.starts[is_in_place]]).tolist()  # one of many is not marked
     is_floor = ~grid.is_wall.reshape(grid.size)
     return Scene(
         rows=grid.rows,
@@ -142,7 +142,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         # ZONES are ordered by nearness.
         outlines={region: outlines(is_floor & (zone >= ZONES.index(region))) for region in BORDERS},
         glyphs=(*people, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
-        phase=scenario.stages[phase].name if len(scenario.stages) > 1 else "",
+        phase=layout.stages[phase].name if len(layout.stages) > 1 else "",
         circle=circle,
     )
 

@@ -89,7 +89,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
         self._state = np.full(n, model.start, dtype=np.intp)
         self._last_event = np.zeros(n, dtype=np.int64)
-        self._steps = np.full(n, -1, dtype=np.int64)  # of the episode; -1 before the first reset
+        self._steps = np.full(n, -1, dtype=np.int64)  # steps in the episode; -1 before the first reset
         self._over = np.zeros(n, dtype=np.bool_)  # episodes that the next step resets
 
         self._starts = model.starts.astype(np.intp)

@@ -51,6 +51,7 @@ class Chaos:
     """A folder of results in which an experiment is executed, and disturbed."""
 
     machines: Machines  # if there is a cluster
+    workers: list[subprocess.Popen[bytes]]
 
     def __init__(self, folder: Path, algorithms: Mapping[str, object], seed: int) -> None:
         """Executes an experiment undisturbed in threads, to know its results; the seed draws moments."""
@@ -163,8 +164,8 @@ class Chaos:
         machines = self.machines
         process = self.start("--cluster", machines.address)
         is_running = self._wait(process)
-        machines.workers.pop(int(self.rng.integers(len(machines.workers)))).kill()
-        machines.workers.append(machines.add(f"worker{self.rng.integers(2**31)}", preload=""))
+        self.workers.pop(int(self.rng.integers(len(self.workers)))).kill()
+        self.workers.append(machines.add(f"worker{self.rng.integers(2**31)}", preload=""))
         _end(process, "a worker was killed", codes=(0,))
         return is_running
 
@@ -233,7 +234,7 @@ def main(arguments: list[str] | None = None) -> int:
                 ways = [chaos.worker_killed] * 3 + ways
             elif name == "cluster":
                 chaos.machines = machines = stack.enter_context(Machines(Path(folder)))
-                machines.workers = [machines.add(worker, preload="") for worker in ("first", "second")]
+                chaos.workers = [machines.add(worker, preload="") for worker in ("first", "second")]
                 ways = [chaos.cluster_worker_killed]
             disturb(chaos, ways, n_kills)
             total.update(chaos.happened)

@@ -9,7 +9,7 @@ import sys
 import tarfile
 import zipfile
 from collections.abc import Iterable
-from importlib.metadata import distribution
+from importlib.metadata import distribution, version
 from pathlib import Path
 from typing import Final
 
@@ -18,13 +18,12 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from benchmark import __version__
-from envs.packages import EXTRAS, PACKAGES, needed_by
+from envs.packages import extras, needed_by, package_of
 from tests.support import PROJECT, ROOT, copy_compiled, git
 from tests.test_layering import imported
 
 LAYERS: Final = ("agents", "benchmark", "envs")
 ALIAS: Final = "import gymnasium; print(gymnasium.make('proxemic_benchmark:Proxemic/S1-v0').reset(seed=0)[0])"
-BOUNDED: Final = {"imageio-ffmpeg", "pandas"}  # which moviepy and reproduce bring; deep only gives a bound
 
 
 @pytest.fixture(scope="module")
@@ -233,11 +232,13 @@ def test_other_missing_modules_are_not_explained(name: str) -> None:
 # Declarations
 
 
-def test_extras_are_those_of_pyproject() -> None:
-    assert {*EXTRAS} == {*PROJECT["optional-dependencies"]} - {"dev"}
-    for extra, modules in EXTRAS.items():
-        packages = {canonicalize_name(PACKAGES.get(module, module)) for module in modules}
-        assert packages == requirements(extra) - (BOUNDED if extra == "deep" else set()), extra
+def test_extras_are_those_of_pyproject(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the metadata of an installation, and in a checkout that is not installed."""
+    declared = {extra: requirements(extra) for extra in PROJECT["optional-dependencies"]}
+    for is_installed in (True, False):
+        if not is_installed:
+            monkeypatch.setattr("envs.packages.requires", lambda name: version(f"no-{name}"))
+        assert {extra: {*names} for extra, names in extras.__wrapped__().items()} == declared
 
 
 def third_party(layers: Iterable[str]) -> set[str]:
@@ -248,8 +249,9 @@ def third_party(layers: Iterable[str]) -> set[str]:
 
 def test_what_is_imported_is_declared() -> None:
     """All that is declared is imported, too, except what others import, as Gymnasium does pygame."""
-    core = {*requirements(None), "pydantic_core"}  # pydantic's own, which its documentation says to import
-    assert third_party(["envs"]) == core
-    used = {module for extra in ("reproduce", "deep", "cluster", "docs") for module in EXTRAS[extra]}
-    used -= {"arch", "moviepy", "sb3_contrib", "tensorboard", "tqdm"}  # of other packages, and by name
-    assert third_party(LAYERS) - {*EXTRAS["render"]} == core | used
+    core = {*requirements(None), "pydantic-core"}  # pydantic's own, which its documentation says to import
+    assert {*map(package_of, third_party(["envs"]))} == core
+    used = {name for extra in ("reproduce", "deep", "cluster", "docs") for name in extras()[extra]}
+    # Of other packages, and by name
+    used -= {"arch", "imageio-ffmpeg", "moviepy", "sb3-contrib", "tensorboard", "tqdm"}
+    assert {*map(package_of, third_party(LAYERS))} - {*extras()["render"]} == core | used

@@ -12,7 +12,7 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.experiments import load_experiment
-from benchmark.publish import document
+from benchmark.publish import front
 from envs import scenario_names
 from tests.support import ROOT, small_experiment, variant
 
@@ -147,7 +147,7 @@ def test_every_extension_has_a_test() -> None:
 
 def test_readme_is_made_of_the_published_tables() -> None:
     """So no number and no verdict in it can be another one; `make report` writes it."""
-    assert document.front(ROOT / "results") == README
+    assert front.front(ROOT / "results") == README
 
 
 def test_results_say_how_much_was_tuned() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
-from agents.tabular.kernel import LEAST_TRACE, Constants, Plan, Results, choose_action, find_best, record
+from agents.tabular.kernel import MIN_TRACE, Constants, Plan, Results, choose_action, find_best, record
 
 
 @numba.njit
@@ -65,7 +65,7 @@ def _learn(
     n_kept = 0
     for i in range(n_traces):
         strength, weight = decay * strengths[i], U(traced[i])
-        if strength >= LEAST_TRACE and renewed[weight] != step:
+        if strength >= MIN_TRACE and renewed[weight] != step:
             traced[n_kept], strengths[n_kept] = weight, strength
             flat[weight] += change * strength
             n_kept += 1
@@ -98,8 +98,8 @@ def train(
         weights = np.full((n_features, N_ACTIONS), initial_value / n_tilings)
         traced, strengths = np.empty(n_features * N_ACTIONS, np.int64), np.empty(n_features * N_ACTIONS)
         renewed = np.full(n_features * N_ACTIONS, -1)
-        masks = np.empty(n_observations, np.int64)  # of greedy actions
-        q = np.empty((2, N_ACTIONS))  # of this observation, and of the next one before the update
+        masks = np.empty(n_observations, np.int64)  # masks of greedy actions
+        q = np.empty((2, N_ACTIONS))  # values of this observation and, before the update, the next
         state, stream = draw_start(starts, stream)
         o = U(observation[state])
         _add_up(weights, tiles, o, q, 0)

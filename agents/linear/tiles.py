@@ -17,14 +17,14 @@ from envs import InputError, Model
 from envs.model import kept_with_model, numbered
 from envs.observations import values_of
 
-LARGEST_TABLE: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
+MAX_FEATURES: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
 
 
 def check_tiles(n_observations: int, n_tilings: int) -> None:
     """Refuses, by an InputError, features that do not fit into memory."""
-    if n_observations * n_tilings > LARGEST_TABLE:
+    if n_observations * n_tilings > MAX_FEATURES:
         found = f"n_tilings = {n_tilings}: a feature of each for {n_observations:,} observations"
-        raise InputError(f"{found}; accepted: at most {LARGEST_TABLE:,} features in all.")
+        raise InputError(f"{found}; accepted: at most {MAX_FEATURES:,} features in all.")
 
 
 @kept_with_model

@@ -27,7 +27,7 @@ _EXP: Final = tuple(1.0 / math.factorial(k) for k in range(13, -1, -1))
 _ARTANH: Final = tuple(1.0 / k for k in range(21, -1, -2))
 
 Numbers = NDArray[np.floating[Any]]
-Kind = type[np.floating[Any]]  # of an agent's numbers
+Kind = type[np.floating[Any]]  # the type of an agent's numbers
 Vector = tuple[Numbers, int]  # a flat array, and where in it the vector begins
 Matrix = tuple[Numbers, int, int, int]  # the same, and the distances from row to row and column to column
 

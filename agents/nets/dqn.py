@@ -73,13 +73,13 @@ class Dqn(NamedTuple):
 
 
 @inlined
-def exploration_rate(constants: Constants, taken: int) -> float:
+def exploration_rate(constants: Constants, n_steps: int) -> float:
     """Returns the probability of a random action after so many steps."""
-    if taken < constants.learning_starts:
+    if n_steps < constants.learning_starts:
         return 1.0
-    if taken == 0:  # as in Stable-Baselines3, which sets the rate after each step
+    if n_steps == 0:  # as in Stable-Baselines3, which sets the rate after each step
         return 0.0
-    progress = 1.0 - (1.0 - taken / constants.budget)  # rounded as in Stable-Baselines3
+    progress = 1.0 - (1.0 - n_steps / constants.budget)  # rounded as in Stable-Baselines3
     first, last = constants.exploration_initial_eps, constants.exploration_final_eps
     if progress > constants.exploration_fraction:
         return last
@@ -89,12 +89,12 @@ def exploration_rate(constants: Constants, taken: int) -> float:
 @compiled
 def _advance(agent: Dqn, until: int) -> None:
     constants, envs = agent.constants, agent.envs
-    while envs.taken[0] < until:
+    while envs.n_steps[0] < until:
         for _ in range(constants.train_freq):
             _act(agent)
-            if envs.taken[0] // len(envs.state) % constants.synchronised_every == 0:
+            if envs.n_steps[0] // len(envs.state) % constants.synchronised_every == 0:
                 _synchronise(agent)
-        if envs.taken[0] > constants.learning_starts:
+        if envs.n_steps[0] > constants.learning_starts:
             for _ in range(constants.gradient_steps):
                 _draw_batch(agent)
                 _update(agent)
@@ -108,8 +108,8 @@ def _act(agent: Dqn) -> None:
     is greedy.
     """
     replay, envs, observed = agent.replay, agent.envs, agent.net.observed
-    n_envs, first = len(envs.state), envs.taken[0] % len(replay.reward)
-    explores = draw(envs.stream) < exploration_rate(agent.constants, envs.taken[0])
+    n_envs, first = len(envs.state), envs.n_steps[0] % len(replay.reward)
+    explores = draw(envs.stream) < exploration_rate(agent.constants, envs.n_steps[0])
     for e in range(n_envs):
         observed[e] = envs.process.observation[envs.state[e]]
     at = 0
@@ -140,8 +140,8 @@ def _draw_batch(agent: Dqn) -> None:
     A return ends where the episode ends, or at the row written last.
     """
     replay, batch, n_steps, n_envs = agent.replay, agent.batch, agent.constants.n_steps, len(agent.envs.state)
-    n_taken, n_kept = agent.envs.taken[0], len(replay.reward)
-    last_row, n_filled = (n_taken - n_envs) % n_kept, min(n_taken, n_kept) // n_envs
+    n_made, n_kept = agent.envs.n_steps[0], len(replay.reward)
+    last_row, n_filled = (n_made - n_envs) % n_kept, min(n_made, n_kept) // n_envs
     gamma = like(batch.target, agent.constants.gamma)
     for b in range(len(batch.observed)):
         row = int(draw(agent.stream) * n_filled)

@@ -26,7 +26,7 @@ class Agent(ABC):
     """An agent while it is trained."""
 
     is_value: ClassVar[bool]  # whether its table has action values; else it has probabilities
-    outputs: ClassVar[tuple[int, ...]]  # of each of its nets, the one that acts first
+    outputs: ClassVar[tuple[int, ...]]  # how many each net has; the acting net comes first
     loop: "ClassVar[staticmethod[[Any, int], None]]"  # the compiled loop
 
     def __init__(

@@ -20,19 +20,19 @@ from envs import Model
 from envs.observations import ENCODINGS, observation_blocks, observation_table
 
 _BETAS: Final = (0.9, 0.999)  # PyTorch's, which Stable-Baselines3 leaves
-_LEAST: Final = 1e-30  # smaller moments count as zero: denormal numbers would slow every step down
+_MIN_MOMENT: Final = 1e-30  # smaller moments count as zero: denormal numbers would slow every step down
 _SUMS: Final = 256  # partial sums of a norm, so that they fill vector registers
 
 
 class Net(NamedTuple):
-    """A net's shape, where its parameters lie, what it reads, and room for calls, where rows are W apart."""
+    """A net's shape, where its parameters lie, what it reads, and room for calls; rows have W numbers."""
 
     n_inputs: int
     n_outputs: NDArray[np.int64]  # (L,)
     width: NDArray[np.int64]  # (L,) of the outputs, with padding
     weights_at: NDArray[np.int64]  # (L,) of weights (inputs with padding, width)
     biases_at: NDArray[np.int64]  # (L,)
-    end: int  # of its parameters
+    end: int  # the index after its last parameter
     is_relu: bool  # what follows each layer but the last, else tanh
     ones: NDArray[np.int32]  # (O, ones) which inputs are 1, if all others are 0; else (O, 0)
     table: Numbers  # (O, inputs) if they are not; else (O, 0)
@@ -157,12 +157,12 @@ def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int)
         rows, weights = (net.rows, 0, n_inputs, 1), (values, weights_at, width, 1)
         multiply((n_rows, width, n_inputs), (values, biases_at), rows, weights, (hidden, 0, stride, 1))
     for i in range(1, len(net.width)):
-        before, here = (i - 1) * size, i * size
+        input_at, output_at = (i - 1) * size, i * size
         for r in range(n_rows):
-            _activate(hidden[before + r * stride : before + r * stride + width], net.is_relu)
+            _activate(hidden[input_at + r * stride : input_at + r * stride + width], net.is_relu)
         n_in, width = width, net.width[i]
         start, weights = (values, net.biases_at[i]), (values, net.weights_at[i], width, 1)
-        activated, output = (hidden, before, stride, 1), (hidden, here, stride, 1)
+        activated, output = (hidden, input_at, stride, 1), (hidden, output_at, stride, 1)
         multiply((n_rows, width, n_in), start, activated, weights, output)
     return (len(net.width) - 1) * size
 
@@ -179,7 +179,7 @@ def best_output(net: Net, at: int) -> int:
 
 @inlined
 def compute_values(net: Net, parameters: Numbers, observed: NDArray[np.int32], values: Values) -> None:
-    """Computes the largest output for those of some observations that lack it; O is none of them."""
+    """Fills missing values; index O (terminal) is skipped."""
     lacking, n_lacking = net.observed, 0
     for i in range(len(observed) + 1):
         if n_lacking == len(lacking) or (i == len(observed) and n_lacking):
@@ -201,17 +201,17 @@ def backward(net: Net, parameters: Parameters, observed: NDArray[np.int32], n_ro
     stride, size, zeros = net.stride, net.n_rows * net.stride, (net.zeros, 0)
     for i in range(len(net.width) - 1, 0, -1):
         width, n_in, n_out = net.width[i], net.width[i - 1], net.n_outputs[i]
-        weights_at, here, before = net.weights_at[i], i * size, (i - 1) * size
-        _sum_rows(slopes, here, stride, n_rows, gradient[net.biases_at[i] : net.biases_at[i] + width])
-        activated, slope = (hidden, before, 1, stride), (slopes, here, stride, 1)
+        weights_at, output_at, input_at = net.weights_at[i], i * size, (i - 1) * size
+        _sum_rows(slopes, output_at, stride, n_rows, gradient[net.biases_at[i] : net.biases_at[i] + width])
+        activated, slope = (hidden, input_at, 1, stride), (slopes, output_at, stride, 1)
         multiply((n_in, width, n_rows), zeros, activated, slope, (gradient, weights_at, width, 1))
         for k in range(n_in):
             for j in range(n_out):
                 transposed[j * n_in + k] = values[weights_at + k * width + j]
         weights = (transposed, 0, n_in, 1)
-        multiply((n_rows, n_in, n_out), zeros, slope, weights, (slopes, before, stride, 1))
+        multiply((n_rows, n_in, n_out), zeros, slope, weights, (slopes, input_at, stride, 1))
         for r in range(n_rows):
-            at = before + r * stride
+            at = input_at + r * stride
             _slope_of_activation(slopes[at : at + n_in], hidden[at : at + n_in], net.is_relu)
     width, n_inputs = net.width[0], net.n_inputs
     weights_at, biases_at = net.weights_at[0], net.biases_at[0]
@@ -239,7 +239,7 @@ def learn(parameters: Parameters, learning_rate: float, epsilon: float, max_norm
     correction = like(values, 1.0 / math.sqrt(1.0 - betas[1]))
     new, new_square = like(values, 1.0 - _BETAS[0]), like(values, 1.0 - _BETAS[1])
     old_square, offset = like(values, _BETAS[1]), like(values, epsilon)
-    least, zero = like(values, _LEAST), like(values, 0)
+    least, zero = like(values, _MIN_MOMENT), like(values, 0)
     for i in range(len(values)):
         slope = gradient[i] * scale
         moment = first[i] + (slope - first[i]) * new

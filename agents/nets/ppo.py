@@ -26,8 +26,8 @@ from agents.sb3.settings import PpoSettings
 from envs import Model
 
 _EPSILON = 1e-5  # Adam's in Stable-Baselines3
-_GAIN = math.sqrt(2)  # of the first weights of hidden layers, in Stable-Baselines3
-_GAINS = 0.01, 1.0  # of the last layer of actor and critic
+_GAIN = math.sqrt(2)  # scales the first weights of hidden layers, as in Stable-Baselines3
+_GAINS = 0.01, 1.0  # scale those of the last layers of actor and critic
 
 
 class Constants(NamedTuple):
@@ -57,7 +57,7 @@ class Probabilities(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """What is computed of a rollout, (E * L,) each."""
+    """What is computed from a rollout; each array is (E * L,)."""
 
     old_log_probability: Numbers
     advantage: Numbers
@@ -117,7 +117,7 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 
 @compiled
 def _advance(agent: Ppo, until: int) -> None:
-    while agent.envs.taken[0] < until:
+    while agent.envs.n_steps[0] < until:
         agent.policy.is_known[:] = False
         agent.values.is_known[:] = False
         if not _roll_out(agent):
@@ -230,7 +230,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
             entropy -= batch.probability[r, a] * batch.log_probability[r, a]
         for a in range(N_ACTIONS):
             probability = float(batch.probability[r, a])
-            # By the log-probability of the action taken, and by those of all actions through the softmax.
+            # The slope goes through the action's log-probability, and by the softmax through all.
             total = slope * (probability - (1.0 if a == action else 0.0))
             total += constants.ent_coef * probability * (batch.log_probability[r, a] + entropy)
             slopes[at + r * actor.stride + a] += total / n_rows

@@ -23,7 +23,7 @@ class Envs(NamedTuple):
     stream: NDArray[np.uint64]  # (4,)
     state: NDArray[np.int64]  # (E,)
     steps: NDArray[np.int64]  # (E,) of the episode
-    taken: NDArray[np.int64]  # (1,) steps
+    n_steps: NDArray[np.int64]  # (1,) of all envs and episodes
     disagreements: NDArray[np.int64]  # (1,) wrong PINGs
     points: NDArray[np.int64]  # (T,) evaluation steps
     counts: NDArray[np.int64]  # (T,) wrong PINGs up to each of them, once it is over
@@ -53,9 +53,9 @@ def envs_of(
     """Returns the envs of an agent that has drawn where its first episodes start."""
     n_envs = settings.n_envs
     sizes = n_envs, n_envs, 1, 1, len(points)
-    state, steps, taken, disagreements, counts = (np.zeros(n, np.int64) for n in sizes)
+    state, steps, n_steps, disagreements, counts = (np.zeros(n, np.int64) for n in sizes)
     limit = settings.time_limit or 2**62
-    envs = Envs(process_of(model), limit, stream, state, steps, taken, disagreements, points, counts)
+    envs = Envs(process_of(model), limit, stream, state, steps, n_steps, disagreements, points, counts)
     _start(envs)
     return envs
 
@@ -110,9 +110,9 @@ def take(envs: Envs, e: int, action: int, steps: Steps, at: int) -> None:
 @inlined
 def count(envs: Envs) -> None:
     """Counts a step in every env, and keeps the wrong PINGs if an evaluation step is over."""
-    before = envs.taken[0]
-    envs.taken[0] += len(envs.state)
+    before = envs.n_steps[0]
+    envs.n_steps[0] += len(envs.state)
     for i in range(np.searchsorted(envs.points, before, side="right"), len(envs.points)):
-        if envs.points[i] > envs.taken[0]:
+        if envs.points[i] > envs.n_steps[0]:
             break
         envs.counts[i] = envs.disagreements[0]

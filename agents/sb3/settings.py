@@ -85,7 +85,7 @@ class DqnSettings(Sb3Settings):
     """Arguments and defaults of SB3's DQN."""
 
     learning_rate: Positive = 1e-4
-    """Of the optimiser, Adam."""
+    """Learning rate of Adam, the optimiser."""
     buffer_size: BufferSize = 1_000_000
     """Transitions that the replay buffer holds; no more are allocated than the budget fills."""
     learning_starts: Annotated[int, Field(ge=0, le=10**9)] = 100
@@ -130,7 +130,7 @@ class PpoSettings(Sb3Settings):
     normalize_advantage: bool = True
     """Whether the advantages of a mini-batch are standardized."""
     learning_rate: Positive = 3e-4
-    """Of the optimiser, Adam."""
+    """Learning rate of Adam, the optimiser."""
     batch_size: Annotated[int, Field(ge=2, le=100_000)] = 64
     """Transitions of a gradient step."""
     n_epochs: Count = 10

@@ -1,4 +1,4 @@
-"""What the net of an agent, of any class like those of Stable-Baselines3, says about all observations."""
+"""Reads the policy of an agent of Stable-Baselines3, or of a class like its own, as a table."""
 
 import json
 from base64 import b64decode
@@ -22,9 +22,9 @@ from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
 from envs.packages import imported
 
-# Of the pickled attributes of a saved agent, those without which its policy cannot be made and checked.
+# Pickled attributes of a saved agent without which its policy cannot be made and checked.
 _NEEDED: Final = ("policy_class", "policy_kwargs", "observation_space", "action_space", "_last_obs")
-# Of the methods that decide. A state is a memory only if a method returns one, too.
+# Arguments of methods that decide. A state is a memory only if a method returns one, too.
 _ARGUMENTS: Final = {"state", "episode_start", "deterministic", "args", "kwargs"}
 
 
@@ -66,10 +66,10 @@ def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[
     """Returns `policy_table` of an agent of any class; raises an exception if it does not say all."""
     name = type(agent).__name__
     methods = (agent.predict, getattr(agent.policy, "get_distribution", agent.predict))
-    taken = {argument for method in methods for argument in [*signature(method).parameters][1:]} - _ARGUMENTS
-    if taken:
-        kind = "has a memory" if "lstm_states" in taken else "depends on more than the observation"
-        raise ValueError(f"{name} {kind}: it takes {', '.join(sorted(taken))}")
+    extra = {argument for method in methods for argument in [*signature(method).parameters][1:]} - _ARGUMENTS
+    if extra:
+        kind = "has a memory" if "lstm_states" in extra else "depends on more than the observation"
+        raise ValueError(f"{name} {kind}: it takes {', '.join(sorted(extra))}")
     table = policy_table(agent, observations)
     if table.shape != (len(observations), len(ACTIONS)) or not np.isfinite(table).all():
         policy = type(agent.policy).__name__
@@ -102,7 +102,7 @@ def saved_table(
     try:
         agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects=_attributes(path, cls, modules))
     except Exception as error:  # whatever the saved objects raise
-        reason = first_line(error).partition(". ")[0]  # of torch's, advice on its arguments follows
+        reason = first_line(error).partition(". ")[0]  # torch adds advice on its own arguments
         accepted = f"accepted: what model.save of {algorithm} wrote"
         raise InputError(f"{path}: cannot be loaded: {reason}; {accepted}.") from error
     return agent_table(agent, str(path), model, observation, normalization)
@@ -131,8 +131,8 @@ def agent_table(
         for kind, space in expected.items():
             given = getattr(agent, f"{kind}_space")
             if given != space:
-                here = f'{model.scenario.name} with observation = "{observation}"'
-                raise InputError(f"{where}: {kind}_space = {given}; accepted in {here}: {space}.")
+                setting = f'{model.scenario.name} with observation = "{observation}"'
+                raise InputError(f"{where}: {kind}_space = {given}; accepted in {setting}: {space}.")
         inputs = net_inputs(agent, where, layers, observations, normalization)
         table = readable_table(agent, torch.as_tensor(inputs, device=agent.device))
     except InputError:

@@ -191,7 +191,7 @@ def save(path: Path, about: str, scenario: Scenario, settings: Any, form: str, a
         env = ProxemicVectorEnv(settings.n_envs, scenario, form, max_episode_steps=settings.time_limit)
         model = make_agent(DQN if agent.is_value else PPO, settings, venv := SB3VecEnv(env))
         model._last_obs = venv.reset()  # as after training; `assess` looks at it
-        model.num_timesteps = int(agent.envs.taken[0])
+        model.num_timesteps = int(agent.envs.n_steps[0])
         w, n = agent.weights(), len(agent.weights()) // 2
         # DQN has two equal nets. PPO has all hidden layers of actor and critic before their last ones.
         w = w * 2 if agent.is_value else [*w[: n - 2], *w[n:-2], *w[n - 2 : n], *w[-2:]]

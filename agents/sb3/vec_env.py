@@ -20,7 +20,7 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, env: ProxemicVectorEnv) -> None:
-        """Wraps a batch of envs; here, an env is reset in the step that ends its episode."""
+        """Wraps a batch of envs, in which an env is reset in the step that ends its episode."""
         self.env = env
         self.disagreements = 0  # wrong PINGs of all envs since the last reset
         self._is_disagreement = env.model.is_wrong_ping.ravel()
@@ -51,7 +51,7 @@ class SB3VecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Steps; returns observations (N, ...), rewards (N,) float32, dones (N,) and N infos."""
         step = self.env.advance(self._actions, lambda: self._generator.random(self.num_envs))
-        taken, grid_reward, issuer_reward, terminated, truncated = step
+        pairs, grid_reward, issuer_reward, terminated, truncated = step
         observations = self.env.observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         dones = terminated | truncated
@@ -60,10 +60,10 @@ class SB3VecEnv(VecEnv):
             for i in ended:
                 infos[i]["terminal_observation"] = observations[i].copy()
                 infos[i]["TimeLimit.truncated"] = not terminated[i]
-                infos[i]["is_success"] = self._is_success.item(taken[i])
+                infos[i]["is_success"] = self._is_success.item(pairs[i])
             self.env.restart(ended, lambda: self._generator.random(len(ended)))
             observations = self.env.observe()
-        self.disagreements += int(np.count_nonzero(self._is_disagreement.take(taken)))
+        self.disagreements += int(np.count_nonzero(self._is_disagreement.take(pairs)))
         return observations, (grid_reward + issuer_reward).astype(np.float32), dones, infos
 
     def close(self) -> None:

@@ -22,7 +22,7 @@ _UNCHANGING: Final = re.compile(
     r"|gymnasium\.wrappers\.(common|rendering|stateful_reward)|stable_baselines3\.common\.(monitor|vec_env\."
     r"(base_vec_env|dummy_vec_env|vec_check_nan|vec_monitor|vec_normalize|vec_video_recorder)))\."
 )
-_PRECISION: Final = 1e-5  # of observations, which are of single precision
+_PRECISION: Final = 1e-5  # observations have single precision
 _FUNCTION: Final = "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
 
 # What arrays, generators of random numbers and VecNormalize are made of.

@@ -1,6 +1,6 @@
 """The compiled loop that trains tabular agents, one after the other, each from its random stream.
 
-`compile_kernel` makes the loop for one update rule. Each agent acts epsilon-greedily.
+`compile_kernel` makes the loop of an update rule. Each agent acts epsilon-greedily.
 
 A step takes one 64-bit word. Its upper half decides whether to explore; its lower half decides which of the
 candidates to take: all actions when exploring, else the greedy ones. Then follow, each only where there is
@@ -17,7 +17,6 @@ import inspect
 import linecache
 from collections.abc import Callable
 from functools import lru_cache
-from types import FunctionType
 from typing import Final, NamedTuple
 
 import numba
@@ -26,12 +25,14 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
-from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
-from agents.tabular.updates import Q_LEARNING, Successor, UpdateRule
+from agents.process import N_ACTIONS, Process, Stream, U, draw_start, draw_step, draw_word
+from agents.tabular.updates import Successor, UpdateRule
 from envs.sources import digest_when_loaded
 
 N_CHOICES: Final = 60
-LEAST_TRACE: Final = 1e-3  # below this weight a trace is dropped
+Numbers = NDArray[np.float64]
+inlined: Final = numba.njit(forceinline=True)
+MIN_TRACE: Final = 1e-3  # below this weight a trace is dropped
 
 # (32, 60). Row m lists the actions of mask m, each equally often, since 60 is divisible by every count.
 CHOICES: Final = np.zeros((ALL_ACTIONS + 1, N_CHOICES), dtype=np.uint8)
@@ -66,14 +67,56 @@ class Plan(NamedTuple):
 class Results(NamedTuple):
     """Where a loop writes, see `TabularTraining`; that of linear learners leaves the last four."""
 
-    q: NDArray[np.float64]  # (N, O, A)
+    q: Numbers  # (N, O, A)
     greedy: NDArray[np.uint8]  # (N, T, O)
     values: NDArray[np.float32]  # (N, V, O, A)
     disagreements: NDArray[np.int64]  # (N, T)
-    max_q: NDArray[np.float64]  # (N, R)
-    table_max_q: NDArray[np.float64]  # (N, R), or (N, 0) if it is not recorded
+    max_q: Numbers  # (N, R)
+    table_max_q: Numbers  # (N, R), or (N, 0) if it is not recorded
     steps_taken: NDArray[np.int64]  # (N,)
     episodes_ended: NDArray[np.int64]  # (N,)
+
+
+class Turn(NamedTuple):
+    """Where an agent is between two steps."""
+
+    unit: int  # budget units so far
+    state: np.uint64
+    o: np.uint64
+    a: np.uint64  # the next action if the rule is on-policy; else meaningless
+    begins: bool  # whether an episode begins
+    episode_steps: int
+    steps: int
+    episodes: int
+    disagreements: int
+    n_traces: int
+    stream: Stream
+
+
+class Table(NamedTuple):
+    """What an agent learns, and what follows from it; all change in place."""
+
+    q: Numbers  # (O, A)
+    highest: Numbers  # (O,) the largest action value of each observation
+    greedy: NDArray[np.int64]  # (O,) masks of greedy actions
+    tree: Numbers  # (2,) if the largest value of the table is not recorded; else see `_new_tree`
+    halves: Numbers  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
+    traced: NDArray[np.int64]  # (O * A,) pairs o * A + a with traces, the latest last; or (0,)
+    weights: Numbers  # (O * A,) of these traces
+
+
+class Move(NamedTuple):
+    """An update of the value of an action."""
+
+    o: np.uint64
+    a: np.uint64
+    half: np.uint64  # which of two tables is updated
+    rate: float
+    target: float
+    begins: bool
+    n_traces: int
+    decay: float
+    takes_lowest: bool
 
 
 Kernel = Callable[[Process, Constants, Plan, NDArray[np.uint64], Results], None]
@@ -89,7 +132,7 @@ def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.
 
 
 @numba.njit
-def find_best(q: NDArray[np.float64], o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
+def find_best(q: Numbers, o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
     """Returns the largest action value of an observation, and the mask of its greedy actions."""
     q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
     best = max(max(max(q0, q1), max(q2, q3)), q4)
@@ -100,13 +143,7 @@ def find_best(q: NDArray[np.float64], o: np.uint64, takes_lowest: bool) -> tuple
 
 @numba.njit
 def record(
-    results: Results,
-    n: int,
-    i: int,
-    i_map: int,
-    q: NDArray[np.float64],
-    greedy: NDArray[np.int64],
-    disagreements: int,
+    results: Results, n: int, i: int, i_map: int, q: Numbers, greedy: NDArray[np.int64], disagreements: int
 ) -> None:
     """Writes what is recorded of an agent at an evaluation step, which may be a map step."""
     results.disagreements[n, i] = disagreements
@@ -116,7 +153,7 @@ def record(
 
 
 @numba.njit
-def _new_tree(n_observations: int, value: float) -> NDArray[np.float64]:
+def _new_tree(n_observations: int, value: float) -> Numbers:
     """Returns a tree in which each inner node is the larger of its two children, the largest at node 1."""
     leaves = 1
     while leaves < n_observations:
@@ -127,8 +164,8 @@ def _new_tree(n_observations: int, value: float) -> NDArray[np.float64]:
     return tree
 
 
-@numba.njit
-def _update_tree(tree: NDArray[np.float64], o: np.uint64, best: float) -> None:
+@inlined
+def _update_tree(tree: Numbers, o: np.uint64, best: float) -> None:
     node = len(tree) // 2 + int(o)
     tree[node] = best
     while node > 1:
@@ -140,71 +177,119 @@ def _update_tree(tree: NDArray[np.float64], o: np.uint64, best: float) -> None:
 
 
 @numba.njit
-def _trace(
-    traced: NDArray[np.int64], weights: NDArray[np.float64], n_traces: int, decay: float, pair: np.uint64
-) -> int:
+def _trace(traced: NDArray[np.int64], weights: Numbers, n_traces: int, decay: float, pair: np.uint64) -> int:
     """Decays the traces, drops the least, and sets that of a pair to 1; returns how many there are."""
     n_kept = 0
     for i in range(n_traces):
         weight = decay * weights[i]
-        if weight >= LEAST_TRACE and U(traced[i]) != pair:
+        if weight >= MIN_TRACE and U(traced[i]) != pair:
             traced[n_kept], weights[n_kept] = traced[i], weight
             n_kept += 1
     traced[n_kept], weights[n_kept] = pair, 1.0
     return n_kept + 1
 
 
-# `compile_kernel` replaces these in its copy of `_train`. They are constants when that is compiled, so what a
-# rule does not need is left out of the compiled code instead of being skipped in each step.
-_bootstrap: Callable[[Successor], float] = numba.njit(Q_LEARNING.bootstrap)
-_IS_ON_POLICY = Q_LEARNING.is_on_policy
-_HAS_TWO_TABLES = Q_LEARNING.has_two_tables
-_HAS_TRACES = Q_LEARNING.has_traces
-
-
-def _train(
-    process: Process, constants: Constants, plan: Plan, streams: NDArray[np.uint64], results: Results
+@inlined
+def _renew(
+    q: Numbers, highest: Numbers, greedy: NDArray[np.int64], tree: Numbers, o: np.uint64, takes_lowest: bool
 ) -> None:
-    """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
-    # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
-    first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    first_rate, halved_after, discount, epsilon, initial_value, decay, takes_lowest, time_limit = constants
-    budget, by_episode, record_every, points, map_index = plan
-    explore_below = U(round(epsilon * 2**32))
-    has_tree = results.table_max_q.shape[1] > 0
-    for n in range(len(streams)):
-        stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
-        q = results.q[n]
-        q[:] = initial_value
-        max_q, table_max_q = results.max_q[n], results.table_max_q[n]
-        highest = np.full(n_observations, initial_value)  # the largest action value of each observation
-        greedy = np.full(n_observations, 1 if takes_lowest else ALL_ACTIONS)  # masks
-        tree = _new_tree(n_observations, initial_value)
-        tables = np.full((n_observations if _HAS_TWO_TABLES else 0, 2, N_ACTIONS), initial_value)
-        table_rows = tables.reshape(-1, N_ACTIONS)
-        traced = np.empty(n_observations * N_ACTIONS if _HAS_TRACES else 0, np.int64)  # pairs, o * A + a
-        weights = np.empty(len(traced))  # of the traces, the latest last
-        state, stream = draw_start(starts, stream)
-        o = U(observation[state])
-        a = a_next = learned = best = U(0)
-        begins = True
-        steps = episodes = episode_steps = disagreements = n_points = n_records = next_record = n_traces = 0
-        next_point = points[0]
-        for unit in range(budget):
-            if unit == next_point:
-                record(results, n, n_points, map_index[n_points], q, greedy, disagreements)
-                n_points += 1
-                next_point = points[n_points]
-            is_recorded = unit == next_record
+    """Finds the best actions of an observation whose values have changed."""
+    highest[o], greedy[o] = find_best(q, o, takes_lowest)
+    if len(tree) > 2:
+        _update_tree(tree, o, highest[o])
+
+
+def _compile_learn(update: UpdateRule) -> Callable[..., int]:
+    has_two_tables, has_traces = update.has_two_tables, update.has_traces
+
+    @inlined
+    def learn(
+        q: Numbers,
+        highest: Numbers,
+        greedy: NDArray[np.int64],
+        tree: Numbers,
+        halves: Numbers,
+        traced: NDArray[np.int64],
+        weights: Numbers,
+        move: Move,
+    ) -> int:
+        """Moves the value of an action, and of earlier ones by traces; returns their number."""
+        o, a, half, rate, target, begins, n_traces, decay, takes_lowest = move
+        if has_traces:
+            kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
+            n_traces = int(_trace(traced, weights, kept, decay, o * U(N_ACTIONS) + a))
+            error = target - q[o, a]
+            for j in range(n_traces):
+                o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
+                q[o_traced, a_traced] += rate * error * weights[j]
+                _renew(q, highest, greedy, tree, o_traced, takes_lowest)
+            return n_traces
+        if has_two_tables:
+            halves[o, half, a] += rate * (target - halves[o, half, a])
+            q[o, a] = (halves[o, 0, a] + halves[o, 1, a]) / 2
+        else:
+            q[o, a] += rate * (target - q[o, a])
+        _renew(q, highest, greedy, tree, o, takes_lowest)
+        return 0
+
+    return learn  # type: ignore[no-any-return]
+
+
+@inlined
+def _draw_if(is_needed: bool, stream: Stream) -> tuple[np.uint64, Stream]:
+    return draw_word(stream) if is_needed else (U(0), stream)
+
+
+@inlined
+def _best_of_half(
+    has_two_tables: bool, rows: Numbers, row: np.uint64, takes_lowest: bool, word: np.uint64
+) -> np.uint64:
+    """Returns a best action by one of two tables; a word's lower half chooses."""
+    if not has_two_tables:
+        return U(0)
+    _, mask = find_best(rows, row, takes_lowest)
+    return U(choose_action(word, U(0), mask))
+
+
+def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
+    """Compiles the loop over steps of an update rule.
+
+    Variables around a function are constants when it is compiled, so what the rule does not need is left out
+    of the compiled code instead of being skipped in each step.
+    """
+    bootstrap = numba.njit(update.bootstrap)
+    is_on_policy, has_two_tables = update.is_on_policy, update.has_two_tables
+    learn = _compile_learn(update)
+
+    @numba.njit
+    def advance(
+        process: Process,
+        constants: Constants,
+        plan: Plan,
+        table: Table,
+        turn: Turn,
+        until: int,
+        max_q: Numbers,
+        table_max_q: Numbers,
+    ) -> Turn:
+        # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
+        first, outcomes, n_outcomes, _, observation, starts, is_noisy = process
+        first_rate, halved_after, discount, epsilon, _, trace_decay, takes_lowest, time_limit = constants
+        q, highest, greedy, tree, halves, traced, weights = table
+        start, state, o, a, begins, episode_steps, steps, episodes, disagreements, n_traces, stream = turn
+        by_episode, record_every = plan.by_episode, plan.record_every
+        explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
+        a_next, rows = a, halves.reshape(-1, N_ACTIONS)
+        n_records = -(-start // record_every)
+        for unit in range(start, until):
+            is_recorded = unit == n_records * record_every
             highest_met = table_highest = -np.inf
             while True:
                 if is_recorded:
-                    highest_met = max(highest_met, highest[o])
-                    if has_tree:
-                        table_highest = max(table_highest, tree[1])
+                    highest_met, table_highest = max(highest_met, highest[o]), max(table_highest, tree[1])
 
                 # Act
-                if begins or not _IS_ON_POLICY:
+                if begins or not is_on_policy:
                     word, stream = draw_word(stream)
                     a = choose_action(word, explore_below, greedy[o])
                 reward, i, stream = draw_step(first, outcomes, n_outcomes, is_noisy, state, a, stream)
@@ -212,46 +297,21 @@ def _train(
                 disagreements += outcome.is_wrong_ping
                 o_next = o + U(outcome.observation_change)
 
-                # Compute the target
-                if _HAS_TWO_TABLES:
-                    word, stream = draw_word(stream)
-                    learned = word >> U(63)
+                # Learn
+                word, stream = _draw_if(has_two_tables, stream)
+                half = word >> U(63)
                 value = 0.0
                 if not outcome.terminates:
-                    if _HAS_TWO_TABLES:  # the lower half of the word chooses among several best actions
-                        _, mask = find_best(table_rows, U(2) * o_next + learned, takes_lowest)
-                        best = choose_action(word, U(0), mask)
-                    if _IS_ON_POLICY:
-                        word, stream = draw_word(stream)
-                        a_next = choose_action(word, explore_below, greedy[o_next])
-                    best_value, best_actions = highest[o_next], greedy[o_next]
-                    value = _bootstrap(
-                        Successor(q, o_next, best_value, best_actions, epsilon, a_next, tables, learned, best)
+                    best = _best_of_half(has_two_tables, rows, U(2) * o_next + half, takes_lowest, word)
+                    word, stream = _draw_if(is_on_policy, stream)
+                    a_next = choose_action(word, explore_below, greedy[o_next])
+                    best_value, mask = highest[o_next], greedy[o_next]
+                    value = bootstrap(
+                        Successor(q, o_next, best_value, mask, epsilon, a_next, halves, half, best)
                     )
-                target = reward + discount * value
-
-                # Learn
-                learning_rate = first_rate / (1.0 + steps / halved_after)
-                if _HAS_TRACES:
-                    if begins or not (greedy[o] >> a) & U(1):
-                        n_traces = 0
-                    n_traces = _trace(traced, weights, n_traces, discount * decay, o * U(N_ACTIONS) + a)
-                    error = target - q[o, a]
-                    for j in range(n_traces):
-                        o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
-                        q[o_traced, a_traced] += learning_rate * error * weights[j]
-                        highest[o_traced], greedy[o_traced] = find_best(q, o_traced, takes_lowest)
-                        if has_tree:
-                            _update_tree(tree, o_traced, highest[o_traced])
-                else:
-                    if _HAS_TWO_TABLES:
-                        tables[o, learned, a] += learning_rate * (target - tables[o, learned, a])
-                        q[o, a] = (tables[o, 0, a] + tables[o, 1, a]) / 2
-                    else:
-                        q[o, a] += learning_rate * (target - q[o, a])
-                    highest[o], greedy[o] = find_best(q, o, takes_lowest)
-                    if has_tree:
-                        _update_tree(tree, o, highest[o])
+                rate, target = first_rate / (1.0 + steps / halved_after), reward + discount * value
+                move = Move(o, a, half, rate, target, begins, n_traces, decay, takes_lowest)
+                n_traces = learn(q, highest, greedy, tree, halves, traced, weights, move)
 
                 # Go on, or start the next episode
                 steps += 1
@@ -269,35 +329,66 @@ def _train(
                     break
             if is_recorded:
                 max_q[n_records] = highest_met
-                if has_tree:
-                    table_max_q[n_records] = table_highest
+                table_max_q[n_records] = table_highest
                 n_records += 1
-                next_record += record_every
-        if next_point == budget:
-            record(results, n, n_points, map_index[n_points], q, greedy, disagreements)
-        results.steps_taken[n] = steps
-        results.episodes_ended[n] = episodes
+        return Turn(
+            until, state, o, a, begins, episode_steps, steps, episodes, disagreements, n_traces, stream
+        )
+
+    return advance  # type: ignore[no-any-return]
+
+
+@numba.njit
+def _new_table(
+    q: Numbers, constants: Constants, has_tree: bool, has_two_tables: bool, has_traces: bool
+) -> Table:
+    """Returns a table before training."""
+    q[:] = value = constants.initial_value
+    n_observations, n_pairs = len(q), q.size if has_traces else 0
+    return Table(
+        q,
+        np.full(n_observations, value),
+        np.full(n_observations, 1 if constants.takes_lowest else ALL_ACTIONS),
+        _new_tree(n_observations, value) if has_tree else np.empty(2),
+        np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), value),
+        np.empty(n_pairs, np.int64),
+        np.empty(n_pairs),
+    )
 
 
 @lru_cache
 def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
 
-    The kernel is a copy of `_train` whose globals hold the rule. Since compiled code is kept on disk by the
-    function's name, that contains a digest of the rule and of the text of its file and of what that imports.
+    On disk, kernels differ by a digest of the rule, of its file's text and of what that imports.
     """
-    flags = {
-        "_IS_ON_POLICY": update.is_on_policy,
-        "_HAS_TWO_TABLES": update.has_two_tables,
-        "_HAS_TRACES": update.has_traces,
-    }
-    rule = flags | {"_bootstrap": numba.njit(update.bootstrap)}
-    kernel = FunctionType(_train.__code__, globals() | rule, _train.__name__)
+    advance, has_two_tables, has_traces = _compile_advance(update), update.has_two_tables, update.has_traces
+
+    def train(
+        process: Process, constants: Constants, plan: Plan, streams: NDArray[np.uint64], results: Results
+    ) -> None:
+        """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
+        has_tree = results.table_max_q.shape[1] > 0
+        for n in range(len(streams)):
+            max_q = results.max_q[n]
+            table_max_q = results.table_max_q[n] if has_tree else np.empty_like(max_q)
+            table = _new_table(results.q[n], constants, has_tree, has_two_tables, has_traces)
+            state, stream = draw_start(
+                process.starts, (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
+            )
+            turn = Turn(0, state, U(process.observation[state]), U(0), True, 0, 0, 0, 0, 0, stream)
+            for i in range(len(plan.points)):
+                until = min(plan.points[i], plan.budget)
+                turn = advance(process, constants, plan, table, turn, until, max_q, table_max_q)
+                if i < len(plan.map_index):
+                    record(results, n, i, plan.map_index[i], table.q, table.greedy, turn.disagreements)
+            results.steps_taken[n] = turn.steps
+            results.episodes_ended[n] = turn.episodes
+
     code = update.bootstrap.__code__
     cells = [cell.cell_contents for cell in update.bootstrap.__closure__ or ()]
     text = linecache.getlines(inspect.getfile(update.bootstrap))
     imported = digest_when_loaded(update.bootstrap.__module__)
+    flags = update.is_on_policy, has_two_tables, has_traces
     parts = flags, code.co_code, code.co_consts, code.co_names, cells, text, imported
-    digest = hashlib.sha256(repr(parts).encode()).hexdigest()
-    kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
-    return compiled(kernel)
+    return compiled(train, hashlib.sha256(repr(parts).encode()).hexdigest())

@@ -29,7 +29,7 @@ from envs.model import ACTIONS, Model
 VERSION: Final = 3
 
 TrainingT = TypeVar("TrainingT", bound=Training)
-MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
+MAX_RECORDS: Final = 10_000_000  # records of the largest action value that an agent may have
 
 
 class ValueSettings(LearnerSettings):
@@ -81,9 +81,9 @@ class Settings(ValueSettings):
 
     @model_validator(mode="after")
     def _settings_fit(self) -> Self:
-        if self.budget > MOST_RECORDS * self.record_every:
+        if self.budget > MAX_RECORDS * self.record_every:
             where = f"record_every = {self.record_every} with budget = {self.budget}"
-            raise ValueError(f"{where}: accepted: at most {MOST_RECORDS:,} records")
+            raise ValueError(f"{where}: accepted: at most {MAX_RECORDS:,} records")
         if self.budget_unit == "episodes" and self.epsilon == 0 and self.time_limit is None:
             raise ValueError('budget_unit = "episodes" with epsilon = 0 may never end; set time_limit')
         return self

@@ -85,6 +85,6 @@ EXPECTED_SARSA: Final = UpdateRule(expected_value)
 # van Hasselt (2010): the maximum of noisy estimates is too high; two tables have independent errors.
 DOUBLE_Q_LEARNING: Final = UpdateRule(other_value, has_two_tables=True)
 # Watkins (1989); Sutton & Barto (2018), section 12.10; with replacing traces (Singh & Sutton 1996), which are
-# 1 when an action is taken, fade by discount * lambda in every step, and end at `kernel.LEAST_TRACE`, or at
+# 1 when an action is taken, fade by discount * lambda in every step, and end at `kernel.MIN_TRACE`, or at
 # an action that is not greedy.
 WATKINS_Q_LAMBDA: Final = UpdateRule(greatest_value, has_traces=True)

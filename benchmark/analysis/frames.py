@@ -25,9 +25,9 @@ from envs.model import kept_with_model
 RecordsOf = Callable[[Population], Records]  # of all its runs
 Floats = NDArray[np.float64]
 
-KEYS: Final = ("scenario", "condition", "variant", "observation", "learner")  # of a population
+# Columns that name a population
+KEYS: Final = ("scenario", "condition", "variant", "observation", "learner")
 ENDPOINTS: Final = ("success", "score", "unbounded_score", "steps", "wrong_pings", "uncomfortable_steps")
-_DIGITS: Final = 9  # of scores, so that the last digit of two optima does not decide which of them is better
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +62,15 @@ def tables(
             raise InputError(f"{where}: its training returns no such policy; accepted: greedy.")
         keys, steps = keys_of(group.population) | dict(group.more), records.evaluation_steps
         wanted = _recorded(records.run).intersection(columns or {*_RUN_COLUMNS, *_CURVE_COLUMNS})
-        of_runs, of_curves = (
+        endpoints, progress = (
             {name: compute(records, policy) for name, compute in computed.items() if name in wanted}
             for computed in (_RUN_COLUMNS, _CURVE_COLUMNS)
         )
-        about = {"seed": records.seeds, "policy": policy, "budget": steps[-1]}
-        runs.append(pd.DataFrame(keys | about | of_runs, index=range(len(records.seeds))))
-        if of_curves:
+        identity = {"seed": records.seeds, "policy": policy, "budget": steps[-1]}
+        runs.append(pd.DataFrame(keys | identity | endpoints, index=range(len(records.seeds))))
+        if progress:
             at = {"seed": np.repeat(records.seeds, len(steps)), "step": np.tile(steps, len(records.seeds))}
-            flat = {name: values.ravel() for name, values in of_curves.items()}
+            flat = {name: values.ravel() for name, values in progress.items()}
             curves.append(pd.DataFrame(keys | at | flat))
     return _joined(runs), _joined(curves)
 
@@ -93,7 +93,7 @@ def _recorded(run: RunSpecification) -> set[str]:
 def _over_training(name: str, start: str, records: Records, policy: str) -> Floats:
     """Returns what the policy that counts is evaluated as, (N, T)."""
     if name in ("score", "unbounded_score"):
-        scores = np.round(records.unbounded_scores(policy, start), _DIGITS)
+        scores = records.unbounded_scores(policy, start)
         return scores if name == "unbounded_score" else np.clip(scores, 0.0, 1.0)
     if name == "uncomfortable_steps":
         steps = records.arrays[evaluated("zone_steps", policy, start)]
@@ -130,8 +130,8 @@ def _earliness(records: Records, _: str) -> Floats:
     run, steps = records.run, records.evaluation_steps
     assert run.solved is not None
     first = learned(records.arrays["success"], steps, float(run.solved["success"]), until=2)
-    taken = np.maximum([*steps, steps[-1]], run.evaluation_every)[first]
-    return np.asarray(1 - np.log(taken / run.evaluation_every) / np.log(steps[-1] / run.evaluation_every))
+    n_steps = np.maximum([*steps, steps[-1]], run.evaluation_every)[first]
+    return np.asarray(1 - np.log(n_steps / run.evaluation_every) / np.log(steps[-1] / run.evaluation_every))
 
 
 # Success in unseen places: when a run has learned (0) or at the budget (1), by which policy
@@ -172,7 +172,7 @@ _CURVE_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     "training_wrong_pings": lambda records, _: records.arrays["disagreements"],
     "cpu_time_s": lambda records, _: np.array([run["cpu_time_s"] for run in records.provenance]),
 }
-# Of runs that end when they have learned; they record nothing else.
+# Runs that end when they have learned record nothing else.
 _MAPPED: Final = {
     "success", "earliness", "training_wrong_pings", "diverged_at", "updates", "parameters", "cpu_time_s",
     "peak_memory_mb", *_UNSEEN,

@@ -15,11 +15,10 @@ from scipy import optimize, special, stats
 
 RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
-_FARTHEST: Final = 8.0  # standard errors: smaller p-values count as zero
+MAX_Z: Final = 8.0  # standard errors: smaller p-values count as zero
 _NONE: Final = 1e-12  # a count below is zero but for rounding
-LEVEL: Final = 0.95  # of confidence, unless another is given
-TAIL: Final = (1 - LEVEL) / 2  # which an interval leaves out on each side
-
+LEVEL: Final = 0.95  # confidence, unless another is given
+TAIL: Final = (1 - LEVEL) / 2  # what an interval leaves out on each side
 
 Numbers = Any  # a float, or an array
 
@@ -63,9 +62,9 @@ def proportion_interval(
     """
     mean, n = np.asarray(mean), np.asarray(n)
     count = np.clip(mean, 0, 1) * n
-    least, most = np.maximum(count, _NONE), np.maximum(n - count, _NONE)
-    low = np.where(count > _NONE, special.betaincinv(least, most + 1, tail), 0.0)
-    high = np.where(n - count > _NONE, special.betainccinv(least + 1, most, tail), 1.0)
+    ones, zeros = np.maximum(count, _NONE), np.maximum(n - count, _NONE)
+    low = np.where(count > _NONE, special.betaincinv(ones, zeros + 1, tail), 0.0)
+    high = np.where(n - count > _NONE, special.betainccinv(ones + 1, zeros, tail), 1.0)
     return np.minimum(low, mean), np.maximum(high, mean)
 
 
@@ -111,7 +110,7 @@ def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[in
 
     if distance(0.0) <= 0:
         return 1.0
-    return 0.0 if distance(_FARTHEST) > 0 else float(stats.norm.sf(optimize.brentq(distance, 0.0, _FARTHEST)))
+    return 0.0 if distance(MAX_Z) > 0 else float(stats.norm.sf(optimize.brentq(distance, 0.0, MAX_Z)))
 
 
 def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1) -> Estimate:

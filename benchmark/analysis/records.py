@@ -19,6 +19,7 @@ from envs.observations import compile_seen
 Array = NDArray[Any]
 Provenance = Mapping[str, Any]  # of a run, see `benchmark.execution.store.Record`
 OPTIMUM_TOLERANCE: Final = 1e-9  # a policy counts as optimal up to this distance, which allows for rounding
+_DIGITS: Final = 9  # of scores, so that the last digit of two optima does not decide which of them is better
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +60,9 @@ class Records:
         return np.flatnonzero(self.run.schedule.is_mapped)
 
     def unbounded_scores(self, policy: str = "greedy", start: str = "start") -> NDArray[np.float64]:
-        """Returns grid returns, scaled so that 0 is the random policy and 1 the optimal one, (N, T).
-
-        Those of a stochastic policy are (N, 0) if the learner has none.
-        """
-        random, optimal = anchors(self.model, self.run.horizon, start)
+        """Returns the scores of grid returns, (N, T); (N, 0) for a stochastic policy if there is none."""
         returns = self.arrays[evaluated("grid_return", policy, start)]
-        return np.asarray((returns - random) / (optimal - random))
+        return unbounded_scores(returns, self.model, self.run.horizon, start)
 
     def subset(self, start: int, stop: int) -> "Records":
         """Returns the records of some of the runs, from index `start` to before `stop`."""
@@ -133,6 +130,14 @@ def anchors(model: Model, horizon: int, start: str, returns: str = "grid_return"
     random = getattr(evaluate(model, uniform_policy(model), horizon, start), returns)
     values = solve(model, 1.0, horizon, issuer_rewards=returns == "scenario_return").value
     return float(random), float(from_starts(model, start) @ values)
+
+
+def unbounded_scores(
+    returns: NDArray[np.float64], model: Model, horizon: int, start: str
+) -> NDArray[np.float64]:
+    """Returns grid returns of any shape as scores: 0 for the random policy and 1 for the optimal one."""
+    random, optimal = anchors(model, horizon, start)
+    return np.round((returns - random) / (optimal - random), _DIGITS)
 
 
 def check_anchors(model: Model, horizon: int, start: str) -> None:

@@ -6,16 +6,16 @@ from benchmark.execution.machine import usable_cores
 from benchmark.experiments import Experiment, RunSpecification
 from envs.inputs import InputError, shortened, unknown_name, whole_number
 
-MOST_SEEDS: Final = 1_000_000
-MOST_JOBS: Final = 1024
+MAX_SEEDS: Final = 1_000_000
+MAX_JOBS: Final = 1024
 
 
 def parse_jobs(jobs: int | None) -> int:
     """Returns the number that `--jobs` gives, by default that of usable cores; may raise an `InputError`."""
     if jobs is None:
         return usable_cores()
-    if not 1 <= jobs <= MOST_JOBS:
-        raise InputError(f"--jobs {shortened(str(jobs))}: accepted: a whole number from 1 to {MOST_JOBS}.")
+    if not 1 <= jobs <= MAX_JOBS:
+        raise InputError(f"--jobs {shortened(str(jobs))}: accepted: a whole number from 1 to {MAX_JOBS}.")
     return jobs
 
 
@@ -29,11 +29,11 @@ def parse_seeds(text: str | None) -> range | None:
         return None
     first, dash, last = text.partition("-")
     try:
-        low = whole_number(first, "--seeds", 0, MOST_SEEDS - 1)
-        high = whole_number(last, "--seeds", low, MOST_SEEDS - 1) if dash else low
+        low = whole_number(first, "--seeds", 0, MAX_SEEDS - 1)
+        high = whole_number(last, "--seeds", low, MAX_SEEDS - 1) if dash else low
     except InputError:
         accepted = "A-B with A at most B, as in 0-29, or one seed, as in 7; seeds below"
-        raise InputError(f"--seeds {shortened(text)}: accepted: {accepted} {MOST_SEEDS:,}.") from None
+        raise InputError(f"--seeds {shortened(text)}: accepted: {accepted} {MAX_SEEDS:,}.") from None
     return range(low, high + 1)
 
 
@@ -44,7 +44,7 @@ def find_run(
 
     By default, the scenario is the experiment's first, and the condition the learner's first.
     """
-    number = whole_number(seed, "--seed", 0, MOST_SEEDS - 1)
+    number = whole_number(seed, "--seed", 0, MAX_SEEDS - 1)
     alike = [p for p in experiment.populations if learner in (p.learner.name, p.learner.variant)]
     if not alike:
         names = {f'"{population.learner.name}"' for population in experiment.populations}

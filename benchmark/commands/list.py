@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from agents import ALGORITHMS
 from benchmark.execution.store import NoRunsError, Store
 from benchmark.experiments import all_specifications, experiment_names, load_experiment
+from benchmark.studies import report_of
 from envs import InputError, load_scenario, scenario_names
 
 
@@ -21,7 +22,7 @@ def main(options: argparse.Namespace) -> int:
         experiment = load_experiment(name)
         runs = all_specifications(experiment)
         n_done = sum(run.digest in ended for run in runs)
-        which = "runs of the first stage" if experiment.has_stages else "runs"
+        which = "runs of the first stage" if report_of(experiment).study.stages else "runs"
         return f"{n_done} of {len(runs)} {which} done. {experiment.declared.description}"
 
     _print("scenarios", scenario_names(), lambda name: load_scenario(name).description)

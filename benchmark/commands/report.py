@@ -15,13 +15,14 @@ from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.folder import MANIFEST, Folder
-from benchmark.publish import document, draw, files, prose, sameness
+from benchmark.publish import document, draw, files, front, prose, sameness
 from benchmark.publish.page import build as page
 from benchmark.sealed import sealed
+from benchmark.studies import report_of
 from envs import InputError
 from envs.inputs import check_all
 
-_OURS: Final = (*experiment_names(), page.SPEED)  # folders of results
+_OURS: Final = (*experiment_names(), document.SPEED)  # folders of results
 
 
 def main(options: argparse.Namespace) -> int:
@@ -29,19 +30,19 @@ def main(options: argparse.Namespace) -> int:
     if options.experiment is None:
         return _rewrite(options)
     experiment = load_experiment(options.experiment)
-    report = draw.report_of(experiment)
+    report = report_of(experiment).check()
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
     with Store(options.results / "runs.db", read_only=True) as store:
-        made = draw.draw(experiment, report, store, directory, seeds, partial=options.partial)
+        made = draw.draw(report, store, directory, seeds, partial=options.partial)
         if experiment.declared.search is not None:
             _write_chosen(experiment, store, Folder(directory))
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
-    print(f"{experiment.name}: the page is {page.write(options.results, directory.name, report)}.")
+    print(f"{experiment.name}: the page is {page.write(options.results, directory.name, report.study)}.")
     if made.certificate is not None:
         print(made.certificate.text)
     try:
-        finding = report.finding
+        finding = report.study.finding
         if prose.written(Folder(directory), finding) is None and finding is not None and finding.is_file():
             print(f"{experiment.name}: {finding} is not used, since it is about all declared runs.")
     except prose.ClaimError as error:  # on another type of processor, nets learn differently
@@ -60,7 +61,7 @@ def _rewrite(options: argparse.Namespace) -> int:
             for path, text in leaderboard.texts(options.results, partial(print, file=sys.stderr)).items():
                 files.write_text(path, text)
             if options.results.resolve() == sameness.REPOSITORY / "results":
-                files.write_text(sameness.REPOSITORY / "README.md", document.front(options.results))
+                files.write_text(sameness.REPOSITORY / "README.md", front.front(options.results))
     print(f"the page is {page.write(options.results)}.")
     return 0
 

@@ -1,25 +1,22 @@
 """Executes the missing runs of an experiment."""
 
 import argparse
-import os
 import sys
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryFile
 
 from benchmark.analysis.frames import Group, tables
 from benchmark.analysis.records import check_scores
-from benchmark.analysis.stages import runs_of, stages
-from benchmark.commands import parse_jobs, parse_seeds, report
+from benchmark.commands import parse_jobs, parse_seeds
 from benchmark.execution import driver
-from benchmark.execution.calibration import estimate
-from benchmark.execution.job import LOG
 from benchmark.execution.machine import usable_cores
-from benchmark.execution.progress import Display
+from benchmark.execution.progress import Display, estimate
 from benchmark.execution.store import Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
-from benchmark.publish import draw
+from benchmark.studies import report_of, runs_of
 from envs import InputError
 from envs.packages import needed_by
 
@@ -29,27 +26,29 @@ def main(options: argparse.Namespace) -> int:
     parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
     name, seeds = experiment.name, parse_seeds(options.seeds)
-    if options.report or experiment.report is not None:
-        draw.report_of(experiment, is_drawn=options.report)
+    report = report_of(experiment).check(is_drawn=options.report)
+    has_stages = report.study.stages is not None
     ranges = [each.seeds for each in experiment.populations] if seeds is None else [seeds]
     if options.report and min(map(len, ranges)) < 2:
         raise InputError("--report: one seed gives no interval; accepted: at least two for every variant.")
-    if experiment.has_stages and seeds is not None:
+    if has_stages and seeds is not None:
         raise InputError(f"{name}: --seeds: an experiment with stages uses only its declared seeds.")
     check_scores(all_specifications(experiment, seeds))
     if options.log is not None:
         _check_log(options)
     with Store(options.results / "runs.db") as store:
-        if experiment.has_stages:
+        if has_stages:
             print(f"{name}: at most {experiment.declared.most_runs:,} runs over all stages.", file=sys.stderr)
-        for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
+        for stage, groups in enumerate(report.stages(store, seeds), start=1):
             runs = runs_of(groups)
-            label = f"{name}, stage {stage}" if experiment.has_stages else name
+            if options.log is not None:
+                runs = [replace(run, log=str(options.log.absolute() / run.folder)) for run in runs]
+            label = f"{name}, stage {stage}" if has_stages else name
             if code := _execute(label, runs, store, options):
                 return code
             if options.log is not None:
                 _log_curves(groups, store, options.log)
-    return report.main(options) if options.report else 0
+    return 0
 
 
 def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options: argparse.Namespace) -> int:
@@ -73,13 +72,10 @@ def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options:
             jobs = options.jobs or 2 * cluster.workers  # a worker finds its next job waiting
         folder = options.results / Path(options.experiment).stem
         workers = cluster.workers if cluster else min(jobs, usable_cores())
-        how_long, time_s, costs = estimate(todo, folder, workers)
+        how_long, costs = estimate(todo, folder, workers)
         kept = "Ctrl-C keeps what is finished"
         print(f"{name}: {len(todo):,} runs to train, {how_long} ({kept}).", file=sys.stderr)
-        if options.log is not None:
-            os.environ[LOG] = str(options.log.absolute())
-            stack.callback(os.environ.pop, LOG)
-        with Display(name, costs, time_s, n_done) as display:
+        with Display(name, costs, n_done) as display:
             errors = driver.run(runs, store, jobs, display.advance, cluster)
     if errors:
         failed = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"

@@ -7,20 +7,21 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmark import leaderboard
-from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.experiments.search import chosen_file, read_chosen
-from benchmark.folder import README, Folder
-from benchmark.publish import document, draw, files, sameness
+from benchmark.folder import README, Folder, digests
+from benchmark.publish import document, draw, files, front, sameness
 from benchmark.publish.page import build as page
-from benchmark.studies import Report
+from benchmark.publish.sameness import differing
+from benchmark.studies import Report, Study, report_of, runs_of
 from envs import InputError
 
 
@@ -55,7 +56,8 @@ def _problems(
     path = options.results / "runs.db"
     if structure := store.problem():
         yield f"{path} is damaged: {structure}; {REPAIR_ADVICE}."
-    known = {each.name: runs_of(chain.from_iterable(stages(each, store))) for each in experiments}
+    stages = {each.name: report_of(each).stages(store) for each in experiments}
+    known = {name: runs_of(chain.from_iterable(groups)) for name, groups in stages.items()}
     declared = {run.digest: run for runs in known.values() for run in runs}
     ended = store.ended()
     checked = [*store.statuses()] if options.experiment is None else sorted(declared.keys() & ended)
@@ -67,14 +69,15 @@ def _problems(
     ended -= {*damaged}
     stored = [run for digest, run in declared.items() if digest in ended]
     yield from _differences(stored, store, scratch / "runs.db", options)
-    reports = dict[str, Report]()
+    reports = dict[str, Study[Any, Any]]()
     for experiment in experiments:
         folder = options.results / experiment.name
         is_stored = [run.digest in ended for run in known[experiment.name]]
-        if experiment.report and Folder(folder).is_there:
-            reports[experiment.name] = report = draw.report_of(experiment, is_drawn=all(is_stored))
+        if experiment.declared.report and Folder(folder).is_there:
+            report = report_of(experiment).check(is_drawn=all(is_stored))
+            reports[experiment.name] = report.study
             if all(is_stored):
-                yield from _redrawn(experiment, report, store, folder, scratch)
+                yield from _redrawn(report, store, folder, scratch)
             else:
                 n = len(is_stored) - sum(is_stored)
                 print(f"{experiment.name}: not drawn again, as {n:,} of {len(is_stored):,} runs are missing.")
@@ -121,30 +124,31 @@ def difference_of(before: Record, after: Record) -> str:
         {name: (array.dtype, array.shape, array.tobytes()) for name, array in record.arrays.items()}
         for record in (before, after)
     )
-    differing = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
-    if not differing:
+    if not (names := differing(old, new)):
         return ""
-    made = [record.provenance for record in (before, after)]
-    recorded, here = ({**one["versions"], "machine": one["machine"]} for one in made)
-    changed = [key for key in recorded if recorded[key] != here.get(key)]
-    others = "; ".join(f"{key} {recorded[key]}, here {here.get(key)}" for key in changed)
-    with_others = f" (recorded with {others})" if others else ""
-    return f"differs in {', '.join(differing)}{with_others}"
+    recorded, now = (
+        {**record.provenance["versions"], "machine": record.provenance["machine"]}
+        for record in (before, after)
+    )
+    changed = [f"{key} {recorded.get(key)}, here {now.get(key)}" for key in differing(recorded, now)]
+    return f"differs in {', '.join(names)}" + f" (recorded with {'; '.join(changed)})" * bool(changed)
 
 
-def _redrawn(
-    experiment: Experiment, report: Report, store: Store, folder: Path, scratch: Path
-) -> Iterator[str]:
-    made = scratch / experiment.name
-    print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
-    draw.draw(experiment, report, store, made)
-    certificate = sameness.compare(made, experiment.name, (), folder)
-    assert certificate is not None  # both folders have a manifest
-    if certificate.is_identical:
-        print(certificate.text)
+def _redrawn(report: Report[Any, Any], store: Store, folder: Path, scratch: Path) -> Iterator[str]:
+    experiment = report.experiment
+    name, made = experiment.name, scratch / experiment.name
+    print(f"{name}: drawing tables and figures again ...", file=sys.stderr)
+    draw.draw(report, store, made)
+    again, listed = digests(made), sameness.listed(folder)
+    there = {file: digest for file, digest in digests(folder).items() if file in again or file in listed}
+    n = len({*again, *there})
+    if other := differing(again, there):
+        yield (
+            f"{name}: different from the files in {folder}: {len(other)} of {n} files: {', '.join(other)}.\n"
+            f"{name}: 'report {experiment.argument}' makes them from the stored runs."
+        )
     else:
-        again = f"'report {experiment.argument}' makes them from the stored runs"
-        yield f"{certificate.text}\n{experiment.name}: {again}."
+        print(f"{name}: identical to the files in {folder} ({n} of {n} files).")
 
 
 def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
@@ -159,15 +163,15 @@ def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
         yield str(error)
 
 
-def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
+def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator[str]:
     """Yields which files are not as manifests list them, and which texts are not what the tables make.
 
     `reports` are those of the published experiments that are verified, by name.
     """
     texts, problems = dict[Path, str](), list[str]()
-    for name in [*reports, *[page.SPEED] * Folder(results / page.SPEED).is_there]:
+    for name in [*reports, *[document.SPEED] * Folder(results / document.SPEED).is_there]:
         try:
-            made = document.Document(results / name, reports.get(name))
+            made = document.document_of(results / name, reports.get(name))
             texts[results / name / README] = made.readme()
             print(f"{name}: all files in its manifest are unchanged ({len(made.folder.manifest['files'])}).")
         except InputError as error:
@@ -177,11 +181,12 @@ def rewritten(reports: Mapping[str, Report], results: Path) -> Iterator[str]:
         texts |= {path: text for name in pages for path, text in page.texts(results, name, pages[name])}
         texts |= leaderboard.texts(results, problems.append) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
-            texts[sameness.REPOSITORY / README] = document.front(results)
+            texts[sameness.REPOSITORY / README] = front.front(results)
     except InputError as error:
         problems += error.args
     yield from dict.fromkeys(problems)
-    for path, text in texts.items():
-        is_same = path.is_file() and path.read_bytes() == text.encode()
-        if not is_same and (path.exists() or (path.name == README and Folder(path.parent).is_there)):
+    again = {str(path): text.encode() for path, text in texts.items()}
+    there = {str(path): path.read_bytes() if path.is_file() else b"" for path in texts if path.exists()}
+    for path in map(Path, differing(again, there)):
+        if path.exists() or (path.name == README and Folder(path.parent).is_there):
             yield f"{path}: different from what the tables make; 'report' writes it again."

@@ -3,10 +3,22 @@
 A cell's four triangles are the values of its moves, the disc in its middle is that of PING, and the line is
 the greedy policy's walk from the start. Cells are hatched where the agent has learned nothing, so that all
 actions are equally good, or where it has diverged.
+
+The walk starts in the model's first start state. At every step one number is drawn from the generator below,
+even if there is a single greedy action: the walk takes greedy action number
+`floor(draw * number of greedy actions)`. If the model has several outcomes, another number chooses the
+outcome. The walk ends with the first of these that is true after a step:
+
+1. the episode has ended;
+2. the policy goes in circles: the walk has been in this state before, and had no choice between several
+   greedy actions or outcomes since, so it would repeat itself forever;
+3. it has made as many steps as the horizon allows.
+
+The generator is mulberry32 with seed 2021, so equal policies walk alike. The page's script follows this rule.
 """
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
@@ -23,13 +35,14 @@ from PIL import Image
 
 from agents.policy import contains
 from benchmark.analysis.records import Records
-from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from benchmark.drawing.maps import RGB, Style, add_area, arrowheads, colour_bar, discs, dots, triangles
 from benchmark.drawing.style import figure_of, settings
-from envs import ACTIONS, Model
+from envs import ACTIONS, EVENTS, Model
 from envs.regions import outlines
 from envs.scene import colour_limits, scene_of
 
+CIRCLE: Final = "circle"
+HORIZON: Final = "horizon"
 ENDINGS: Final = {
     "target_ping": "success",
     "issuer_reached": "ran into the person",
@@ -38,16 +51,28 @@ ENDINGS: Final = {
     HORIZON: "step limit reached",
 }
 ANIMATIONS: Final = (".webp", ".gif")  # endings of files
+_SEED: Final = 2021
+_WORD: Final = 2**32
 _DPI: Final = 100
 _CELL: Final = 0.34  # inches
-_LONGEST_SIDE: Final = 20  # inches, of a map
-_NARROWEST, _LOWEST, _GAP, _BAR = 2.6, 0.5, 0.1, 0.7  # inches: sizes of a map, gap, width of a colour bar
+_MAX_SIDE: Final = 20  # inches, of a map
+_MIN_WIDTH, _MIN_HEIGHT, _GAP, _BAR = 2.6, 0.5, 0.1, 0.7  # inches: of a map, a gap and a colour bar
 _TITLE, _LINE, _CHARACTERS = 8, 0.14, 15  # size in points, inches of a line, characters in an inch
-FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
+_FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
 _UNKNOWN: Final[Style] = {"fc": RGB["no value"], "ec": RGB["line"], "lw": 0, "hatch": "//"}
 _OUTLINED: Final = [patheffects.withStroke(linewidth=2.8, foreground="white")]
 _PATH: Final[Style] = {"color": RGB["path"], "lw": 1.5, "path_effects": _OUTLINED, "zorder": 1.6}
 _AGENT: Final[Style] = {"color": RGB["path"], "marker": "o", "ms": 8, "mec": "white", "mew": 1, "zorder": 1.7}
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A walk of L steps."""
+
+    states: tuple[int, ...]  # (L + 1,) the start first
+    cells: tuple[int, ...]  # (L + 1,) the agent's cell in each state
+    actions: tuple[int, ...]  # (L,)
+    ending: str  # the event that ended the episode, or CIRCLE, or HORIZON
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +86,50 @@ class Film:
     greedy: NDArray[np.uint8]  # (V, O) masks
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
+
+
+def walk(model: Model, greedy: NDArray[np.uint8], horizon: int) -> Walk:
+    """Walks by a greedy policy, (O,) masks of `agents.policy`, for at most `horizon` steps, at least 1."""
+    choices = [np.flatnonzero(row).tolist() for row in contains(greedy)]
+    draws = mulberry32(_SEED)
+    states, actions = [model.start], list[int]()
+    since_choice: set[int] = set()
+    while True:
+        state = states[-1]
+        choice = choices[model.observation[state]]
+        action = choice[next(draws) * len(choice) // _WORD]
+        chance = model.probability[state, action]
+        if len(choice) > 1 or chance[0] < 1:
+            since_choice.clear()
+        else:
+            since_choice.add(state)
+        outcome = 0
+        if model.n_outcomes > 1:
+            outcome = int(np.searchsorted(chance[:-1].cumsum(), next(draws) / _WORD, side="right"))
+        actions.append(action)
+        states.append(int(model.next_state[state, action, outcome]))
+        if model.terminated[state, action]:
+            ending = EVENTS[model.event[state, action]]
+        elif states[-1] in since_choice:
+            ending = CIRCLE
+        elif len(actions) == horizon:
+            ending = HORIZON
+        else:
+            continue
+        return Walk(tuple(states), tuple(model.cell[states].tolist()), tuple(actions), ending)
+
+
+def mulberry32(seed: int) -> Iterator[int]:
+    """Yields 32-bit numbers, the same as the page's script draws.
+
+    By Tommy Ettinger, public domain: https://gist.github.com/tommyettinger/46a874533244883189143505d203312c
+    """
+    state = seed
+    while True:
+        state = (state + 0x6D2B79F5) % _WORD
+        bits = (state ^ state >> 15) * (state | 1) % _WORD
+        bits ^= (bits + (bits ^ bits >> 7) * (bits | 61)) % _WORD
+        yield bits ^ bits >> 14
 
 
 def film_of(title: str, records: Records) -> Film:
@@ -78,37 +147,24 @@ def film_of(title: str, records: Records) -> Film:
     )
 
 
-class Screen:
-    """A figure on which a film is shown."""
-
-    def __init__(self, film: Film, new: Callable[..., Figure] = Figure) -> None:
-        self.film, grid = film, film.model.scenario.grid
-        cell = min(_CELL, _LONGEST_SIDE / max(grid.rows, grid.columns))
-        width, height = max(cell * grid.columns, _NARROWEST) + _GAP, max(cell * grid.rows, _LOWEST) + _GAP
-        self._title = fill(film.title, int(width * _CHARACTERS))
-        height += (self._title.count("\n") + 3) * _LINE
-        with figure_of(1, 1, (width + _BAR, height), new) as (self.figure, axes):
-            self.figure.set_dpi(_DPI)
-            self._axis, self._norm = axes[0, 0], Normalize(*colour_limits(film.values.ravel()))
-            colour_bar(self.figure, [self._axis], self._norm, "value", extend="both")
-            self.show(0)
-            self.figure.draw_without_rendering()
-            self.figure.set_layout_engine("none")  # a layout takes longer than a frame
-
-    def show(self, step: int) -> None:
-        """Shows the last map that is not later than a step."""
-        index = int(np.searchsorted(self.film.steps, step, side="right")) - 1
+def frames(film: Film) -> Iterator[Figure]:
+    """Yields one figure again and again, each time with the next map."""
+    grid = film.model.scenario.grid
+    cell = min(_CELL, _MAX_SIDE / max(grid.rows, grid.columns))
+    width = max(cell * grid.columns, _MIN_WIDTH) + _GAP
+    title = fill(film.title, int(width * _CHARACTERS))
+    height = max(cell * grid.rows, _MIN_HEIGHT) + _GAP + (title.count("\n") + 3) * _LINE
+    norm = Normalize(*colour_limits(film.values.ravel()))
+    with figure_of(1, 1, (width + _BAR, height)) as (figure, axes):
+        figure.set_dpi(_DPI)
+        colour_bar(figure, [axes[0, 0]], norm, "value", extend="both")
+        _draw(axes[0, 0], film, 0, norm, title)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # a layout takes longer than a frame
+    for index in range(len(film.steps)):
         with settings():
-            _draw(self._axis, self.film, index, self._norm, self._title)
-
-    def image(self, step: int) -> Image.Image:
-        """Shows a step, and returns the figure as an image."""
-        self.show(step)
-        buffer = io.BytesIO()
-        with settings():
-            self.figure.savefig(buffer, format="rgba", dpi="figure")
-        size = self.figure.canvas.get_width_height()
-        return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
+            _draw(axes[0, 0], film, index, norm, title)
+            yield figure
 
 
 def _draw(axis: Axes, film: Film, index: int, norm: Normalize, title: str) -> None:
@@ -145,13 +201,15 @@ def _draw(axis: Axes, film: Film, index: int, norm: Normalize, title: str) -> No
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="")
 
 
-def learning(film: Film) -> list[Image.Image]:
-    """Draws an agent at every step at which it has a map."""
-    screen = Screen(film)
-    return [screen.image(step) for step in film.steps]
-
-
-def write(frames: Sequence[Image.Image], path: Path) -> None:
+def write(film: Film, path: Path) -> None:
     """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours."""
-    duration = [FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
-    frames[0].save(path, save_all=True, append_images=frames[1:], loop=0, quality=70, duration=duration)
+    first, *others = map(_image, frames(film))
+    duration = [_FRAME_MS] * len(others) + [_LAST_MS]
+    first.save(path, save_all=True, append_images=others, loop=0, quality=70, duration=duration)
+
+
+def _image(figure: Figure) -> Image.Image:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="rgba", dpi="figure")
+    size = figure.canvas.get_width_height()
+    return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")

@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, Patch, PathPatch, Polygon
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from benchmark.drawing.style import colour_map, figure_of
+from benchmark.drawing.style import WIDTH, colour_map, figure_of
 from envs import ACTIONS, Model, compile_scenario, load_scenario, scenario_names
 from envs.model import MOVES, PING
 from envs.regions import Loop, outlines
@@ -49,9 +49,9 @@ _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"
 
 _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
 
-# Of the gallery
-_COLUMNS, _MOST_MAPS, _CHARACTERS = 5, 4, 17  # in a row, of a scenario, in a line of names
-_WIDTH, _ROW, _LEGEND, _POINTS = 7.9, 1.65, 0.7, 8.5  # three in inches; the size of texts
+# The gallery: maps in a row and of a scenario, characters in a line of names
+_COLUMNS, MAX_MAPS, _CHARACTERS = 5, 4, 17
+_ROW, _LEGEND, _POINTS = 1.65, 0.7, 8.5  # inches of a row and of the legend; the size of texts
 _NOT_ON_A_MAP: Final[Any] = dict.fromkeys(("name", "description", "observe"), True) | {"issuer": {"feedback"}}
 
 
@@ -65,13 +65,13 @@ def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize)
 
 def draw_policy(axis: Axes, model: Model, policy: NDArray[np.float64], norm: Normalize) -> None:
     """Draws action probabilities, (O, A), in the first context: PING as colours, the likeliest as marks."""
-    scene, here = scene_of(model), policy[model.observation[model.states_of(0)]]  # (C, A)
-    is_likeliest = here >= here.max(axis=1, keepdims=True) - _TIE
+    scene, chances = scene_of(model), policy[model.observation[model.states_of(0)]]  # (C, A)
+    is_likeliest = chances >= chances.max(axis=1, keepdims=True) - _TIE
     cells = pd.DataFrame(model.position, columns=["row", "column"])
-    heat(axis, scene, np.where(scene.is_over, np.nan, here[:, PING]), norm)
+    heat(axis, scene, np.where(scene.is_over, np.nan, chances[:, PING]), norm)
     for action, name in enumerate(ACTIONS[:PING]):
         arrowheads(axis, cells[is_likeliest[:, action] & ~scene.is_over].assign(action=name))
-    dots(axis, cells[(here.argmax(axis=1) == PING) & ~scene.is_over])  # no move is as likely
+    dots(axis, cells[(chances.argmax(axis=1) == PING) & ~scene.is_over])  # no move is as likely
 
 
 def policy_legend(figure: Figure, axes: Sequence[Axes], model: Model, norm: Normalize) -> None:
@@ -159,7 +159,7 @@ def shipped() -> Figure:
     """Draws the shipped scenarios, each with people in one of their places."""
     scenarios = [load_scenario(name) for name in scenario_names()]
     # One place alone is compiled in no time.
-    places = [scenario.places[len(scenario.places) // 2] for scenario in scenarios]
+    places = [scenario.layout.places[len(scenario.layout.places) // 2] for scenario in scenarios]
     changes = [{"issuer.position": place if len(place) > 1 else place[0]} for place in places]
     return gallery([*map(compile_scenario, map(load_scenario, scenarios, changes))])
 
@@ -175,10 +175,10 @@ def gallery(models: Sequence[Model]) -> Figure:
         groups.setdefault(model.scenario.model_dump_json(exclude=_NOT_ON_A_MAP), []).append(model)
     maps = []
     for group in groups.values():
-        n_contexts = group[0].n_places * len(group[0].scenario.stages)
-        maps += [(group, context) for context in range(0, n_contexts, math.ceil(n_contexts / _MOST_MAPS))]
+        n_contexts = group[0].n_places * len(group[0].scenario.layout.stages)
+        maps += [(group, context) for context in range(0, n_contexts, math.ceil(n_contexts / MAX_MAPS))]
     n_rows = math.ceil(len(maps) / _COLUMNS)
-    with figure_of(n_rows, _COLUMNS, (_WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
+    with figure_of(n_rows, _COLUMNS, (WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
         figure.set_layout_engine("constrained", h_pad=0.1)
         for axis in axes.flat[len(maps) :]:
             axis.set_axis_off()
@@ -199,10 +199,10 @@ def gallery(models: Sequence[Model]) -> Figure:
 
 def _which(model: Model, context: int) -> str:
     """Returns which of a scenario's positions and phases a map shows."""
-    place = f"place {context // len(model.scenario.stages) + 1} of {model.n_places}"
+    place = f"place {context // len(model.scenario.layout.stages) + 1} of {model.n_places}"
     phase = scene_of(model, context).phase
-    if model.scenario.moves:
-        phase = f"phase {phase} of {len(model.scenario.stages)}"
+    if model.scenario.layout.moves:
+        phase = f"phase {phase} of {len(model.scenario.layout.stages)}"
     return ", ".join([place] * (model.n_places > 1) + [phase] * bool(phase))
 
 
@@ -221,9 +221,9 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
     axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
     if not scene.cells_of("start"):
-        position = model.context // len(model.scenario.stages)
-        is_here = position[model.starts] == context // len(model.scenario.stages)
-        axis.plot(*scene.position[model.cell[model.starts[is_here]]].T[::-1], **_ONE_OF_MANY)
+        position = model.context // len(model.scenario.layout.stages)
+        is_shown = position[model.starts] == context // len(model.scenario.layout.stages)
+        axis.plot(*scene.position[model.cell[model.starts[is_shown]]].T[::-1], **_ONE_OF_MANY)
     _dress(axis, scene, _ON_ZONES, scale=0.7)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="", anchor="NW")
 
@@ -256,7 +256,7 @@ def add_area(axis: Axes, loops: Sequence[Loop], style: Style) -> None:
         axis.add_patch(PathPatch(Path.make_compound_path(*paths), **style))
 
 
-def _shapes(frame: pd.DataFrame, of_move: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def _shapes(frame: pd.DataFrame, corners: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Returns the corners, (x, y), of a shape in each row's cell, given those of moves, (4, n, 2)."""
     action = frame["action"].map(ACTIONS.index).to_numpy(dtype=int)
-    return list(frame[["column", "row"]].to_numpy()[:, None, :] + of_move[action][..., ::-1])
+    return list(frame[["column", "row"]].to_numpy()[:, None, :] + corners[action][..., ::-1])

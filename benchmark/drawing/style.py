@@ -1,7 +1,7 @@
 """What all figures share: their style, the colours and markers of learners, and how they are saved."""
 
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from textwrap import fill
@@ -24,29 +24,31 @@ from envs import InputError
 
 WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
 COLOURS: Final = sns.color_palette("colorblind")
-_LINE, _GAP, _CHARACTERS = 11.0, 16.0, 23  # of names of lines: points of a line and to it, its characters
-# Of texts on coloured cells; unlike pure black and white, not inverted in dark mode.
+# Names beside lines: height of a line of text and distance in points, characters of a line
+_LINE, _GAP, _CHARACTERS = 11.0, 16.0, 23
+# Texts on coloured cells; unlike pure black and white, these are not inverted in dark mode.
 INK: Final = ("#000001", "#fffffe")
-# Of the variants of published experiments: tables are black, grey or green, DQN and its relatives blue, PPO
-# and its relatives orange. Within such a family, brightness and marker differ.
-_KNOWN: Final[Mapping[str, tuple[str, str]]] = {
-    "q_learning": ("#000000", "o"),
-    "q_learning_tuned": ("#707070", "s"),
-    "q_learning_long": ("#a0a0a0", "8"),
-    "watkins_q_lambda": ("#00856a", "D"),
-    "expected_sarsa": ("#4d5d3a", "d"),
-    "softmax_table": ("#79c36a", "P"),
-    "memoryless": ("#b8b8b8", "*"),
-    **dict.fromkeys(("dqn", "dqn_offset", "sb3_dqn"), ("#0173b2", "^")),
-    "dqn_linear": ("#16206b", "p"),
-    "dqn_default": ("#8a63d2", "v"),
-    **dict.fromkeys(("ppo", "ppo_offset", "sb3_ppo"), ("#de7400", "X")),
-    "ppo_default": ("#7a3b12", "h"),
+# Colours and markers that experiments name, see `benchmark.experiments.schema.Variant.colour`. Published
+# tables are black, grey or green, DQN and its relatives blue, PPO and its relatives orange. Within such a
+# family, brightness and marker differ.
+PALETTE: Final[Mapping[str, tuple[str, str]]] = {
+    "black": ("#000000", "o"),
+    "grey": ("#707070", "s"),
+    "silver": ("#a0a0a0", "8"),
+    "ash": ("#b8b8b8", "*"),
+    "green": ("#00856a", "D"),
+    "olive": ("#4d5d3a", "d"),
+    "lime": ("#79c36a", "P"),
+    "blue": ("#0173b2", "^"),
+    "navy": ("#16206b", "p"),
+    "violet": ("#8a63d2", "v"),
+    "orange": ("#de7400", "X"),
+    "brown": ("#7a3b12", "h"),
 }
-# Of other variants, in the order of the experiment: all 8 * 15 pairs come up before one returns.
+# Other variants take these in the order of the experiment; all 8 * 15 pairs come up before one returns.
 _COLOURS: Final = ("#c2418f", "#17a2b8", "#8f1d2c", "#b59b00", "#5b5b5b", "#e58fc0", "#3f7f93", "#d98880")
 _MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
-# Of linear learners, in colours and markers that no table and no net above has.
+# Linear learners have colours and markers that are not in the palette.
 _LINEAR: Final = ("#b3003c", "#f08fb8"), ("<", ">", "H")
 # Dashes, and how much lighter a learner is drawn; other forms of observation are solid and not lighter.
 _BY_OBSERVATION: Final[Mapping[str, tuple[tuple[int, tuple[float, ...]], float]]] = {
@@ -108,15 +110,10 @@ def svg(figure: Figure, *, is_tight: bool = False) -> str:
 
 
 @contextmanager
-def figure_of(
-    rows: int, columns: int, size: tuple[float, float], new: Callable[..., Figure] = Figure
-) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns).
-
-    It is closed with its last reference, unless it is new in pyplot, which is needed for a window alone.
-    """
+def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns)."""
     with settings():
-        figure = new(figsize=size, layout="constrained")
+        figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         yield figure, axes
         for text in figure.findobj(Text):
@@ -179,19 +176,19 @@ def ink_on(colour: ColorType) -> str:
 
 
 def learner_style(
-    variant: str, observation: str, variants: Sequence[str], family: str = ""
+    variant: str, observation: str, colours: Mapping[str, str | None], family: str = ""
 ) -> dict[str, Any]:
-    """Returns the colour and marker of a variant of an experiment, and tint and dashes of its observation.
+    """Returns the colour and marker of a variant, and tint and dashes of its observation.
 
-    No two of the first 120 variants that are not published share both colour and marker, or, if they are
-    linear, no two of the first 6.
+    `colours` has the names in the palette that an experiment gives to its variants. No two of the first 120
+    variants without one share both colour and marker, or, if they are linear, no two of the first 6.
     """
-    if variant in _KNOWN:
-        colour, marker = _KNOWN[variant]
+    if name := colours[variant]:
+        colour, marker = PALETTE[name]
     else:
-        i = [name for name in variants if name not in _KNOWN].index(variant)
-        colours, markers = _LINEAR if family == "linear" else (_COLOURS, _MARKERS)
-        colour, marker = colours[i % len(colours)], markers[i % len(markers)]
+        i = [other for other in colours if not colours[other]].index(variant)
+        hues, markers = _LINEAR if family == "linear" else (_COLOURS, _MARKERS)
+        colour, marker = hues[i % len(hues)], markers[i % len(markers)]
     dashes, tint = _BY_OBSERVATION.get(observation, ("-", 0.0))
     return {"color": _lighter(colour, tint), "marker": marker, "ls": dashes}
 
@@ -213,7 +210,7 @@ def _brightness(colour: ColorType) -> float:
 
 _IN_DARK: Final = {
     (drawn := _lighter(colour, tint)): in_dark(drawn)
-    for colour in (*(colour for colour, _ in _KNOWN.values()), *_COLOURS, *_LINEAR[0], *map(to_hex, COLOURS))
+    for colour in (*(hue for hue, _ in PALETTE.values()), *_COLOURS, *_LINEAR[0], *map(to_hex, COLOURS))
     for tint in (0.0, *(tint for _, tint in _BY_OBSERVATION.values()))
 }
 
@@ -221,5 +218,5 @@ _IN_DARK: Final = {
 def norm_of(values: pd.Series) -> Normalize:
     """Returns the colour scale that spans values; if they have both signs, zero is in its middle."""
     low, high = float(values.min()), float(values.max())
-    most = max(-low, high)
-    return Normalize(-most, most) if low < 0 < high else Normalize(low, high)
+    limit = max(-low, high)
+    return Normalize(-limit, limit) if low < 0 < high else Normalize(low, high)

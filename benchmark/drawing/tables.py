@@ -24,7 +24,7 @@ _SHOWN_DIGITS: Final = 3
 _START: Final = r"(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))"
 _FORMULA: Final = re.compile(rf"(^|;){_START}")
 _TEXT: Final = re.compile(rf"(^|;)'{_START}")
-# In Markdown: HTML, links and images but for files here, definitions of links, and addresses (also links).
+# What Markdown would load or link from elsewhere: HTML, links and images, definitions of links, addresses.
 _REMOTE: Final = re.compile(r"<(?=\S)|(?<=\])(?:\((?!(?!//)[\w./#=;-]+\))|:)|:(?=//)|(?<=[wW]{3})\.|@(?=\w)")
 _ACTIVE: Final = re.compile(rf"(?<=\])\(|&(?=\S)|[\\$]|{_REMOTE.pattern}")  # all links, entities, formulas
 _ENTITIES: Final = {each: f"&#{ord(each)};" for each in "<&\\$(:."} | {"@": "@&#8288;"}  # a joiner of words

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
-from functools import cache, partial
+from functools import partial
 from itertools import islice
 
 from agents import load_algorithm
@@ -42,10 +42,7 @@ def run(
     errors: list[str] = []
 
     def keep(future: Future[list[Record]]) -> None:
-        try:
-            records = future.result()
-        except Exception as error:
-            records = failures(under_way[future][0], error, under_way[future][1])
+        records = _records(future, *under_way[future])
         store.add(records)
         failed = [record.error for record in records if record.error is not None]
         errors.extend(failed)
@@ -54,17 +51,11 @@ def run(
 
     try:
         with ExitStack() as stack:
-
-            @cache
-            def executor_of(placement: str) -> Executor:
-                made = executor or EXECUTORS[placement](jobs)
-                stack.callback(made.cancel)
-                return made
-
+            executors = _executors(todo, jobs, executor, stack)
             done: set[Future[list[Record]]] = set()
             while True:
                 for job in islice(waiting, jobs - len(under_way) + len(done)):
-                    used = executor_of(load_algorithm(job[0].algorithm).placement)
+                    used = executors[load_algorithm(job[0].algorithm).placement]
                     under_way[used.submit(job)] = job, time.perf_counter()
                 for future in done:
                     keep(future)
@@ -78,6 +69,25 @@ def run(
             if future.done() and not future.cancelled() and future.exception() is None:
                 keep(future)
         raise
+
+
+def _executors(
+    runs: Sequence[RunSpecification], jobs: int, executor: Executor | None, stack: ExitStack
+) -> dict[str, Executor]:
+    """Returns the executor of each placement, or a given one for all; the stack cancels them."""
+    executors = dict[str, Executor]()
+    for placement in {load_algorithm(name).placement for name in {run.algorithm for run in runs}}:
+        executors[placement] = executor or EXECUTORS[placement](jobs)
+        stack.callback(executors[placement].cancel)
+    return executors
+
+
+def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:
+    """Returns what an ended future has, or records of failure if its job was lost."""
+    try:
+        return future.result()
+    except Exception as error:
+        return failures(job, error, started)
 
 
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:

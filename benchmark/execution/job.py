@@ -1,6 +1,5 @@
 """Executes a job where the work is done: trains its runs, evaluates them, and makes their records."""
 
-import os
 import time
 from contextlib import suppress
 from dataclasses import fields, replace
@@ -18,14 +17,16 @@ from benchmark.execution.provenance import peak_memory_mb, provenance, reset_pea
 from benchmark.execution.store import VALUE_DECIMALS, Arrays, Record, evaluated
 from benchmark.experiments import RunSpecification
 from benchmark.experiments.run import solved
-from benchmark.packages import broken
 from envs import InputError, Model
 from envs.observations import compile_seen
 from envs.packages import contained
 
-LOG: Final = "PROXEMIC_LOG"  # the environment variable that tells workers the folder of logs
 EXPLORED: Final = 0.05  # probability of a random action in the stochastic policy of learners that have none
-POLICY: Final = ("greedy", "q", "stochastic")  # fields of `Training`, also recorded of runs that are exported
+POLICY: Final = (
+    "greedy",
+    "q",
+    "stochastic",
+)  # fields of `Training` that runs until solved record for exports
 
 
 def execute_job(job: Job) -> list[Record]:
@@ -72,7 +73,7 @@ def failures(job: Job, error: BaseException, started: float) -> list[Record]:
     measured = _times(job, started) | {"peak_memory_mb": None, "cpu_time_s": []}
     with suppress(InputError):  # an algorithm that cannot be imported here has no versions
         measured |= provenance(job[0].algorithm)
-    message = broken(error) or f"{type(error).__name__}: {error}"
+    message = f"{type(error).__name__}: {error}"
     return [Record(run.digest, run.content, "failed", measured, {}, message) for run in job]
 
 
@@ -85,8 +86,6 @@ def _times(job: Job, started: float) -> dict[str, object]:
 def _train(job: Job, model: Model, schedule: Schedule) -> Training:
     first, seeds = job[0], [run.seed_sequence for run in job]
     algorithm = load_algorithm(first.algorithm)
-    if log := os.environ.get(LOG):
-        schedule = replace(schedule, log=f"{log}/{first.folder}")
     training = algorithm.train(model, first.settings, first.observation, seeds, schedule)
     check_training(training, model, len(job), schedule)
     return training

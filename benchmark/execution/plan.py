@@ -12,9 +12,10 @@ from benchmark.experiments import RunSpecification
 
 Job = list[RunSpecification]
 
-# Budget units of a job with several runs, at most: an interrupt waits for the jobs that run in threads.
-JOB_WORK: Final = 10_000_000
-JOB_SIZE: Final = 250_000_000  # bytes of its records, at most
+# A job with several runs has at most so many budget units, since an interrupt waits for jobs in threads,
+# and bytes of records.
+MAX_JOB_WORK: Final = 10_000_000
+MAX_JOB_SIZE: Final = 250_000_000
 
 
 def plan(runs: Sequence[RunSpecification]) -> list[Job]:
@@ -26,7 +27,7 @@ def plan(runs: Sequence[RunSpecification]) -> list[Job]:
     jobs = []
     for population in populations.values():
         first = population[0]
-        most = min(JOB_WORK // first.settings.budget, JOB_SIZE // first.record_size)
-        size = max(1, min(load_algorithm(first.algorithm).batch_size, most))
+        limit = min(MAX_JOB_WORK // first.settings.budget, MAX_JOB_SIZE // first.record_size)
+        size = max(1, min(load_algorithm(first.algorithm).batch_size, limit))
         jobs += [population[i : i + size] for i in range(0, len(population), size)]
     return sorted(jobs, key=lambda job: index[job[0].digest])

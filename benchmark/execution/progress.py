@@ -1,33 +1,73 @@
-"""Shows progress: how many runs, say, are done and failed, and the time left."""
+"""How long runs take: an estimate before they start, and a display while they are trained."""
 
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Final, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
+from benchmark.experiments import RunSpecification
+from benchmark.folder import Folder
+from envs import InputError
+
 _LINE_EVERY_S: Final = 30.0  # where the output is not a terminal
-_TRUST: Final = 0.1  # an expected time counts as much as the time that this share of the whole has taken
-_STARTING: Final = 0.01  # while less than this share is done, code is imported and compiled, only once
+
+
+def estimate(
+    missing: Sequence[RunSpecification], folder: Path, workers: int
+) -> tuple[str, Mapping[str, float]]:
+    """Estimates how long so many workers take for runs, by the results of the same learners in a folder.
+
+    Returns the time in words, and the seconds of each run by digest. If there are no such results, the time
+    is unknown, and each run counts as a second.
+    """
+    try:
+        published = _seconds(Folder(folder))
+        costs = {run.digest: published[run.variant, run.observation] for run in missing}
+    except (InputError, KeyError):
+        text = f"for an unknown time: {folder} has no results of these learners"
+        return text, dict.fromkeys((run.digest for run in missing), 1.0)
+    time_s = max(sum(costs.values()) / workers, *costs.values())
+    by = f"{workers} worker{'s' * (workers > 1)}"
+    return f"{about(time_s)} with {by}, if as fast as for the results in {folder}", costs
+
+
+def _seconds(folder: Folder) -> dict[tuple[str, str], float]:
+    """Returns the seconds of a published run, by variant and observation.
+
+    Runs share the time of all of them by their CPU time or, without a table of costs, equally.
+    """
+    manifest = folder.manifest
+    mean = manifest["busy_time_s"] / manifest["runs"]
+    forms = ((name, form) for name, variant in manifest["algorithms"].items() for form in variant["settings"])
+    seconds = dict.fromkeys(forms, mean)
+    if "cost.csv" in folder:
+        cost = folder.frame("cost").set_index(["variant", "observation"])
+        cpu, runs = cost["cpu_ms" if "cpu_ms" in cost else "cpu_time_s"], cost["runs"]
+        seconds |= (cpu * (mean * runs.sum() / (cpu @ runs))).to_dict()
+    return seconds
 
 
 class Display(ProgressColumn):
-    """A bar, or occasional lines where the output is not a terminal."""
+    """A bar, or occasional lines where the output is not a terminal.
 
-    def __init__(self, name: str, costs: Mapping[str, float], expected_s: float, n_done: int = 0) -> None:
-        """Takes what each thing to do costs, the time of all, 0 if unknown, and how many are done already."""
+    The time left is judged by what has been done since the start; it falls while nothing ends.
+    """
+
+    def __init__(self, name: str, costs: Mapping[str, float], n_done: int = 0) -> None:
+        """Takes what each thing to do costs, in any unit, and how many more are done already."""
         super().__init__()
-        self._costs, self._expected_s = costs, expected_s
-        self._n, self._n_done, self._n_failed = n_done + len(costs), n_done, 0
+        self._costs, self._n = costs, n_done + len(costs)
+        self._n_done, self._n_failed = n_done, 0
         self._console = Console(stderr=True)
         columns = TextColumn("{task.description}", markup=False), BarColumn(), self
         self._progress = Progress(*columns, console=self._console, disable=not self._console.is_terminal)
         self._task = self._progress.add_task(name, total=sum(costs.values()))
         self._line_s = self._started_s = time.monotonic()
-        self._started = 0.0  # the share that was done then
-        self._end_s = self._started_s + expected_s if expected_s else None
+        self._end_s: float | None = None
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -42,19 +82,15 @@ class Display(ProgressColumn):
         """Notes what has ended, how many of that have failed, and perhaps what follows."""
         self._n_done, self._n_failed = self._n_done + len(ended) - n_failed, self._n_failed + n_failed
         self._progress.update(self._task, advance=sum(self._costs[key] for key in ended), description=name)
-        now_s, share = time.monotonic(), self._progress.tasks[0].percentage / 100
-        if share < _STARTING:
-            self._started_s, self._started = now_s, share
-        trust = _TRUST if self._expected_s else 0.0
-        if weight := share - self._started + trust:
-            whole_s = (now_s - self._started_s + trust * self._expected_s) / weight
-            self._end_s = now_s + (1 - share) * whole_s
-        if not self._console.is_terminal and time.monotonic() - self._line_s > _LINE_EVERY_S:
-            self._line_s = time.monotonic()
+        now_s = time.monotonic()
+        if share := self._progress.tasks[0].percentage / 100:
+            self._end_s = self._started_s + (now_s - self._started_s) / share
+        if not self._console.is_terminal and now_s - self._line_s > _LINE_EVERY_S:
+            self._line_s = now_s
             self._print_line()
 
     def render(self, task: Task) -> Text:  # noqa: ARG002
-        """Says how many are done and the time left, which falls while they run."""
+        """Says how many are done and the time left."""
         return Text(self._text())
 
     def _text(self) -> str:

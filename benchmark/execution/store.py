@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from benchmark.execution.machine import lock
 from envs import InputError
 
-VALUE_DECIMALS: Final = 3  # of the values of a record
+VALUE_DECIMALS: Final = 3  # to which a record's values are rounded
 REPAIR_ADVICE: Final = "'run EXPERIMENT' saves the intact records and repeats the others"
 _APPLICATION_ID: Final = 0x50524F58  # "PROX"
 _FORMAT: Final = 4
@@ -45,8 +45,8 @@ PRAGMA application_id = {_APPLICATION_ID};
 PRAGMA user_version = {_FORMAT};
 COMMIT
 """
-_SMALLEST_ROW: Final = 256  # bytes, fewer than any record has
-_LAST_ROW: Final = 10_000_000  # no file has more; a damaged one may claim it
+_MIN_ROW_SIZE: Final = 256  # bytes, fewer than any record has
+MAX_ROWS: Final = 10_000_000  # no file has more; a damaged one may claim it
 _COLUMNS: Final = "digest, specification, status, error, provenance, checksum, head"
 # No failure replaces a valid record: another driver may have done the run meanwhile.
 _ADD: Final = f"""
@@ -59,7 +59,7 @@ _MOVE: Final = "move it away, or choose another folder with --results"
 _DAMAGED: Final = {sqlite3.SQLITE_CORRUPT: f"it is damaged; {REPAIR_ADVICE}", sqlite3.SQLITE_NOTADB: _MOVE}
 _CHECK: Final = "check that its folder is writable and has free space, and try again; what is stored is kept"
 Arrays = Mapping[str, NDArray[Any]]
-Provenance = Mapping[str, Any]  # of a record: versions, commit, machine, times
+Provenance = Mapping[str, Any]  # a record's versions, commit, machine and times
 _Row = tuple[str | int | bytes | None, ...]  # _COLUMNS, and perhaps arrays
 
 
@@ -299,11 +299,11 @@ class Store:
         self._open()
 
     def _whole_rows(self) -> Iterator[_Row]:
-        last = self._path.stat().st_size // _SMALLEST_ROW
+        last = self._path.stat().st_size // _MIN_ROW_SIZE
         with suppress(sqlite3.DatabaseError):
             last = max(last, self._number("SELECT max(rowid) FROM runs NOT INDEXED"))
         query = f"SELECT {_COLUMNS}, arrays FROM runs NOT INDEXED WHERE rowid = ?"
-        for row_id in range(1, min(last, _LAST_ROW) + 1):
+        for row_id in range(1, min(last, MAX_ROWS) + 1):
             with suppress(sqlite3.DatabaseError):
                 row = self._connection.execute(query, (row_id,)).fetchone()
                 if row is not None and _is_whole(*row):

@@ -61,10 +61,11 @@ def changed_settings(declared: Declaration, variant: str) -> list[str]:
 
 
 def digest_of_search(search: Declaration) -> str:
-    """Returns a digest of what a search depends on: what its file declares but texts, scenarios, versions."""
+    """Returns a digest of what a search depends on: its file but texts and colours, scenarios, versions."""
     content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
     for variant in content["algorithms"].values():
         del variant["title"]
+        variant.pop("colour", None)
         variant["group"] = ""  # a key of earlier versions, on which digests depend
         for axis in variant["search"].values():
             del axis["why"]
@@ -98,7 +99,7 @@ def check_seeds(declared: Declaration, variant: str, path: Path, other: str = ""
     """Refuses, by an InputError, seeds on which a variant's settings were chosen."""
     name, searched = source_of(declared, variant, other)
     taken = _search(name).declared.seeds_of_search(searched) if name else ()
-    largest = max(declared.report.looks, default=0) if declared.report else 0
+    largest = max(declared.reporting.looks, default=0) if declared.reporting else 0
     for seeds in {declared.seeds_of(variant, condition) for condition in declared.conditions.values()}:
         own = range(seeds.start, max(seeds.stop, seeds.start + largest))  # those at further looks, too
         if any(overlap(own, seeds) for seeds in taken):

@@ -132,7 +132,7 @@ class Experiment:
     @property
     def report(self) -> schema.Reporting | None:
         """What is drawn of it."""
-        return self.declared.report
+        return self.declared.reporting
 
     @property
     def has_stages(self) -> bool:

@@ -37,7 +37,9 @@ class RunSpecification:
     seed: int
     # Of a run that is measured until it has solved its scenario: `Solved`, and the policy that counts.
     solved: Mapping[str, float | str] | None = None
-    keep: Callable[[Any], object] | None = None  # `Schedule.keep`, if its agent is exported; not its identity
+    # What else its `Schedule` has; no part of its identity.
+    log: str = ""
+    keep: Callable[[Any], object] | None = None
 
     @cached_property
     def population(self) -> str:
@@ -110,9 +112,9 @@ class RunSpecification:
         budget, every = self.settings.budget, self.evaluation_every
         if self.solved is not None:
             steps = evaluation_steps(budget, every, float(self.solved["growth"]))
-            return Schedule(budget, tuple(steps), keep=self.keep)
+            return Schedule(budget, tuple(steps), log=self.log, keep=self.keep)
         steps, map_steps = (evaluation_steps(budget, n) for n in (every, self.map_every))
-        return Schedule(budget, tuple(steps), tuple(map_steps), keep=self.keep)
+        return Schedule(budget, tuple(steps), tuple(map_steps), log=self.log, keep=self.keep)
 
     @property
     def drawn_scenario(self) -> Scenario:

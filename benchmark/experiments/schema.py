@@ -41,6 +41,11 @@ _RESERVED: Final = ("leaderboard", "speed", "speed_smoke", "*_partial", "*_seeds
 # What a reference implementation takes from its variant, and does not set itself.
 _SHARED: Final = {"settings", "policy", "tuned_by", "rank"}
 
+# Palette of variants in figures, see `benchmark.drawing.style.PALETTE`.
+Colour = Literal[
+    "black", "grey", "silver", "ash", "green", "olive", "lime", "blue", "navy", "violet", "orange", "brown"
+]
+
 
 class Variant(Table):
     """An algorithm with its settings, and the observations from which it learns.
@@ -49,12 +54,14 @@ class Variant(Table):
     settings, its policy and, unless it names some of them, its observations.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"rank"}
+    omitted_at_default: ClassVar[Set[str]] = {"colour", "rank"}
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
     title: Annotated[Label, Field(max_length=60)] = ""
     """What readers call it; by default its name."""
+    colour: Colour | None = None
+    """Its colour and marker in figures; by default those that no other variant of the experiment has."""
     observations: Annotated[Names, Field(min_length=1)]
     """Forms of observation; each makes a learner."""
     seeds: Annotated[int, Field(ge=1, le=100_000)]
@@ -336,8 +343,8 @@ class Declaration(Table):
     """The stem of the file."""
     description: Text
     """What the experiment is about, for readers."""
-    report: Reporting | None = None
-    """What is drawn; its kind alone as a text, too. Without it, runs are stored and not drawn."""
+    report: dict[str, object] | None = None
+    """What is drawn, see below; its kind alone as a text, too. Without it, runs are stored and not drawn."""
     note: Text = ""
     """For readers of the results, for example how settings were chosen."""
     stream: Name = ""
@@ -422,7 +429,7 @@ class Declaration(Table):
         inputs.distinct(names[0], "scenarios: ")
         inputs.distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
         inputs.distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
-        if (report := self.report) is None:
+        if (report := self.reporting) is None:
             return
         inputs.distinct(tuple(panel.title for panel in report.panels), "report.panels: title ")
         inputs.distinct(tuple(name for *_, name in report.effects), "report.effects: ")
@@ -433,6 +440,12 @@ class Declaration(Table):
                 [" @ ".join(sorted({*each.split(" @ ")} - shared)) for each in pair[:2]] for pair in pairs
             ]
             inputs.distinct(tuple(" and ".join(sorted(pair)) for pair in sides), f"report.{key}: ")
+
+    @cached_property
+    def reporting(self) -> Reporting | None:
+        """Interim."""
+        given = json.dumps(self.report, default=str)
+        return None if self.report is None else Reporting.model_validate_json(given)
 
     @property
     def _learners(self) -> dict[str, str]:
@@ -465,7 +478,8 @@ class Declaration(Table):
     @property
     def most_runs(self) -> int:
         """The number of runs, at most, over all stages; one that several conditions share counts for each."""
-        looks, contrasts = (self.report.looks, self.report.contrasts) if self.report else ((), ())
+        report = self.reporting
+        looks, contrasts = (report.looks, report.contrasts) if report else ((), ())
         n, compared = 0, {*chain(*contrasts)}
         for condition, (learner, variant) in product(self.conditions.values(), self._learners.items()):
             if condition.has(variant, learner.removeprefix(f"{variant}, ")):
@@ -593,6 +607,8 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         data = inputs.override(data, changes, str(path))
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
+    elif "search" in data:
+        data.setdefault("report", {"kind": "search"})
     return data
 
 

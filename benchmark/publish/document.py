@@ -10,31 +10,30 @@ texts can be corrected without a single run.
 import html
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 
 from benchmark.drawing import tables
-from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, README, Folder, with_titles
 from benchmark.publish import files, prose
 from benchmark.publish.templates import templates_in as templates_in
-from benchmark.studies import REPORTS, load_items, load_report
-from benchmark.studies.item import Item, Report
+from benchmark.studies import STUDIES, Study, load_study
+from benchmark.studies.item import COLUMNS, Item, entry
+from benchmark.studies.study import with_items
 from envs import InputError
 
+SPEED: Final = "speed"  # the folder of measurements of this project, and its table
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
-_FRONT: Final = Path(__file__).parent / "front.md.jinja"
 
 
 class Document:
     """The document of a folder of results."""
 
-    def __init__(self, path: Path, report: Report | None = None) -> None:
-        """Takes the report of an experiment, see `draw.report_of`, or finds that of this project.
+    def __init__(self, path: Path, study: Study[Any, Any] | None = None) -> None:
+        """Takes the study of an experiment, see `report_of`, or finds that of this project.
 
         Manifests come from anywhere, so they name no code of others. Something that is damaged or missing
         raises an InputError.
@@ -42,37 +41,37 @@ class Document:
         self.folder = Folder(path)
         declared, source = self.folder.manifest["report"], str(path / MANIFEST)
         with self.folder.reading():
-            if report is None:
+            if study is None:
                 for name in (declared["kind"], *declared["items"]):
-                    if name not in REPORTS and not name.startswith("benchmark.studies."):
+                    if name not in STUDIES and not name.startswith("benchmark.studies."):
                         reason = f"report: {name}: code of users runs only if you name its experiment"
                         raise InputError(f"{source}: {reason}, as in: report EXPERIMENT.")
-                report = load_report(declared["kind"], source)
-                report = replace(report, items=load_items(report, declared, source))
-            self.report, self.items = report, report.items
-            self.question = declared["question"] or report.question
+                study = with_items(load_study(declared["kind"], source), declared, source)
+            self._headline, self.finding, self.lead = study.headline, study.finding, study.lead
+            self.name, self.items, self.template = study.name, study.items, study.document
+            self.question = declared["question"] or study.question
 
     @cached_property
     def headline(self) -> str | None:
         """The finding in Markdown: as it is written by hand, or else the sentence that the report makes."""
         try:
-            return prose.written(self.folder, self.report.finding) or self.report.headline(self.folder)
+            return prose.written(self.folder, self.finding) or self._headline(self.folder)
         except prose.ClaimError:
-            return self.report.headline(self.folder)
+            return self._headline(self.folder)
 
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
         has_files = f"{name}.csv" in self.folder or self.folder.figure(name)
         return bool(has_files) and name in [item.name for item in self.items]
 
-    def shown(self, item: Item) -> pd.DataFrame:
+    def shown(self, item: Item[Any]) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts; empty if there is none here."""
         if f"{item.name}.csv" not in self.folder:
             return pd.DataFrame()
         return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
 
     def render(
-        self, insert: Callable[[Item, bool], str], template: Path | None = None, **more: object
+        self, insert: Callable[[Item[Any], bool], str], template: Path | None = None, **more: object
     ) -> str:
         """Returns the document as Markdown.
 
@@ -88,7 +87,7 @@ class Document:
         def others() -> str:
             return "\n\n".join(insert(item, False) for item in self.items[n_own:])
 
-        template = template or self.report.document
+        template = template or self.template
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
         known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
         text = templates_in(template.parent).get_template(template.name).render(**known, **more)
@@ -98,7 +97,7 @@ class Document:
         """Returns README of the folder; raises an InputError if it cannot be made, or a file was changed."""
         self.folder.check()
 
-        def insert(item: Item, is_folded: bool) -> str:
+        def insert(item: Item[Any], is_folded: bool) -> str:
             file, frame = self.folder.figure(item.name), self.shown(item)
             parts, table = [f"![{item.caption}]({file})"] if file else [], f"{item.name}.csv"
             if is_folded and table in self.folder:
@@ -149,31 +148,45 @@ class Document:
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
 
-def front(results: Path) -> str:
-    """Returns the README of the repository, whose numbers and verdicts are those of published tables.
+class Measurements(Document):
+    """The document of measured speed, which is no experiment's."""
 
-    Its template has all lookups of texts by folder, as in `of.when.number(...)`. A folder that is damaged,
-    lacks what README cites, or does not show what is claimed raises an InputError.
-    """
+    def __init__(self, path: Path) -> None:
+        """Takes a folder that `benchmark.speed` has written."""
+        self.folder, self.finding, self.lead = Folder(path), None, ""
+        self.name, self.items, self.template = SPEED, (_SPEED,), _FRAME.with_name("speed.md.jinja")
+        self.question = "How fast is this project?"
 
-    def text(name: str, title: str = "") -> str:
-        return prose.paragraphs(Folder(results / name), title)
-
-    def figure(name: str, item: str) -> str:
-        return f"results/{name}/{Folder(results / name).figure(item)}"
-
-    for name in PUBLISHED:
-        prose.written(Folder(results / name))  # also of those that README does not cite
-    of = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
-    template = templates_in(_FRONT.parent).get_template(_FRONT.name)
-    with Folder(results / next(iter(PUBLISHED))).reading():
-        answer = prose.SENTENCES.split(text(next(iter(PUBLISHED))))
-        rendered = template.render(figure=figure, text=text, answer=answer, of=of)
-    if failed := [claim for lookups in of.values() for claim in lookups.failed]:
-        raise prose.ClaimError(*(f"README: tables do not show that {claim}." for claim in failed))
-    return rendered
+    @cached_property
+    def headline(self) -> str:
+        """How much faster it is than the alternatives that matter most."""
+        with self.folder.reading():
+            frame = self.folder.frame(SPEED)
+            nets = frame[frame["name"].str.fullmatch("net_(dqn|ppo)_(one_hot|coordinates)")]
+            nets = nets.sort_values("ratio")
+            rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
+            q_learning, low, high = (entry(row, "ratio", SPEED) for row in rows)
+        return (
+            f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN "
+            f"and PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
+        )
 
 
-def write(path: Path, report: Report | None = None) -> None:
+def _shown(frame: pd.DataFrame) -> pd.DataFrame:
+    rows = [row for _, row in frame.iterrows()]
+    return pd.DataFrame({name: [entry(row, str(name), SPEED) for row in rows] for name in frame})
+
+
+_ABOUT: Final = "rates of this project and of common alternatives, from the same run"
+_SPEED: Final[Item[Any]] = Item(SPEED, _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS[SPEED])
+
+
+def document_of(path: Path, study: Study[Any, Any] | None = None) -> Document:
+    """Returns the document of a folder of results, see `Document`, or of measured speed."""
+    is_speed = Folder(path).manifest["report"]["kind"] == SPEED
+    return Measurements(path) if is_speed else Document(path, study)
+
+
+def write(path: Path, study: Study[Any, Any] | None = None) -> None:
     """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
-    files.write_text(path / README, Document(path, report).readme())
+    files.write_text(path / README, document_of(path, study).readme())

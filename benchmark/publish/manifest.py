@@ -11,7 +11,7 @@ from benchmark.experiments import DEFAULT_CONDITION, RunSpecification
 from benchmark.studies.data import Data
 
 
-def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
+def manifest_of(data: Data[Any], seeds: Sequence[int] | None) -> dict[str, object]:
     """Returns the manifest; drawing again gives the same."""
     declared, runs = data.experiment.declared, data.specifications
     sizes = Counter(run.population for run in runs)
@@ -30,7 +30,8 @@ def manifest_of(data: Data, seeds: Sequence[int] | None) -> dict[str, object]:
         "command": f"python -m benchmark run {declared.argument}{option} --report",
         "partial": data.note,
         "argument": declared.argument,
-        **declared.model_dump(mode="json", include={"report", "solved", "search"}),
+        "report": data.declared.model_dump(mode="json"),
+        **declared.model_dump(mode="json", include={"solved", "search"}),
         "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
         **({"searches": searches} if searches else {}),
         "horizon": declared.horizon,
@@ -56,13 +57,13 @@ def digest_of(runs: Sequence[RunSpecification]) -> str:
 
 
 def _variants(
-    data: Data, first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
+    data: Data[Any], first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
 ) -> dict[str, dict[str, Any]]:
     variants: dict[str, dict[str, Any]] = {}
     settings: dict[str, dict[str, object]] = {}
     for (_, name), run in first.items():
         learner = data.experiment.learners[name]
-        declared = {"algorithm", "title", "reference_for", "policy", "tuned_by", "rank"}
+        declared = {"algorithm", "title", "colour", "reference_for", "policy", "tuned_by", "rank"}
         about = learner.declared.model_dump(include=declared)
         about |= {"family": learner.family, "packages": learner.algorithm.packages}
         about |= {"changed": learner.changed, "runs": sizes[run.population]}  # in a scenario

@@ -1,13 +1,16 @@
 """Texts written by hand, whose numbers are looked up in published tables and whose claims are checked.
 
-The finding of an experiment is a template beside its file: of `when.toml`, it is `when.md.jinja`.
-Every number in it is a link to its rows, and every other statement is guarded by a `claim` about the tables.
-Its first paragraph is the answer. A paragraph may start with a title in bold, by which the README of this
-repository includes it and those after it. Results of other seeds, or of some of the runs, have no such text.
+The finding of an experiment is a template beside its file: of `when.toml`, it is `when.md.jinja`. If there is
+a function `finding` in `when.py`, it checks the claims and returns what the template can name, see
+`benchmark.experiments.finding`. Every number is a link to its rows. The first paragraph is the answer. A
+paragraph may start with a title in bold, by which the README of this repository includes it and those after
+it. Results of other seeds, or of some of the runs, have no such text.
 """
 
 import re
+from collections.abc import Callable
 from functools import cache
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Final
 
@@ -15,8 +18,9 @@ import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.experiments import EXPERIMENT_DIRECTORY, experiment_names
+from benchmark.experiments.finding import Names, Tables
 from benchmark.folder import Folder, with_titles
-from benchmark.publish.templates import rendered
+from benchmark.publish.templates import mistakes_in, rendered
 from envs import InputError
 from envs.words import listed
 
@@ -42,13 +46,24 @@ def written(folder: Folder, template: Path | None = None) -> str | None:
     if template is None or not (is_as_declared and template.is_file()):
         return None
     lookups = Lookups(folder)
-    functions = {name: getattr(lookups, name) for name in vars(Lookups) if name[0] != "_"}
-    text = rendered(template, functions)
+    known: dict[str, object] = {name: getattr(lookups, name) for name in vars(Lookups) if name[0] != "_"}
+    known |= _named(template.with_name(f"{template.name.partition('.')[0]}.py"), lookups)
+    text = rendered(template, known)
     if lookups.failed:
         where = f"{folder.path}: its tables do not show, as {template.name} claims,"
         raise ClaimError(*(f"{where} that {claim}." for claim in lookups.failed))
     paragraphs = [" ".join(paragraph.split()) for paragraph in text.split("\n\n")]
     return "\n\n".join(filter(None, paragraphs))
+
+
+def _named(path: Path, tables: Tables) -> Names:
+    """Returns what the function `finding` of a Python file returns; nothing if there is none."""
+    spec = spec_from_file_location(f"finding_of_{path.stem}", path)
+    if not path.is_file() or spec is None or spec.loader is None:
+        return {}
+    with mistakes_in(path):
+        spec.loader.exec_module(module := module_from_spec(spec))
+        return dict(module.finding(tables)) if hasattr(module, "finding") else {}
 
 
 def paragraphs(folder: Folder, title: str = "") -> str:
@@ -85,6 +100,16 @@ class Lookups:
         text = tables.duration(row[column]) if form == "time" else format(row[column], form)
         return tables.link(text, table, row)
 
+    def numbers(
+        self, table: str, column: str, keys: str, form: str = ",.0f", **where: object
+    ) -> Callable[..., str]:
+        """Returns a function that takes the values of keys, which spaces separate, and returns a number."""
+
+        def number(*values: object) -> str:
+            return self.number(table, column, form, **where, **dict(zip(keys.split(), values, strict=True)))
+
+        return number
+
     def count(self, table: str, of: str = "", **where: object) -> str:
         """Returns how many rows have these values, or how many different values a column has in them."""
         rows = self.rows(table, **where)
@@ -95,7 +120,7 @@ class Lookups:
         rows = self.rows(table, **where)
         return tables.link(listed(map(str, rows[column].unique())), table, rows)
 
-    def claim(self, is_true: bool, sentence: str) -> str:
+    def claim(self, is_true: object, sentence: str) -> str:
         """Checks that a sentence is true of the tables; returns an empty text."""
         self.failed += [] if is_true else [sentence]
         return ""

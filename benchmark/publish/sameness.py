@@ -1,8 +1,8 @@
-"""Whether files are the same: as when they were made, as published, or as drawn again.
+"""Whether files are the same: as when they were made, or as published.
 
 A *stamp* beside a folder's files, which is not published, notes what they were made from: what is up to date
-need not be made again. A *certificate* says whether a folder is the same as another one, except files that
-hold measured times.
+need not be made again. A *certificate* says whether a folder is as published, except files that hold measured
+times.
 """
 
 import gzip
@@ -10,7 +10,7 @@ import hashlib
 import json
 import platform
 import subprocess
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from importlib.metadata import distributions
 from pathlib import Path
@@ -31,35 +31,27 @@ class Certificate(NamedTuple):
     text: str
 
 
-def compare(
-    folder: Path, name: str, measured: Collection[str], other: Path | None = None
-) -> Certificate | None:
-    """Compares an experiment's folder with another one; returns None if there is no other one.
+def compare(folder: Path, name: str, measured: Collection[str]) -> Certificate | None:
+    """Compares an experiment's folder with that of the last commit; returns None if there is none.
 
-    Args:
-      folder: What was made.
-      name: The experiment's name.
-      measured: Names of files that hold measured times.
-      other: A folder made from the same store, in which only files count that were made for it. By default it
-        is the folder of the last commit, and manifests, which say who made the files and when, do not count.
+    Manifests, which say who made the files and when, do not count, nor do files that hold measured times,
+    whose names are given.
     """
-    made = digests(folder)
-    if other is None:
-        where, expected = "the published results", _published(name)
-        made.pop(MANIFEST, None)
-    else:
-        known, where = {*made, *listed(other)}, f"the files in {other}"
-        expected = {file: digest for file, digest in digests(other).items() if file in known}
+    made, expected = digests(folder, but=(MANIFEST,)), _published(name)
     if not expected:
         return None
-    compared = sorted({*made, *expected} - {*measured})
-    differing = [file for file in compared if made.get(file) != expected.get(file)]
-    n, n_apart = len(compared), len({*made, *expected} & {*measured})
-    apart = f"; files with measured times, not compared: {n_apart}" if n_apart else ""
-    if not differing:
-        return Certificate(True, f"{name}: identical to {where} ({n} of {n} files{apart}).")
-    files = f"{len(differing)} of {n} files: {', '.join(differing)}{apart}"
-    return Certificate(False, f"{name}: different from {where}: {files}.")
+    n, n_measured = len({*made, *expected} - {*measured}), len({*made, *expected} & {*measured})
+    other = [file for file in differing(made, expected) if file not in measured]
+    aside = f"; files with measured times, not compared: {n_measured}" if n_measured else ""
+    if not other:
+        return Certificate(True, f"{name}: identical to the published results ({n} of {n} files{aside}).")
+    files = f"{len(other)} of {n} files: {', '.join(other)}{aside}"
+    return Certificate(False, f"{name}: different from the published results: {files}.")
+
+
+def differing(made: Mapping[str, object], expected: Mapping[str, object]) -> list[str]:
+    """Lists the names under which two mappings hold different things, or only one of them holds any."""
+    return sorted(name for name in made.keys() | expected.keys() if made.get(name) != expected.get(name))
 
 
 def published_file(name: str, file: str) -> bytes | None:

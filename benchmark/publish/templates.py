@@ -2,7 +2,8 @@
 
 import re
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
 from typing import Final
@@ -48,14 +49,21 @@ def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
 
 def rendered(template: Path, known: Mapping[str, object]) -> str:
     """Returns the text of a template; one with a mistake raises an InputError that names file and line."""
-    try:
+    with mistakes_in(template):
         return templates_in(template.parent).get_template(template.name).render(known)
-    except Exception as error:  # whatever the template does, such as dividing by zero
+
+
+@contextmanager
+def mistakes_in(path: Path) -> Iterator[None]:
+    """Turns whatever a file does wrong, such as dividing by zero, into an InputError with file and line."""
+    try:
+        yield
+    except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
-        lines = [frame.lineno for frame in frames if frame.filename == str(template)]
+        lines = [frame.lineno for frame in frames if frame.filename == str(path)]
         line = getattr(error, "lineno", None) or [0, *lines][-1]
         reason = f"column {error} is missing" if isinstance(error, KeyError) else str(error).rstrip(".")
-        raise InputError(f"{template}, line {line}: {reason or type(error).__name__}.") from error
+        raise InputError(f"{path}, line {line}: {reason or type(error).__name__}.") from error
 
 
 def _wrapped(text: str, indent: str = "") -> str:

@@ -21,15 +21,15 @@ from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records
 from benchmark.drawing.style import colour_map
 from benchmark.execution.store import VALUE_DECIMALS
 from benchmark.studies.item import writing
-from envs import ACTIONS, EVENTS, ZONES, Model
+from envs import ACTIONS, EVENTS, ZONES, Model, Scenario
 from envs import scene as drawn
 from envs.model import MOVES
 from envs.scene import scene_of
 
 FILE: Final = "agents.json.gz"
-MOST_VALUED: Final = 500  # observations of a learner whose values are shown
-MOST_STATES: Final = 70_000  # of a scenario, in as many places as fit, but in one at least
-MOST_MASKS: Final = 480  # of the final policies of a learner, but of one agent at least
+MAX_VALUED: Final = 500  # observations of a learner whose values are shown
+MAX_STATES: Final = 70_000  # of a scenario, in as many places as fit, but in one at least
+MAX_MASKS: Final = 480  # of the final policies of a learner, but of one agent at least
 _PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene` that the page's script uses
 _NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
 _FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one on
@@ -44,21 +44,21 @@ explorer_item: Final = writing(
 def write(shown: Sequence[Records], path: Path) -> None:
     """Writes the explorer's file; agents refer to their scene and to what they see by index."""
     models = {records.model.scenario: records.model for records in shown}
-    scene_of_scenario = {scenario: _scene(model) for scenario, model in models.items()}
     scenes: list[dict[str, object]] = []  # shared by scenarios that differ in what is observed
-    for scene in scene_of_scenario.values():
-        if scene not in scenes:
+    sights: list[dict[str, object]] = []
+    index_of: dict[Scenario, dict[str, int]] = {}
+    for scenario, model in models.items():
+        if (scene := _scene(model)) not in scenes:
             scenes.append(scene)
-    sights = []
-    for model in models.values():
+        index_of[scenario] = {"scene": scenes.index(scene), "sight": len(sights)}
         seen = np.searchsorted(_seen(model), model.observation[_shown(model)])
         observed = [component.name for component in model.components]
         sights.append({"observed": observed, "changes": np.diff(seen, prepend=0).tolist()})
-    agents = []
-    for records in shown:
-        scenario = records.model.scenario
-        indices = {"scene": scenes.index(scene_of_scenario[scenario]), "sight": [*models].index(scenario)}
-        agents.append(_learner(records) | indices)
+    agents = [_learner(records) | index_of[records.model.scenario] for records in shown]
+    colours, diverging = (
+        [to_hex(colour) for colour in colour_map(name)(np.linspace(0, 1, 33))]
+        for name in (drawn.COLOUR_MAP, drawn.DIVERGING)
+    )
     data = {
         "actions": ACTIONS,
         "events": EVENTS,
@@ -67,8 +67,8 @@ def write(shown: Sequence[Records], path: Path) -> None:
         "no_number": _NO_NUMBER,
         "first_mask": _FIRST_MASK,
         "tolerance": OPTIMUM_TOLERANCE,
-        "colours": _colours(drawn.COLOUR_MAP),
-        "diverging": _colours(drawn.DIVERGING),
+        "colours": colours,
+        "diverging": diverging,
         "palette": {name: "#{:02x}{:02x}{:02x}".format(*drawn.COLOURS[name]) for name in _PALETTE},
         "clipped_share": drawn.CLIPPED_SHARE,
         "triangles": drawn.TRIANGLES.tolist(),
@@ -86,10 +86,6 @@ def compressed(data: object) -> bytes:
     return gzip.compress(text.encode(), mtime=0)
 
 
-def _colours(name: str) -> list[str]:
-    return [to_hex(colour) for colour in colour_map(name)(np.linspace(0, 1, 33))]
-
-
 def _learner(records: Records) -> dict[str, object]:
     """Returns a learner's first agent, with every second map of its training, and others' final policies.
 
@@ -98,11 +94,11 @@ def _learner(records: Records) -> dict[str, object]:
     seen = _seen(records.model)
     n_observations = len(seen)
     last = len(records.map_indices) - 1
-    has_values = n_observations <= MOST_VALUED
+    has_values = n_observations <= MAX_VALUED
     chosen = [*(range(0, last, 2) if has_values and last > 1 else []), last]
     points = records.map_indices[chosen]  # among the evaluation steps
     first = records.agents[0]
-    n_shown = min(len(records.seeds), max(MOST_MASKS // n_observations, 1))
+    n_shown = min(len(records.seeds), max(MAX_MASKS // n_observations, 1))
     others = [agent["greedy"][-1, seen] for agent in records.agents[1:n_shown]]
     return {
         "scenario": records.scenario,
@@ -129,7 +125,7 @@ def _learner(records: Records) -> dict[str, object]:
 def _shown(model: Model) -> NDArray[np.int_]:
     """Returns the states that are shown, in rising order."""
     n_block = len(model.observation) // model.n_places
-    n_places = min(max(MOST_STATES // n_block, 1), model.n_places)
+    n_places = min(max(MAX_STATES // n_block, 1), model.n_places)
     places = np.arange(n_places) * model.n_places // n_places
     return np.asarray((places[:, None] * n_block + np.arange(n_block)).ravel())
 
@@ -161,7 +157,7 @@ def _scene(model: Model) -> dict[str, object]:
     _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
     effects["over"] = model.is_over[shown].astype(int)
     starts = np.concatenate([model.starts, model.unseen_starts])
-    n_places = len(views) // len(scenario.stages)
+    n_places = len(views) // len(scenario.layout.stages)
     # Both only where there is something to tell, so that other files stay the same.
     more = {"group": scenario.n_people} if scenario.group else {}
     more |= {"of_places": model.n_places} if n_places < model.n_places else {}
@@ -171,9 +167,9 @@ def _scene(model: Model) -> dict[str, object]:
         "walls": np.flatnonzero(views[0].is_wall).tolist(),
         "outlines": [*drawn.BORDERS.values()],
         "views": [view.as_json() for view in views],
-        "shape": [n_places, len(scenario.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
-        "ticks": scenario.ticks.tolist(),
-        "phases": [stage.name for stage in scenario.stages],
+        "shape": [n_places, len(scenario.layout.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
+        "ticks": scenario.layout.ticks.tolist(),
+        "phases": [stage.name for stage in scenario.layout.stages],
         "starts": np.searchsorted(shown, starts[np.isin(starts, shown)]).tolist(),
         "kind": kind.ravel().tolist(),
         "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()},

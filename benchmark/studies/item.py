@@ -1,18 +1,16 @@
-"""What a report is made of: items, each with its table, its figure and what its columns mean in one place.
+"""Items: a table, its figure, and what its columns mean, in one place.
 
-Functions of tables and figures are called with those arguments that they name: `runs` and `curves` (see
-`benchmark.analysis.frames`), `experiment`, `records`, which returns the `Records` of a population, and
-`is_partial`, whether runs are missing; a figure also with `table` (its own) and `tables` (all, by name).
+The function of a table takes the analysis of its study; that of a figure takes the analysis and the table.
 """
 
 import inspect
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import pandas as pd
 from matplotlib import pyplot as plt
@@ -21,8 +19,6 @@ from matplotlib.figure import Figure
 from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.style import save_figure, settings
 from benchmark.drawing.tables import decimals_of, inert, link, show
-from benchmark.experiments import Experiment
-from benchmark.folder import Folder
 from benchmark.studies.data import Data
 from envs import InputError
 
@@ -31,15 +27,16 @@ Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Es
 Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
+A = TypeVar("A")
 # What columns mean: in any table, and in those of some kinds of reports.
 _FILE: Final = Path(__file__).with_name("columns.toml")
 COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(_FILE.read_text(encoding="utf-8"))
-_ARGUMENTS: Final = ("runs", "curves", "experiment", "records", "is_partial")
+_INTERIM: Final = ("runs", "curves", "experiment", "records", "is_partial")
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
 @dataclass(eq=False)
-class Item:
+class Item(Generic[A]):
     """A table, a figure, or both; or a file of another form. A decorator of the table's function."""
 
     name: str  # the stem of its files
@@ -57,7 +54,7 @@ class Item:
     draw: Draw | None = None
     show: Show | None = None  # returns what readers see, if not the chosen columns
 
-    def __call__(self, compute: Callable[..., Rows]) -> "Item":
+    def __call__(self, compute: Callable[..., Rows]) -> "Item[A]":
         """Takes the function of the table."""
         self.compute = compute
         return self
@@ -76,30 +73,31 @@ class Item:
         self.show = function
         return function
 
-    def tabulate(self, data: Data) -> pd.DataFrame | None:
+    def tabulate(self, analysis: A, data: Data[Any]) -> pd.DataFrame | None:
         """Computes the table; None if there is nothing to tabulate."""
-        rows = None if self.compute is None else called(self.compute, data)
+        rows = None if self.compute is None else called(self.compute, data, analysis=analysis)
         if rows is None or isinstance(rows, pd.DataFrame):
             return rows
         flat = [expanded(row) for row in rows]
         return pd.DataFrame(flat) if flat else None
 
-    def picture(self, data: Data, tables: Frames) -> Figure | None:
+    def picture(self, analysis: A, data: Data[Any], tables: Frames) -> Figure | None:
         """Draws the figure; None if there is nothing to draw."""
         if self.draw is None or (self.compute is not None and self.name not in tables):
             return None
-        return called(self.draw, data, tables=tables, table=tables.get(self.name))
+        table = tables.get(self.name, pd.DataFrame())
+        return called(self.draw, data, analysis=analysis, tables=tables, table=table)
 
-    def save(self, data: Data, tables: Frames, directory: Path) -> None:
+    def save(self, analysis: A, data: Data[Any], tables: Frames, directory: Path) -> None:
         """Writes the figure, marked if runs are missing, or the other file."""
         with settings():
-            if (figure := self.picture(data, tables)) is not None:
+            if (figure := self.picture(analysis, data, tables)) is not None:
                 if data.is_partial:
                     figure.suptitle("PARTIAL: runs are missing", color="firebrick")
                 save_figure(figure, directory / f"{self.name}.svg")
                 plt.close(figure)  # if its author made it in pyplot
         if self.write is not None:
-            called(self.write, data, path=directory / self.file)
+            called(self.write, data, analysis=analysis, path=directory / self.file)
 
     def files(self) -> tuple[str, ...]:
         """Lists the names that its files can have."""
@@ -139,9 +137,9 @@ class Item:
 item: Final = Item  # as a decorator
 
 
-def called(function: Callable[..., T], data: Data, **more: object) -> T:
-    """Calls a function with those arguments that it names, see the module's docstring."""
-    names, known = inspect.signature(function).parameters, (*_ARGUMENTS, *more)
+def called(function: Callable[..., T], data: Data[Any], **more: object) -> T:
+    """Calls a function with those arguments that it names: interim, until all take the analysis."""
+    names, known = inspect.signature(function).parameters, (*_INTERIM, *more)
     for name in names:
         if name not in known:
             where = f"{function.__module__}: {function.__name__}"
@@ -163,12 +161,12 @@ def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.iloc[:0]
 
 
-def drawing(name: str, description: str, caption: str) -> Callable[[Draw], Item]:
+def drawing(name: str, description: str, caption: str) -> Callable[[Draw], Item[Any]]:
     """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
     return lambda function: Item(name, description, caption=caption, draw=function)
 
 
-def writing(name: str, description: str, file: str) -> Callable[[Callable[..., None]], Item]:
+def writing(name: str, description: str, file: str) -> Callable[[Callable[..., None]], Item[Any]]:
     """Makes an item of a function that writes a file of another form, whose argument `path` is its path."""
     return lambda function: Item(name, description, file=file, write=function)
 
@@ -222,22 +220,3 @@ def _meaning(column: str, known: Mapping[str, str]) -> str | None:
             if base := _meaning(name, {key: known[key] for key in known if key != "*"}):
                 return text.format(name=name, base=base)
     return known.get("*")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Report:
-    """A kind of report: what it demands of an experiment, and what it shows."""
-
-    name: str
-    question: str  # the page's heading
-    check: Callable[[Experiment], None]  # raises InputError if it cannot report on the experiment
-    items: tuple[Item, ...]
-    document: Path  # a template of Markdown with places for the items, see `benchmark.publish.document`
-    headline: Callable[[Folder], str | None] = lambda _: None  # one sentence in Markdown, from tables alone
-    finding: Path | None = None  # the template of a text by hand, see `benchmark.publish.prose`
-    lead: str = ""  # the item whose figure stands above the headline on the page
-    packages: Sequence[str] = ()  # that it needs beyond the basic ones
-    reads_curves: bool = False  # whether curves alone are enough, see `Solved` in the experiments' schema
-    can_be_partial: bool = False  # whether it can be drawn if runs are missing
-    columns: Sequence[str] = ()  # results that it needs of runs; by default all
-    needed: Sequence[str] = ()  # items that others are made from, so that no experiment can omit them

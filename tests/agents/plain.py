@@ -1,4 +1,4 @@
-"""Q-learning in plain Python: a second implementation, which checks the compiled one."""
+"""Q-learning in plain Python: an algorithm from outside, which other tests name by its path."""
 
 import random
 import time

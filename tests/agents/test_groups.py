@@ -18,7 +18,7 @@ from tests.envs.reference import Reference
 HORIZON = 25
 CIRCLE, RING = {"kind": "circle", "radius": 1}, {"kind": "ring", "width": 0.6}
 ROOM: dict[str, Any] = {
-    "name": "room", "grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere", "ping_limit": 2,
+    "name": "room", "grid.rows": 4, "grid.columns": 5, "grid.start": "anywhere", "ping_limit": 2,
     "observe": ["agent", "issuer"], "issuer.position": "anywhere", "issuer.feedback": {"kind": "distance"},
     "group": {"people": 2, "apart": [2, 2.3]},
     "regions": {"uncomfortable": CIRCLE, "target": CIRCLE | {"radius": 1.5}},
@@ -37,7 +37,9 @@ SCENES: dict[str, dict[str, Any]] = {
 
 
 def test_writing_out_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    tables = override(read_toml(SCENARIO_DIRECTORY / "S1.toml"), ROOM | {"others": WALK}, "room")
+    tables = override(
+        read_toml(SCENARIO_DIRECTORY / "S1.toml"), ROOM | {"others": WALK, "grid.columns": 12}, "room"
+    )
     model = compile_scenario(parse(Scenario, tables, "room"))
     whole = process_of(model)
     assert len(whole.outcomes) < len(model.observation)  # states share their outcomes
@@ -52,8 +54,8 @@ def test_writing_out_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPat
 def test_all_groups_of_a_small_room(scene: str) -> None:
     tables = override(read_toml(SCENARIO_DIRECTORY / "S1.toml"), ROOM | SCENES[scene], "room")
     reference, model = Reference(tables), compile_scenario(parse(Scenario, tables, "room"))
-    assert [*model.scenario.places] == reference.places
-    shape = len(reference.places), len(reference.clock), 1, tables["ping_limit"], 5, 6
+    assert [*model.scenario.layout.places] == reference.places
+    shape = len(reference.places), len(reference.clock), 1, tables["ping_limit"], 4, 5
     n_states = math.prod(shape)
     assert len(model.observation) == n_states
 

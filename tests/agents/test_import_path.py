@@ -17,13 +17,11 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 
 from agents import Schedule, Training, load_algorithm
-from agents.dynamic_programming import evaluate, solve
-from agents.policy import mask_policy
 from agents.sb3.tables import saved_table
 from envs import InputError, Model, compile_scenario, load_scenario
 from envs.inputs import parse
 from envs.observations import observation_table
-from tests.agents.test_sb3 import CHANGING, SMALL
+from tests.agents.test_sb3 import CHANGING
 from tests.support import ROOT
 
 HERE = __name__
@@ -106,14 +104,6 @@ def test_path_and_name_of_a_class_train_the_same() -> None:
         if key != "cpu_time_s":
             assert array.tobytes() == getattr(by_path, key).tobytes(), key
     assert by_path.updates[0] > 0
-
-
-def test_another_package_solves_a_small_scene() -> None:
-    values: dict[str, Any] = {"n_envs": 4, "n_steps": 50, "batch_size": 100, "gamma": 0.9, "gae_lambda": 0.8}
-    training = trained("sb3_contrib:TRPO", SMALL, budget=6000, **values)
-    optimum = solve(SMALL, 1.0, 50).value[SMALL.start]
-    reached = evaluate(SMALL, mask_policy(training.greedy[:, -1:]), 50).grid_return[0, 0]
-    assert reached == pytest.approx(optimum, abs=1e-9)
 
 
 def test_nets_with_modes_are_read_as_they_are_used() -> None:

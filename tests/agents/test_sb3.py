@@ -73,7 +73,7 @@ def test_vec_env_steps_as_stable_baselines3s_own_does(
     ours.seed(3)
     theirs.seed(3)
     assert np.array_equal(ours.reset(), theirs.reset())
-    actions = np.random.default_rng(0).choice(5, size=(400, n), p=[0.1, 0.1, 0.1, 0.1, 0.6])
+    actions = np.random.default_rng(0).choice(5, size=(250, n), p=[0.1, 0.1, 0.1, 0.1, 0.6])
     truncated = terminated = wrong = 0
     kept: list[Any] = []
     for action in actions:
@@ -265,11 +265,11 @@ SMALL = compile_scenario(load_scenario("S1", ROOM | RADII))
 
 def test_linear_layer_over_one_hot_learns_the_optimal_values() -> None:
     settings = DqnSettings(
-        budget=6000, time_limit=50, train_freq=2, learning_rate=1e-2, gamma=0.9, batch_size=128,
+        budget=4000, time_limit=50, train_freq=2, learning_rate=1e-2, gamma=0.9, batch_size=128,
         target_update_interval=50, exploration_fraction=1.0, exploration_final_eps=1.0,
         policy_kwargs=PolicyArguments(net_arch=()),
     )  # fmt: skip
-    q = METHODS["sb3_dqn"].train(SMALL, settings, "one_hot", [SeedSequence(1)], Schedule(6000)).q[0]
+    q = METHODS["sb3_dqn"].train(SMALL, settings, "one_hot", [SeedSequence(1)], Schedule(4000)).q[0]
     expected = solve(SMALL, 0.9).q[SMALL.start]  # with no wrong PING so far, and the moves alone
     assert q[SMALL.start, :PING] == pytest.approx(expected[:PING], abs=0.1)
 

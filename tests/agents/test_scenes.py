@@ -14,7 +14,7 @@ from tests.support import few_places
 
 def moves_to_target(model: Model, start: int) -> int:
     """Returns the fewest moves from a cell to a target region that avoid uncomfortable cells, by breadth."""
-    grid, zone = model.scenario.grid, [ZONES[index] for index in model.scenario.zone[0, 0]]
+    grid, zone = model.scenario.grid, [ZONES[index] for index in model.scenario.layout.zone[0, 0]]
     far, cells = {start: 0}, deque([start])
     while zone[at := cells.popleft()] != "target":
         for row, column in np.array(divmod(at, grid.columns)) + MOVES:
@@ -52,5 +52,5 @@ def test_the_optimum_from_any_start_and_to_any_place() -> None:
     assert solve(model, horizon=200).value[model.starts] == pytest.approx(1 - 0.1 * np.array(moves))
     anywhere = compile_scenario(load_scenario("Anywhere"))
     # With the issuer in [r, c], the nearest cell of the ring is [max(r - 2, 0), max(c - 2, 0)].
-    far = [max(r - 2, 0) + max(c - 2, 0) for ((r, c),) in anywhere.scenario.places]
+    far = [max(r - 2, 0) + max(c - 2, 0) for ((r, c),) in anywhere.scenario.layout.places]
     assert solve(anywhere, horizon=200).value[anywhere.starts] == pytest.approx(1 - 0.1 * np.array(far))

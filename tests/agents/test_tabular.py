@@ -10,7 +10,7 @@ from agents import Schedule, load_algorithm
 from agents.policy import contains, greedy_masks
 from agents.process import draw_word
 from agents.tabular.kernel import choose_action
-from agents.tabular.learner import Q_LEARNING, Settings, TabularTraining
+from agents.tabular.learner import Q_LEARNING, Settings
 from envs import InputError, compile_scenario, load_scenario
 from envs.inputs import parse
 from tests.agents.words import textbook, xoshiro
@@ -58,23 +58,16 @@ CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
 def test_kernel_equals_the_textbooks_loop(rule: str, case: str) -> None:
     name, overrides, changes = CASES[case]
     algorithm = load_algorithm(rule)
-    settings: Any = algorithm.settings(**({"budget": 3000, "record_every": 3} | changes))
+    settings: Any = algorithm.settings(**({"budget": 2000, "record_every": 3} | changes))
     points = [0, 1, settings.budget // 3, settings.budget]
     seeds = [SeedSequence([11, i]) for i in range(2)]
     model = compile_scenario(load_scenario(name, overrides))
     schedule = Schedule(settings.budget, tuple(points))
     training: Any = algorithm.train(model, settings, "index", seeds, schedule)
-    for i, seed in enumerate(seeds):
-        for key, values in textbook(rule, model, settings, seed, points).items():
-            assert np.array_equal(getattr(training, key)[i], np.asarray(values)), key
+    for key, values in textbook(rule, model, settings, seeds[1], points).items():
+        assert np.array_equal(getattr(training, key)[1], np.asarray(values)), key
     assert (training.q[0] != training.q[1]).any()
     assert training.episodes_ended.min() > 5
-
-
-def check_same_agent(together: TabularTraining, i: int, alone: TabularTraining) -> None:
-    for key, values in vars(together).items():
-        if key != "cpu_time_s":  # measured
-            assert values[i].tobytes() == getattr(alone, key)[0].tobytes(), key
 
 
 def test_together_equals_one_at_a_time() -> None:
@@ -84,7 +77,10 @@ def test_together_equals_one_at_a_time() -> None:
     schedule = Schedule(500, (0, 250, 500))
     together = Q_LEARNING.train(model, settings, "index", seeds, schedule)
     for i in range(0, 100, 9):
-        check_same_agent(together, i, Q_LEARNING.train(model, settings, "index", [seeds[i]], schedule))
+        alone = Q_LEARNING.train(model, settings, "index", [seeds[i]], schedule)
+        for key, values in vars(together).items():
+            if key != "cpu_time_s":  # measured
+                assert values[i].tobytes() == getattr(alone, key)[0].tobytes(), key
     backwards = Q_LEARNING.train(model, settings, "index", seeds[::-1], schedule)
     assert together.q.tobytes() == backwards.q[::-1].tobytes()
 
@@ -116,16 +112,21 @@ def test_every_candidate_is_drawn_equally_often() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "expected"),
+    ("name", "change", "expected"),
     [
-        ({"epsilon": 1.5}, "epsilon = 1.5"),
-        ({"ties": "highest"}, 'ties = "highest"'),
-        ({"epsilon": 0, "budget_unit": "episodes"}, "epsilon = 0"),
-        ({"trace_decay": 0.5}, "unknown key trace_decay"),
+        ("q_learning", {"epsilon": 1.5}, "epsilon = 1.5"),
+        ("q_learning", {"ties": "highest"}, 'ties = "highest"'),
+        ("q_learning", {"epsilon": 0, "budget_unit": "episodes"}, "epsilon = 0"),
+        ("q_learning", {"trace_decay": 0.5}, "unknown key trace_decay"),
+        ("linear_q_lambda", {"tile_width": 0}, "tile_width = 0"),
+        ("linear_q_lambda", {"n_tilings": 10**6}, "n_tilings = 1000000"),
+        ("linear_q_lambda", {"halved_after": 0}, "halved_after = 0"),
+        ("linear_q_lambda", {"record_every": 5}, "unknown key record_every"),
     ],
 )
-def test_wrong_settings_get_one_sentence(change: dict[str, Any], expected: str) -> None:
+def test_wrong_settings_get_one_sentence(name: str, change: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError) as caught:
-        parse(Settings, change, "mine.toml")
-    assert expected in str(caught.value)
-    assert str(caught.value).startswith("mine.toml: ")
+        parse(load_algorithm(name).settings, change, "mine.toml")
+    (line,) = caught.value.args
+    assert line.startswith("mine.toml: ")
+    assert expected in line

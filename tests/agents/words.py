@@ -1,4 +1,4 @@
-"""Tabular learning in plain Python: the words of a stream, what they decide, and the loops of textbooks."""
+"""Learning in plain Python: the words of a stream, what they decide, and the loop of textbooks."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
-from agents.tabular.kernel import LEAST_TRACE
+from agents.tabular.kernel import MIN_TRACE
 from envs import Model
 
 WORD = 2**64
@@ -73,92 +73,118 @@ def best_of(row: NDArray[np.float64], ties: str) -> list[int]:
     return best[:1] if ties == "lowest" else best
 
 
+class Textbook:
+    """An agent of the textbook's algorithm: nothing is updated incrementally.
+
+    A value is the sum of a weight for each feature of the observation; in a table, each has one of its own.
+    """
+
+    def __init__(
+        self, name: str, model: Model, settings: Any, seed: SeedSequence, tiles: NDArray[np.int32] | None
+    ) -> None:
+        self.name, self.model, self.settings, self.stream = name, model, settings, words(seed)
+        self.tiles = (np.arange(model.n_observations)[:, None] if tiles is None else tiles).tolist()
+        self.n_tables, self.n_tilings = 2 if name == "double_q_learning" else 1, len(self.tiles[0])
+        shape = self.n_tables, 1 + max(map(max, self.tiles)), 5
+        self.weights = np.full(shape, settings.initial_value / self.n_tilings)
+        self.traces: dict[tuple[int, int], float] = {}
+        self.state, self.following, self.episode_steps = start(model, self.stream), -1, 0
+        self.steps = self.episodes = self.wrong = 0
+
+    def values_of(self, table: int, o: int) -> Any:
+        return sum(self.weights[table, tile] for tile in self.tiles[o])
+
+    def values(self, o: int) -> NDArray[np.float64]:
+        return np.asarray(sum(self.values_of(table, o) for table in range(self.n_tables)) / self.n_tables)
+
+    def table(self) -> NDArray[np.float64]:
+        return np.array([self.values(o) for o in range(self.model.n_observations)])
+
+    def best(self, row: NDArray[np.float64]) -> list[int]:
+        return best_of(row, self.settings.ties)
+
+    def choose(self, row: NDArray[np.float64]) -> int:
+        return choose(next(self.stream), self.settings.epsilon, self.best(row))
+
+    def value_of_next(self, o: int, word: int) -> float:
+        """Returns what the rule says of the next observation."""
+        row, epsilon = self.values(o), self.settings.epsilon
+        if "sarsa" in self.name and "expected" not in self.name:
+            self.following = self.choose(row)
+            return float(row[self.following])
+        if self.name == "expected_sarsa":  # in this order, for the last digit
+            total = (row[0] + row[1]) + (row[2] + row[3]) + row[4]
+            return float(epsilon / 5 * total + (1 - epsilon) * row.max())
+        if self.name == "double_q_learning":
+            half = word >> 63
+            return float(self.values_of(1 - half, o)[choose(word, 0.0, self.best(self.values_of(half, o)))])
+        return float(row.max())
+
+    def step(self) -> bool:
+        """Takes a step and learns from it; returns whether the episode is over."""
+        model, settings = self.model, self.settings
+        is_sarsa = self.following >= 0
+        o = int(model.observation[self.state])
+        best = self.best(self.values(o))
+        begins = self.episode_steps == 0
+        action = self.following if is_sarsa and not begins else self.choose(self.values(o))
+        reward, state = take(model, self.state, action, self.stream)
+        self.wrong += int(model.is_wrong_ping[self.state, action])
+        word = next(self.stream) if self.n_tables > 1 else 0
+        terminates = bool(model.terminated[self.state, action])
+        value = 0.0 if terminates else self.value_of_next(int(model.observation[state]), word)
+        error = reward + settings.discount * value - self.values_of(word >> 63, o)[action]
+        if begins or not ("sarsa" in self.name or action in best):
+            self.traces = {}
+        fading = settings.discount * getattr(settings, "trace_decay", 0.0)
+        faded = {pair: fading * trace for pair, trace in self.traces.items()}
+        self.traces = {pair: trace for pair, trace in faded.items() if trace >= MIN_TRACE}
+        self.traces |= {(tile, action): 1.0 for tile in self.tiles[o]}
+        rate = settings.learning_rate / (1 + self.steps / (settings.halved_after or np.inf)) / self.n_tilings
+        for pair, trace in self.traces.items():
+            self.weights[word >> 63, *pair] += rate * error * trace
+        self.state, self.steps, self.episode_steps = state, self.steps + 1, self.episode_steps + 1
+        is_over = terminates or self.episode_steps == settings.time_limit
+        if is_over:
+            self.state, self.episode_steps = start(model, self.stream), 0
+            self.episodes += 1
+        return is_over
+
+
 def textbook(
-    name: str, model: Model, settings: Any, seed: SeedSequence, points: Sequence[int] = ()
+    name: str,
+    model: Model,
+    settings: Any,
+    seed: SeedSequence,
+    points: Sequence[int],
+    tiles: NDArray[np.int32] | None = None,
 ) -> dict[str, Any]:
-    """Learns by the algorithm of the textbook, from the words of a seed; nothing is updated incrementally.
+    """Learns by the algorithm of the textbook, from the words of a seed.
 
     Returns:
-      What `TabularTraining` has of an agent.
+      What `Training`, or without tiles `TabularTraining`, has of an agent.
     """
-    record: dict[str, Any] = {"greedy": [], "max_q": [], "table_max_q": []}
-    stream = words(seed)
-    tables = np.full((2, model.n_observations, 5), settings.initial_value)  # the second for double Q-learning
-    traces: dict[tuple[int, int], float] = {}  # weights
-    n_tables = 2 if name == "double_q_learning" else 1
-
-    def values(o: int) -> NDArray[np.float64]:
-        return np.asarray(tables[:n_tables, o].mean(axis=0))
-
-    def best_actions(row: NDArray[np.float64]) -> list[int]:
-        return best_of(row, settings.ties)
-
-    def take_snapshot(unit: int) -> None:
+    agent = Textbook(name, model, settings, seed, tiles)
+    record: dict[str, Any] = {"greedy": [], "disagreements": [], "max_q": [], "table_max_q": []}
+    for unit in range(settings.budget + 1):
         if unit in points:
-            rows = map(values, range(model.n_observations))
-            record["greedy"].append([sum(2**action for action in best_actions(row)) for row in rows])
-
-    state, episode_steps, following_action = start(model, stream), 0, -1
-    unit = steps = episodes = 0
-    visited: list[float] = []  # the largest values met in a unit of the budget, and those of the table then
-    largest: list[float] = []
-    while unit < settings.budget:
-        if not visited:
-            take_snapshot(unit)
-        epsilon = settings.epsilon
-        o = int(model.observation[state])
-        visited.append(values(o).max())
-        largest.append(tables[:n_tables].mean(axis=0).max())
-        action = following_action
-        if name != "sarsa" or episode_steps == 0:
-            action = choose(next(stream), epsilon, best_actions(values(o)))
-        is_greedy = action in best_actions(values(o))
-
-        reward, next_state = take(model, state, action, stream)
-        o_next = int(model.observation[next_state])
-        word = next(stream) if name == "double_q_learning" else 0
-        updated = word >> 63
-
-        target = reward
-        if not model.terminated[state, action]:
-            row = values(o_next)
-            match name:
-                case "q_learning" | "watkins_q_lambda":
-                    value = row.max()
-                case "sarsa":
-                    following_action = choose(next(stream), epsilon, best_actions(row))
-                    value = row[following_action]
-                case "expected_sarsa":
-                    # In this order, for the last digit.
-                    total = (row[0] + row[1]) + (row[2] + row[3]) + row[4]
-                    value = epsilon / 5 * total + (1 - epsilon) * row.max()
-                case "double_q_learning":
-                    argmax = choose(word, 0.0, best_actions(tables[updated, o_next]))
-                    value = tables[1 - updated, o_next, argmax]
-            target += settings.discount * value
-        rate = settings.learning_rate / (1 + steps / (settings.halved_after or np.inf))
-        if name == "watkins_q_lambda":
-            if episode_steps == 0 or not is_greedy:
-                traces.clear()
-            error = target - tables[0, o, action]
-            faded = {pair: settings.discount * settings.trace_decay * traces[pair] for pair in traces}
-            traces = {pair: weight for pair, weight in faded.items() if weight >= LEAST_TRACE}
-            traces[o, action] = 1.0
-            for pair, weight in traces.items():
-                tables[0, *pair] += rate * error * weight
-        else:
-            tables[updated, o, action] += rate * (target - tables[updated, o, action])
-
-        terminates = model.terminated[state, action]
-        state, episode_steps, steps = next_state, episode_steps + 1, steps + 1
-        ends = terminates or episode_steps == settings.time_limit
-        if ends:
-            state, episode_steps, episodes = start(model, stream), 0, episodes + 1
-        if ends or settings.budget_unit == "steps":
-            if unit % settings.record_every == 0:
-                record["max_q"].append(max(visited))
-                record["table_max_q"].append(max(largest))
-            visited, largest, unit = [], [], unit + 1
-    take_snapshot(settings.budget)
-    q = tables[:n_tables].mean(axis=0)
-    return record | {"q": q, "steps_taken": steps, "episodes_ended": episodes}
+            record["greedy"].append([sum(2**action for action in agent.best(row)) for row in agent.table()])
+            record["disagreements"].append(agent.wrong)
+        visited, largest = (
+            [],
+            [],
+        )  # the largest values met in a unit of the budget, and those of the table then
+        is_over = unit == settings.budget
+        while not is_over:
+            visited.append(agent.values(int(model.observation[agent.state])).max())
+            if tiles is None:
+                largest.append(agent.weights.mean(axis=0).max())
+            is_over = agent.step() or getattr(settings, "budget_unit", "steps") == "steps"
+        if tiles is None and visited and unit % settings.record_every == 0:
+            record["max_q"].append(max(visited))
+            record["table_max_q"].append(max(largest))
+    if tiles is None:
+        record |= {"steps_taken": agent.steps, "episodes_ended": agent.episodes}
+    else:
+        del record["max_q"], record["table_max_q"]
+    return record | {"q": agent.table()}

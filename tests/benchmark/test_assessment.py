@@ -37,15 +37,17 @@ def optimal(scenario: str) -> Act:
 # Exact numbers
 
 
-def test_optimal_policy_scores_one() -> None:
+def test_scores_of_the_optimal_the_random_and_a_worse_policy() -> None:
     assessment = assess(optimal("S3"), scenario="S3", observation="index")
     # Row 4, column 6 is the nearest cell of the target region: ten moves and a PING.
-    assert assessment.score == 1
-    assert assessment.success == pytest.approx(1)
+    assert (assessment.score, assessment.success) == pytest.approx((1, 1))
     assert float(assessment.evaluation.steps) == pytest.approx(11)
-
-
-def test_random_policy_scores_zero() -> None:
+    worse = assess(
+        lambda o: 3 if o[1] < 0.4 else 1 if o[0] < 0.9 else 0, scenario="S1", observation="coordinates"
+    )
+    text = str(worse).splitlines()
+    assert text[1].startswith("  success ")
+    assert "is below a random policy's, -" in text[3]
     assessment = assess(lambda _: np.full(5, 0.2, dtype=np.float32), scenario="Moody", observation="one_hot")
     model = compile_scenario(load_scenario("Moody"))
     assert assessment.unbounded_score == pytest.approx(0, abs=1e-9)
@@ -169,58 +171,6 @@ def test_offset_is_enough_for_the_optimum_where_the_issuer_is_seen() -> None:
 
     other = assess(by_coordinates, scenario="Anywhere", observation="offset_coordinates")
     assert (other.policy == by_number.policy).all()
-
-
-# Saved models
-
-
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A PPO and a DQN that were trained for some hundred steps in Moody, which has two observed parts."""
-    sb3 = pytest.importorskip("stable_baselines3")
-    env = gymnasium.make("envs:Proxemic/Moody-v0", observation="one_hot")
-    folder = tmp_path_factory.mktemp("saved")
-    for name, settings in (("PPO", {"n_steps": 64}), ("DQN", {"learning_starts": 20, "buffer_size": 100})):
-        model = getattr(sb3, name)("MlpPolicy", env, seed=0, device="cpu", **settings)
-        model.learn(64).save(folder / name)
-    return {name: folder / f"{name}.zip" for name in ("PPO", "DQN")}
-
-
-@pytest.mark.parametrize("name", ["PPO", "DQN"])
-def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> None:
-    import stable_baselines3
-
-    model = compile_scenario(load_scenario("Moody"))
-    agent = getattr(stable_baselines3, name).load(saved[name], device="cpu")
-    observations = observation_table(model, "one_hot")
-    actions, _ = agent.predict(observations, deterministic=True)
-    options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot"}
-    from_file = assess(saved[name], algorithm=f"stable_baselines3:{name}", **options)
-    assert (from_file.policy == np.eye(5)[actions]).all()
-    assert (assess(agent, **options).policy == from_file.policy).all()
-    if name == "PPO":
-        tensor, _ = agent.policy.obs_to_tensor(observations)
-        probabilities = agent.policy.get_distribution(tensor).distribution.probs.detach().numpy()
-        drawn = assess(agent, stochastic=True, **options)
-        assert drawn.policy == pytest.approx(probabilities, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"observation": "coordinates"}, r"zip: observation_space = .* accepted in Moody with"),
-        (
-            {"algorithm": "stable_baselines3:PPO"},
-            "zip: cannot be loaded: .* accepted: what model.save of stable_baselines3:PPO wrote",
-        ),
-        ({"stochastic": True}, "stochastic = True: accepted only with action probabilities"),
-        ({"algorithm": None}, "zip: algorithm = None: accepted: module:class"),
-    ],
-)
-def test_mistakes_about_saved_models(saved: dict[str, Path], options: dict[str, Any], expected: str) -> None:
-    given = {"algorithm": "stable_baselines3:DQN", "scenario": "Moody", "observation": "one_hot"} | options
-    with pytest.raises(InputError, match=expected):
-        assess(saved["DQN"], **given)
 
 
 # Rank

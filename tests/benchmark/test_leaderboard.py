@@ -14,7 +14,7 @@ from benchmark.__main__ import main
 from benchmark.assessment import assess
 from benchmark.commands.verify import rewritten
 from benchmark.leaderboard import checked, submit, texts
-from benchmark.studies import load_report
+from benchmark.studies import load_study
 from envs import ACTIONS, InputError, load_scenario
 from tests.support import ROOT
 
@@ -47,12 +47,11 @@ def test_numbers_of_a_file_are_those_of_arithmetic(made: Path) -> None:
     assert [submission.rows[row].index(1) for row in submission.policy] == [walk(o) for o in range(120)]
 
 
-@pytest.mark.parametrize("observation", ["offset", "centre_coordinates"])
-def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> None:
+def test_probabilities_are_written_in_full(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     table = rng.dirichlet(np.ones(len(ACTIONS)), 437)
     index = iter([*range(437), *reversed(range(437))])
-    agent = assess(lambda _: table[next(index)], scenario="Anywhere", observation=observation)
+    agent = assess(lambda _: table[next(index)], scenario="Anywhere", observation="centre_coordinates")
     submit(agent, tmp_path / "drawn.toml", note='"\\ é 🙂', **DECLARED)
     submission = checked(tmp_path / "drawn.toml")
     assert (np.array(submission.rows)[list(submission.policy)] == agent.policy).all()
@@ -70,29 +69,18 @@ def test_probabilities_are_written_in_full(observation: str, tmp_path: Path) -> 
         (r"steps = 11\.0", "steps = -11.0", "steps = -11.0: recomputed: 11.0"),
         (r"policy = \[2", "policy = [0", "score = 1.0: recomputed: 0.43"),
         (r"policy = \[2", "policy = [3", "policy, of 120 numbers: accepted: 120 numbers from 0 to 2"),
-        (r"policy = \[2", "policy = [-1", "policy, of 120 numbers: accepted: 120 numbers from 0 to 2"),
         (r"policy = \[2, ", "policy = [", "policy, of 119 numbers: accepted: 120 numbers from 0 to 2"),
         ("policy = .*", "policy = []", "policy, of 0 numbers: accepted: 120 numbers from 0 to 2"),
         ("policy = .*", f"policy = {[0] * 250_001}", "policy = "),
-        (r"rows = \[\[0\.0", "rows = [[0.5", "rows.0 = [0.5, 0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
         (r"rows = \[\[0\.0, 0\.0", "rows = [[-0.5, 0.5", "rows.0 = [-0.5, 0.5, 0.0, 0.0, 1.0]: accepted: 5"),
         (r"rows = \[\[0\.0", "rows = [[nan", "rows.0.0 = NaN: "),
-        (r"rows = \[\[0\.0", "rows = [[-1e-12", "rows.0 = [-1e-12, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
         (r"rows = \[\[0\.0", "rows = [[-0.0", "rows.0 = [-0.0, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
-        (
-            r"rows = \[\[0\.0, 0\.0",
-            "rows = [[-1e300, 1e300",
-            "rows.0 = [-1e+300, 1e+300, 0.0, 0.0, 1.0]: acc",
-        ),
         (r"rows = \[\[0\.0", "rows = [[1.1e-9", "rows.0 = [1.1e-09, 0.0, 0.0, 0.0, 1.0]: accepted: 5"),
         ("score = ", f"{'a.' * 100_000}b = 1\nscore = ", "not valid TOML: a key has more than 50 parts"),
         (r"rows = \[\[0\.0, ", "rows = [[", "rows.0 = [0.0, 0.0, 0.0, 1.0]: accepted: 5 probabilities"),
         (r"rows = .*", "rows = []", "rows = []: "),
         ('scenario = "S1"', 'scenario = "S9"', "unknown scenario S9; accepted: "),
         ('scenario = "S1"', 'scenario = "S2"', "scenario_sha256 = "),
-        ('scenario = "S1"', 'scenario = "/etc/S1.toml"', "unknown scenario /etc/S1.toml"),
-        ('sha256 = ".', 'sha256 = "x', "scenario_sha256 = x"),
-        ('"index"', '"indices"', "unknown observation indices"),
         ('"index"', '"coordinate"', "unknown observation coordinate (did you mean coordinates?)"),
         ("note = ", "notes = ", "unknown key notes (did you mean note?)"),
         ("training_steps = 0", "", "the key training_steps is missing."),
@@ -122,13 +110,6 @@ def test_files_are_named_as_everything_is(made: Path, tmp_path: Path, name: str)
     shutil.copy(made, tmp_path / name)
     with pytest.raises(InputError, match="is named after the file; accepted: a name of "):
         checked(tmp_path / name)
-
-
-def test_changed_scenarios_are_refused(tmp_path: Path) -> None:
-    changed = load_scenario("S1", {"rewards.target_ping": 2.0})
-    for scenario in (changed, changed.model_copy(update={"name": "mine"})):
-        with pytest.raises(InputError, match=r"scenario = .*: accepted: a shipped scenario, unchanged"):
-            submit(assess(walk, scenario=scenario, observation="index"), tmp_path / "a.toml", **DECLARED)
 
 
 def test_highest_success_is_first_and_text_stays_text(made: Path, tmp_path: Path) -> None:
@@ -198,7 +179,7 @@ def test_bad_files_are_left_out_by_name_without_waiting(
     assert main(["report", "--results", str(tmp_path)]) == 0
     assert capsys.readouterr().err.splitlines() == refused
     assert (folder / "README.md").read_text(encoding="utf-8") == text
-    assert [*rewritten({"reproduce": load_report("replication")}, tmp_path)] == refused
+    assert [*rewritten({"reproduce": load_study("replication")}, tmp_path)] == refused
 
 
 def test_what_report_would_refuse_is_not_submitted(made: Path, tmp_path: Path) -> None:
@@ -206,6 +187,10 @@ def test_what_report_would_refuse_is_not_submitted(made: Path, tmp_path: Path) -
     for name in ("Mine.toml", "mine.TOML", "other.TOML"):
         with pytest.raises(InputError, match=f"{name}: .*accepted: "):
             submit(assess(walk, scenario="S1", observation="index"), tmp_path / name, **DECLARED)
+    changed = load_scenario("S1", {"rewards.target_ping": 2.0})
+    for scenario in (changed, changed.model_copy(update={"name": "mine"})):
+        with pytest.raises(InputError, match=r"scenario = .*: accepted: a shipped scenario, unchanged"):
+            submit(assess(walk, scenario=scenario, observation="index"), tmp_path / "a.toml", **DECLARED)
     agent = assess(lambda _: -0.0 + np.eye(5)[0] * [1, -1, -1, -1, -1], scenario="S1", observation="index")
     submit(agent, tmp_path / "minus.toml", **DECLARED)
     assert checked(tmp_path / "minus.toml").score == agent.score

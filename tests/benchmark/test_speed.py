@@ -8,18 +8,18 @@ import pytest
 
 from benchmark import speed
 from benchmark.__main__ import main
-from benchmark.publish.document import Document
+from benchmark.publish.document import document_of
 from benchmark.speed import Row, Side
 from tests.support import ROOT
 
 
 def test_readme_is_made_of_what_is_published_alone() -> None:
     folder = ROOT / "results" / "speed"
-    assert Document(folder).readme() == (folder / "README.md").read_text(encoding="utf-8")
+    assert document_of(folder).readme() == (folder / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_best_turn_counts_and_by_cpu_time_all_of_a_few_but_never_the_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = [0.0]
     monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
@@ -38,15 +38,13 @@ def test_the_best_turn_counts_and_by_cpu_time_all_of_a_few_but_never_the_first(
         Row("by_turns", "units", side(0.1, 4, 2, 3, 6, 12), side(99, 3, 6, 6, 6, 6), "it"),
         Row("by_cpu_time", "units", side(1, 2, 1, 1, 2), side(9, 6, 6, 6, 6), "it", is_by_cpu_time=True),
     ]
-    published = tmp_path / "speed.csv"
-    published.write_text("name,per_second,baseline\nby_turns,3,2\nby_cpu_time,12,2\n", encoding="utf-8")
-    frame = speed._measured(rows, 6, published)
+    frame = speed._measured(rows, 6)
     assert frame["per_second"].tolist() == [6, 8]
     assert frame["baseline"].tolist() == [4, 2]
     assert frame["ratio"].tolist() == [1.5, 4]
     lines = capsys.readouterr().err.splitlines()
-    # 10 s of 95 s have taken 99.1 s; the expected time counts as much as a tenth.
-    assert lines[0] == "by turns, alternative, turn 1: 2 of 22 done, about 8 minutes left"
+    # 2 of 22 turns have taken 99.1 s.
+    assert lines[0] == "by turns, alternative, turn 1: 2 of 22 done, about 17 minutes left"
     assert lines[-1] == "by turns, alternative, turn 6: 22 of 22 done"
 
 

@@ -37,7 +37,7 @@ class Reference:
         first_ticks = range(len(self.clock)) if tables.get("first_phase") == "any" else [0]
         self.places: list[Place] = []
         self.starts: list[State] = []
-        for place in self._placed():
+        for place in self.placed():
             if "places" in tables["issuer"] and place not in drawn_places:
                 continue
             floor = [cell for cell in self.cells if cell not in self.walls]
@@ -62,7 +62,7 @@ class Reference:
             return self.cells
         return [tuple(place)] if isinstance(place[0], int) else list(dict.fromkeys(map(tuple, place)))
 
-    def _placed(self) -> list[Place]:
+    def placed(self) -> list[Place]:
         """Lists all ways in which the issuer and its group can stand where nobody else ever does."""
         others = range(1, 1 + len(self.tables.get("others", [])))
         taken = {tuple(self.other(i, p)["position"]) for i in others for p in range(len(self.phases))}

@@ -58,10 +58,7 @@ def test_image_rendering_shows_the_agent_where_it_is() -> None:
     [
         ({"observation": "one-hot"}, r"unknown form one-hot \(did you mean one_hot\?\)"),
         ({"scenario": "S9"}, "unknown scenario S9"),
-        (
-            {"render_mode": "holo"},
-            "render_mode = 'holo'; accepted: ansi, rgb_array; human with gymnasium.make",
-        ),
+        ({"render_mode": "holo"}, "= 'holo'; accepted: ansi, rgb_array; human with gymnasium.make"),
         ({"overrides": {"grid.rows": -1}}, "grid.rows = -1"),
     ],
 )

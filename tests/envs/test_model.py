@@ -5,9 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
-from envs import ACTIONS, EVENTS, ZONES, Model, Scenario, compile_scenario, load_scenario
-from envs.model import MOVES, PING, _compile
-from envs.observations import compile_seen, observation_table
+from envs import ACTIONS, EVENTS, Model, Scenario, compile_scenario, load_scenario
+from envs.model import _compile
 
 
 @pytest.mark.parametrize(
@@ -77,28 +76,3 @@ def test_compiling_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch
         large = compile_scenario(scenario)
         assert compile_scenario(scenario) is large
         assert_same_arrays(large, whole)
-
-
-@pytest.mark.parametrize("name", ["Anywhere", "Walking"])
-def test_offset_is_the_issuers_cell_minus_the_agents(name: str) -> None:
-    """In every state; where both stand does not matter to zones, nor to moves away from the room's edges."""
-    model = compile_seen(load_scenario(name, {"observe": ["agent", "issuer", "wrong_pings"]}), "offset")
-    assert model.scenario.observe == ("offset", "wrong_pings")
-    issuer = np.stack(np.divmod(model.scenario.standing[:, :, 0].ravel(), 12), axis=1)
-    agent = np.stack([model.cell // 12, model.cell % 12], axis=1)
-    offset = issuer[model.context] - agent
-    assert (model.observation % (19 * 23) == (offset[:, 0] + 9) * 23 + offset[:, 1] + 11).all()
-    coordinates = observation_table(model, "offset_coordinates")[model.observation]
-    assert coordinates[:, :2] == pytest.approx(np.add(offset, (9, 11)) / (18, 22), abs=1e-6)
-    zones = np.array([ZONES.index(each) for each in ("issuer", "uncomfortable", "target", "outside")])
-    assert (model.zone == zones[np.minimum(abs(offset).max(axis=1), 3)]).all()
-    if name == "Anywhere":  # where the issuer stays
-        following = offset[model.next_state[:, :PING, 0]]
-        onto = agent[:, None] + MOVES
-        is_free = ((onto >= 0) & (onto < (10, 12))).all(axis=2) & ~model.is_over[:, None]
-        assert (following == offset[:, None] - MOVES * is_free[:, :, None]).all()
-
-
-def test_whoever_does_not_see_the_issuer_is_given_the_plain_form() -> None:
-    for name in ("S1", "AnywhereHidden", "Turning"):
-        assert compile_seen(load_scenario(name), "offset") is compile_scenario(load_scenario(name))

@@ -1,14 +1,12 @@
 """What is observed of several people: by hand, and against its definition in plain Python."""
 
-from itertools import product
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
 from agents.linear.tiles import tiles_of
-from envs import OBSERVATIONS, Model, ProxemicVectorEnv, load_scenario
+from envs import OBSERVATIONS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_blocks, observation_table, seen_as
 from envs.scenario import RELATIVE
 from tests.support import few_places
@@ -24,7 +22,9 @@ def seen(form: str, changes: dict[str, Any], agent: tuple[int, int], *people: tu
     """Returns what is observed in a cell with people in others: columns that are 1, and coordinates."""
     model = compile_seen(load_scenario("Anywhere", changes), form)
     is_here = model.cell == agent[0] * 6 + agent[1]
-    (o,) = {*model.observation[is_here & (model.context == model.scenario.places.index(people))].tolist()}
+    (o,) = {
+        *model.observation[is_here & (model.context == model.scenario.layout.places.index(people))].tolist()
+    }
     table = observation_table(model, f"{form}_one_hot")
     assert np.flatnonzero(table[o]).tolist() == sorted(observation_blocks(model)[o].tolist())
     if form in ("nearest", "centre"):
@@ -57,63 +57,66 @@ def test_of_equally_near_people_the_upper_and_then_the_left_one_comes_first() ->
 
 
 @pytest.mark.parametrize("form", RELATIVE)
-@pytest.mark.parametrize("changes", [PAIR, THREE | {"group.apart": [2, 2.9]}])
-def test_every_observation_is_as_defined(form: str, changes: dict[str, Any]) -> None:
-    model = compile_seen(load_scenario("Anywhere", dict(changes)), form)
-    columns, coordinates = observation_blocks(model), observation_table(model, f"{form}_coordinates")
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("Anywhere", PAIR),
+        ("Anywhere", THREE | {"group.apart": [2, 2.9]}),
+        ("Anywhere", {"ping_limit": 1, "issuer.places": 9}),
+        ("Walking", {"ping_limit": 1}),
+    ],
+)
+def test_every_observation_is_as_defined(form: str, name: str, changes: dict[str, Any]) -> None:
+    model = compile_seen(load_scenario(name, changes), form)
+    (rows, columns), n = model.scenario.grid.size, model.scenario.n_people
+    assert model.scenario.observe[0] == form
+    ones, coordinates = observation_blocks(model), observation_table(model, f"{form}_coordinates")
+    standing = model.position[model.scenario.layout.standing.reshape(-1, n)].tolist()
     number_of: dict[Any, int] = {}
     for o, cell, context in zip(model.observation, model.cell, model.context, strict=True):
-        people = model.scenario.places[context]
+        at = divmod(int(cell), columns)
         offsets = sorted(
-            ((r - cell // 6, c - cell % 6) for r, c in people), key=lambda it: (it[0] ** 2 + it[1] ** 2, it)
+            ((r - at[0], c - at[1]) for r, c in standing[context]),
+            key=lambda it: (it[0] ** 2 + it[1] ** 2, it),
         )
         if form == "centre":
-            shown = [(sum(r for r, _ in offsets) / len(people), sum(c for _, c in offsets) / len(people))]
+            shown = [(sum(r for r, _ in offsets) / n, sum(c for _, c in offsets) / n)]
         else:
-            shown = offsets[: {"nearest": 1, "two_nearest": 2}.get(form, len(offsets))]
-            expected = [99 * i + (r + 4) * 11 + c + 5 for i, (r, c) in enumerate(shown)]
-            assert columns[o].tolist() == expected
-        assert coordinates[o] == pytest.approx([n for r, c in shown for n in ((r + 4) / 8, (c + 5) / 10)])
+            shown = offsets[: {"nearest": 1, "two_nearest": 2}.get(form, n)]
+        width = 2 * columns - 1
+        expected = [
+            (2 * rows - 1) * width * i + (r + rows - 1) * width + c + columns - 1
+            for i, (r, c) in enumerate(shown)
+        ]
+        assert (form == "centre" and n > 1) or ones[o].tolist() == expected
+        scaled = [(r / (rows - 1) + 1, c / (columns - 1) + 1) for r, c in shown]
+        assert np.abs(2 * coordinates[o] - np.ravel(scaled)).max() < 1e-6
         assert number_of.setdefault(tuple(shown), o) == o
     assert len({*number_of.values()}) == len(number_of)  # others have other numbers
 
 
-@pytest.mark.parametrize("name", ["Anywhere", "Walking"])
-def test_for_a_single_person_all_are_the_offset(name: str) -> None:
-    scenario = load_scenario(name, {"observe": ["agent", "issuer", "wrong_pings"]})
-    offset = compile_seen(scenario, "offset")
-    for form, suffix in product(RELATIVE, ("", "_one_hot", "_coordinates")):
-        model: Model = compile_seen(scenario, form)
-        np.testing.assert_array_equal(model.observation, offset.observation)
-        ours, theirs = observation_table(model, form + suffix), observation_table(offset, f"offset{suffix}")
-        np.testing.assert_array_equal(ours, theirs)
-
-
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-def test_envs_take_every_form(observation: str) -> None:
-    overrides = {"issuer.places": 3}
-    scenario = load_scenario("ThreeTalking", overrides)
-    model = compile_seen(scenario, observation)
-    table = observation_table(model, observation)
-    env = gymnasium.make("envs:Proxemic/ThreeTalking-v0", observation=observation, overrides=overrides)
-    batch = ProxemicVectorEnv(4, "ThreeTalking", observation, overrides)
-    rows = {tuple(np.atleast_1d(table[o]).tolist()) for o in model.observation[model.starts]}
-    assert len(rows) == 3
-    for first in (env.reset(seed=1)[0], *batch.reset(seed=1)[0]):
-        assert tuple(np.atleast_1d(first).tolist()) in rows
-    assert env.observation_space.contains(env.step(1)[0])
+def test_whoever_does_not_see_the_issuer_is_given_the_plain_form() -> None:
+    for name in ("S1", "AnywhereHidden", "Turning"):
+        assert compile_seen(load_scenario(name), "offset") is compile_scenario(load_scenario(name))
 
 
 @pytest.mark.parametrize("scenario", ["S1", "Anywhere", "Turning", "ThreeTalking"])
 @pytest.mark.parametrize("form", OBSERVATIONS)
 def test_sizes_are_known_before_a_scenario_is_compiled(scenario: str, form: str) -> None:
-    declared = seen_as(load_scenario(scenario, few_places(scenario)), form)
+    overrides = few_places(scenario)
+    declared = seen_as(load_scenario(scenario, overrides), form)
     model = compile_seen(declared, form)
     assert declared.n_observations >= model.n_observations
     widths = {component.name: component.width for component in model.components}
     assert {name: width for name, (_, width) in declared.observed_sizes.items()} == widths
     if declared.n_people == 1 or form.startswith(("nearest", "centre")):
         assert declared.n_observations == model.n_observations
+    env, batch = ProxemicEnv(scenario, form, overrides), ProxemicVectorEnv(4, scenario, form, overrides)
+    table = observation_table(model, form)
+    rows = {tuple(np.atleast_1d(table[o]).tolist()) for o in model.observation[model.starts]}
+    for first in (env.reset(seed=1)[0], *batch.reset(seed=1)[0]):
+        assert tuple(np.atleast_1d(first).tolist()) in rows
+    assert env.observation_space.contains(env.step(1)[0])
 
 
 def test_six_people_in_a_large_room_have_no_larger_numbers_than_integers_hold() -> None:

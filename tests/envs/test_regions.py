@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from envs import ZONES, Scenario, load_scenario
 from envs.inputs import parse
-from envs.regions import Cell, Heading, Regions, connected, outlines, target_distance, zones
+from envs.regions import Cell, Grid, Heading, Regions, connected, outlines, target_distance, zones
 
 SIGNS = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
 
@@ -22,27 +22,21 @@ def drawn(values: NDArray[np.int8], columns: int) -> list[str]:
 
 
 def distances(scenario: Scenario) -> NDArray[np.int_]:
-    return target_distance(scenario.regions, scenario.places[0][0], scenario.grid.size)
-
-
-def test_zones_of_the_paper() -> None:
-    assert drawn(load_scenario("S1").zone[0, 0], 12) == [
-        "............",
-        "............",
-        "............",
-        "............",
-        "......+++++.",
-        "......+xxx+.",
-        "......+xIx+.",
-        "......+xxx+.",
-        "......+++++.",
-        "............",
-    ]
+    return target_distance(scenario.regions, scenario.layout.places[0][0], scenario.grid.size)
 
 
 @pytest.mark.parametrize(
     ("name", "place", "expected"),  # from the third row on; all others are outside
     [
+        # The paper's
+        ("S1", ((6, 8),), [
+            "............", "............",
+            "......+++++.",
+            "......+xxx+.",
+            "......+xIx+.",
+            "......+xxx+.",
+            "......+++++.",
+        ]),
         # Uncomfortable is what is within 0.45 m = 1.5 cells: eight cells around each person, since diagonal
         # ones are 0.42 m away. Within 0.75 m = 2.5 cells are those two away in a row or column, and one more
         # aside (0.67 m), not those two away in both (0.85 m).
@@ -81,10 +75,10 @@ def test_zones_of_the_paper() -> None:
         ]),
     ],
 )  # fmt: skip
-def test_zones_of_groups_by_hand(name: str, place: tuple[Cell, ...], expected: list[str]) -> None:
+def test_zones_by_hand(name: str, place: tuple[Cell, ...], expected: list[str]) -> None:
     scenario = load_scenario(name)
     outside = ["." * 12]
-    rows = drawn(scenario.zone[scenario.places.index(place), 0], 12)
+    rows = drawn(scenario.layout.zone[scenario.layout.places.index(place), 0], 12)
     assert rows == [*2 * outside, *expected, *(8 - len(expected)) * outside]
 
 
@@ -118,6 +112,7 @@ def test_outlines_enclose_exactly_the_set(inside: NDArray[np.bool_]) -> None:
     assert length == abs(np.diff(padded, axis=0)).sum() + abs(np.diff(padded, axis=1)).sum()
 
 
+ROOM = Grid(rows=7, columns=7, start="anywhere")
 CIRCLE = {"uncomfortable": {"kind": "circle", "radius": 1}, "target": {"kind": "circle", "radius": 2}}
 EGG = {"uncomfortable": {"kind": "egg", "front": 1.5}, "target": {"kind": "egg", "front": 3}}
 
@@ -135,17 +130,19 @@ EGG = {"uncomfortable": {"kind": "egg", "front": 1.5}, "target": {"kind": "egg",
 )
 def test_shapes_by_hand(table: dict[str, Any], heading: Heading, expected: list[str]) -> None:
     regions = parse(Regions, table, "by hand")
-    assert drawn(zones(regions, heading, (3, 3), (7, 7)), 7) == expected
+    assert drawn(zones(regions, heading, (3, 3), ROOM), 7) == expected
 
 
 def test_metres_are_cells_of_the_given_width() -> None:
     shapes = {"uncomfortable": {"kind": "circle", "radius": 0.5}, "target": {"kind": "circle", "radius": 1}}
     in_metres = parse(Regions, shapes | {"unit": "metres"}, "by hand")
+    half = ROOM.model_copy(update={"metres_per_cell": 0.5})
     in_cells = parse(Regions, CIRCLE, "by hand")
-    assert (zones(in_metres, "up", (3, 3), (7, 7), 0.5) == zones(in_cells, "up", (3, 3), (7, 7))).all()
+    assert (zones(in_metres, "up", (3, 3), half) == zones(in_cells, "up", (3, 3), ROOM)).all()
     # 0.3 * 3 is a little less than 0.9 in floating point; the cell on the border belongs to the region.
     border = {"uncomfortable": {"kind": "circle", "radius": 0.1}, "target": {"kind": "circle", "radius": 0.9}}
-    zone = zones(parse(Regions, border | {"unit": "metres"}, "by hand"), "up", (3, 3), (7, 7), 0.3)
+    narrow = ROOM.model_copy(update={"metres_per_cell": 0.3})
+    zone = zones(parse(Regions, border | {"unit": "metres"}, "by hand"), "up", (3, 3), narrow)
     assert drawn(zone, 7)[3] == "+++I+++"
 
 

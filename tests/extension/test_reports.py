@@ -13,10 +13,10 @@ from benchmark.analysis.frames import by_population
 from benchmark.drawing.tables import link
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.folder import Folder
-from benchmark.publish import document, draw
+from benchmark.publish import document
 from benchmark.publish.document import Document
-from benchmark.studies import load_report
-from benchmark.studies.item import Estimate, Report, called, item
+from benchmark.studies import Data, Declared, Study, load_study, report_of
+from benchmark.studies.item import Estimate, called, item
 from envs import InputError
 from tests.benchmark.studies.conftest import experiment_of, results_of
 from tests.support import small_experiment, variant
@@ -29,21 +29,21 @@ EXPERIMENT = small_experiment(
     settings={"budget": 400},
     algorithms={"one": variant(seeds=3), "two": variant("sarsa", seeds=3)},
 )
-KIND = f"{__name__}:REPORT"
+KIND = f"{__name__}:STUDY"
 
 
 # A kind of report: the final success of every run
 
 
-def _check(experiment: Experiment) -> None:
+def _check(experiment: Experiment, _: Declared) -> None:
     if len(experiment.scenarios) > 2:
         raise InputError(f"{experiment.argument}: scenarios: accepted: at most two.")
 
 
 @item("successes", "success probability", {"scenario": "", "success": "success"})
-def successes(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def successes(analysis: Data[Declared]) -> Iterator[dict[str, Any]]:
     """A row for each population."""
-    for keys, rows in by_population(runs):
+    for keys, rows in by_population(analysis.runs):
         success = rows["success"]
         yield keys | {"success": Estimate(success.mean(), success.min(), success.max())}
 
@@ -53,7 +53,9 @@ def _headline(folder: Folder) -> str:
     return f"Success in {row['scenario']} is {link(f'{row.success:g}', 'successes', row)}."
 
 
-REPORT = Report(
+STUDY = Study(
+    declared=Declared,
+    analyse=lambda data: data,
     name="successes",
     question="How often does it succeed?",
     check=_check,
@@ -65,7 +67,7 @@ REPORT = Report(
 
 def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None:
     assert len(ITEM.read_text(encoding="utf-8").splitlines()) <= 25
-    names = json.dumps([each.name for each in load_report("comparison").items if each.name != "summary"])
+    names = json.dumps([each.name for each in load_study("comparison").items if each.name != "summary"])
     report = f'{{ kind = "comparison", omit = {names}, items = ["tests.extension.lost:lost"] }}'
     folder = results_of(tmp_path, f"{EXPERIMENT}report = {report}\n")
     assert {f"lost.{end}" for end in ("csv", "svg")} <= {file.name for file in folder.iterdir()}
@@ -77,7 +79,7 @@ def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None
     assert "![Share of runs without any success.](lost.svg)" in readme
     (tmp_path / "runs.db").unlink()  # texts can be made again from the files alone
     (folder / "README.md").unlink()
-    document.write(folder, draw.report_of(load_experiment(tmp_path / "mine.toml")))
+    document.write(folder, report_of(load_experiment(tmp_path / "mine.toml")).study)
     assert (folder / "README.md").read_text(encoding="utf-8") == readme
     with pytest.raises(InputError, match=r"manifest\.json: report: tests\.extension\.lost:lost: code of"):
         document.write(folder)  # a manifest may come from anybody
@@ -91,7 +93,7 @@ def test_report_of_another_kind(tmp_path: Path) -> None:
     readme = (folder / "README.md").read_text(encoding="utf-8")
     assert f"\nSuccess in S1 is {success[0]:g}.\n" in readme
     assert "## Successes" in readme
-    assert Document(folder, REPORT).question == "How often does it succeed?"
+    assert Document(folder, STUDY).question == "How often does it succeed?"
 
 
 @pytest.mark.parametrize(
@@ -109,7 +111,7 @@ def test_report_of_another_kind(tmp_path: Path) -> None:
 def test_mistakes_get_one_sentence(tmp_path: Path, report: str, names: list[str]) -> None:
     experiment = experiment_of(tmp_path / "mine.toml", f"{EXPERIMENT}report = {report}\n")
     with pytest.raises(InputError) as caught:
-        draw.report_of(experiment)
+        report_of(experiment).check()
     assert [name for name in [str(tmp_path / "mine.toml"), *names] if name not in str(caught.value)] == []
     assert "\n" not in str(caught.value)
 

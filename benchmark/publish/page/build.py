@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
 import jinja2
@@ -30,25 +30,21 @@ from benchmark.drawing.tables import inert, local_only, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, Folder
 from benchmark.publish import files, prose, sameness
-from benchmark.publish.document import Document, templates_in
-from benchmark.studies import explorer
-from benchmark.studies.item import Item, Report
+from benchmark.publish.document import SPEED, Document, document_of, templates_in
+from benchmark.studies import Item, Study, explorer
 from envs import InputError
 
 CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
-SPEED: Final = "speed"  # the folder with measurements of this project, at the end of the page of all chapters
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
+_SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # in an SVG
 _ESCAPED: Final = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
-_MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
-_MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
+_MAX_ROWS: Final = 60  # in a table; for longer ones, the page shows the CSV file on demand
+_MAX_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _TABLE: Final = re.compile("<table>.*?</table>", re.DOTALL)  # which a document has as Markdown
 _BOX: Final = r'<div class="scroll" role="group" tabindex="0" aria-label="Table">\g<0></div>'
-_FOLDED: Final = "Terms"  # heading of a section that is shown on demand
-_SECTIONS: Final = re.compile(rf"\n(?=## |#+ {_FOLDED}\n)")  # where the sections of a document begin
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
@@ -68,7 +64,7 @@ def chapters(results: Path) -> list[str]:
     return names if {*names} & {*CHAPTERS} else []
 
 
-def write(results: Path, experiment: str | None = None, report: Report | None = None) -> Path:
+def write(results: Path, experiment: str | None = None, study: Study[Any, Any] | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
     In this repository, git ignores folders that are not published, by a `.gitignore` in them.
@@ -77,7 +73,7 @@ def write(results: Path, experiment: str | None = None, report: Report | None = 
       InputError: There is nothing to show, or the page cannot be written.
     """
     with files.alone(results):
-        (page, text), *others = texts(results, experiment, report)
+        (page, text), *others = texts(results, experiment, study)
         for path, content in ((page, text), *others):
             files.write_text(path, content)
         for name in PUBLISHED:
@@ -88,13 +84,13 @@ def write(results: Path, experiment: str | None = None, report: Report | None = 
 
 
 def texts(
-    results: Path, experiment: str | None = None, report: Report | None = None
+    results: Path, experiment: str | None = None, study: Study[Any, Any] | None = None
 ) -> Iterator[tuple[Path, str]]:
     """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
 
     The page shows all published results that are there, those with a chapter with their whole documents, and
     is `index.html` of `results`. The page of an experiment without a chapter shows it alone, and lies in its
-    folder; its `report` is needed if it is not one of this project. It may raise an `InputError`.
+    folder; its `study` is needed if it is not one of this project. It may raise an `InputError`.
     """
     has_own_page = experiment not in (None, *CHAPTERS)
     folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
@@ -104,7 +100,7 @@ def texts(
             "compare-deep make them."
         )
     page = (folders[0] if has_own_page else results) / "index.html"
-    own = report if has_own_page else None
+    own = study if has_own_page else None
     parts = [_Part(folder, "" if has_own_page else f"{folder.name}/", own) for folder in folders]
     yield page, _render(parts)
     if listed := published(results):
@@ -124,9 +120,9 @@ def _scenes() -> str:
 class _Part:
     """A folder of results on the page."""
 
-    def __init__(self, path: Path, prefix: str, report: Report | None) -> None:
+    def __init__(self, path: Path, prefix: str, study: Study[Any, Any] | None) -> None:
         """Reads its manifest and checks its files; `prefix` leads from the page to the folder."""
-        self.document = Document(path, report)
+        self.document = document_of(path, study)
         self.document.folder.check()
         self.folder = self.document.folder
         self.name = path.name
@@ -145,11 +141,11 @@ class _Part:
         headline = (document.headline or "").split("\n\n")
         # The report's lead comes first. If it stands beside the answer, the next one leads the report.
         drawn = [item for item in document.items if self.folder.figure(item.name)]
-        drawn.sort(key=lambda item: item.name != document.report.lead)
+        drawn.sort(key=lambda item: item.name != document.lead)
         answer: list[str] = []
         if self.prefix and self.name == next(iter(PUBLISHED)):  # the page opens with its finding, as written
             with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
-                if prose.written(self.folder, document.report.finding) is not None:
+                if prose.written(self.folder, document.finding) is not None:
                     answer = prose.SENTENCES.split(headline.pop(0))
         top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
 
@@ -176,7 +172,7 @@ class _Part:
             "lead": self._figure(lead) if lead is not None else None,
             "description": self.inline(inert(manifest["description"])),
             "note": self.inline(inert(manifest.get("note", ""))),
-            "sections": self._sections(markdown, content) if self.is_whole else [],
+            "body": self._body(markdown, content) if self.is_whole else "",
             "readme": f"{self.prefix}README.md",
             "made": manifest,
             "manifest": f"{self.prefix}{MANIFEST}",
@@ -191,11 +187,12 @@ class _Part:
         if report["kind"] != "map" or any("grid" in panel for panel in report.get("panels", ())):
             return None
         looks, variants = {}, self.folder.manifest["algorithms"]
+        colours = {name: variant.get("colour") for name, variant in variants.items()}
         for learner, title in self.folder.titles.items():
             variant, observation = learner.split(", ")
             if "rank" in variants[variant] or variants[variant]["reference_for"]:
                 continue
-            style = learner_style(variant, observation, [*variants], variants[variant]["family"])
+            style = learner_style(variant, observation, colours, variants[variant]["family"])
             looks[learner] = {
                 "name": title,
                 "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
@@ -219,27 +216,14 @@ class _Part:
                 token.content = _MINUS.sub("−", token.content)
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
 
-    def _sections(self, markdown: str, content: Callable[[re.Match[str]], str]) -> list[dict[str, object]]:
-        """Returns a document's sections, with the content of marked items; the first has no heading."""
-        sections = []
-        for text in _SECTIONS.split(f"\n{markdown}\n"):
-            heading, body = text.split("\n", 1) if text.startswith("#") else ("", text)
-            heading = heading.strip("# ")
-            tokens = self._parser.parse(body)
-            for token in tokens:
-                token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
-            boxed = _TABLE.sub(_BOX, str(self._html(tokens)))
-            if heading or tokens:
-                section = {
-                    "heading": self.inline(heading),
-                    "id": f"report-{self.name}-{_slug(heading)}" if heading else "",
-                    "is_folded": heading == _FOLDED,
-                    "body": Markup(_MARKED.sub(content, boxed)),
-                }
-                sections.append(section)
-        return sections
+    def _body(self, markdown: str, content: Callable[[re.Match[str]], str]) -> Markup:
+        """Returns a document as HTML, with the content of marked items."""
+        tokens = self._parser.parse(markdown)
+        for token in tokens:
+            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
+        return Markup(_MARKED.sub(content, _TABLE.sub(_BOX, str(self._html(tokens)))))
 
-    def _table(self, item: Item) -> dict[str, object] | None:
+    def _table(self, item: Item[Any]) -> dict[str, object] | None:
         """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show.
 
         A long one, which is shown on demand, has its number of rows alone.
@@ -247,19 +231,19 @@ class _Part:
         shown = self.document.shown(item)
         if shown.empty:
             return None
-        if len(shown) > _MOST_ROWS:
+        if len(shown) > _MAX_ROWS:
             return {"n_rows": len(shown)}
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
         kinds = []  # the class of each column's cells: names have none
         for name, column in zip(shown, zip(*cells, strict=True), strict=True):
             is_number = all(_NUMBER.fullmatch(cell.striptags()) for cell in column)
             kinds.append("number" if is_number else "verdict" if str(name).startswith("verdict") else "")
-        n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
+        n_keys = next((i for i, kind in enumerate(kinds[:_MAX_KEYS]) if kind), min(len(kinds), _MAX_KEYS))
         kinds[1:n_keys] = ["key"] * (n_keys - 1)
         columns = [self.inline(str(name)) for name in shown]
         return {"columns": columns, "kinds": kinds, "rows": cells, "n_rows": len(cells), "n_keys": n_keys}
 
-    def _figure(self, item: Item) -> dict[str, object]:
+    def _figure(self, item: Item[Any]) -> dict[str, object]:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
         drawn = self.folder.content(self.folder.figure(item.name)).decode()
         width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
@@ -332,6 +316,6 @@ def _scripts(name: str) -> dict[str, str]:
 def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        headline = (document or Document(path)).headline or inert(folder.manifest["description"])
+        headline = (document or document_of(path)).headline or inert(folder.manifest["description"])
         return local_only(plain(headline.partition("\n\n")[0]))
     return ""

@@ -1,92 +1,89 @@
-"""Builds the site: `python -m benchmark.publish.page.site RESULTS SITE [PACKAGE ...]`, or `make docs`.
+"""Builds the site: `python -m benchmark.publish.page.site RESULTS SITE`, or `make docs`.
 
-The page, this project's documents, the references of files and columns and the API are laid out as in the
-repository. pdoc writes all but the page: to it, a document is a module that has nothing but a text.
+The page, this project's documents and a list of all columns of tables are laid out as in the repository,
+beside the API, which pdoc writes. What is there from before stays, unless it has the same name.
 """
 
+import posixpath
 import re
 import shutil
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from pkgutil import walk_packages
-from types import ModuleType
 from typing import Final
 
-from pdoc import doc, render
+from pdoc import pdoc, render
+from pdoc.render_helpers import to_html
+from tabulate import tabulate
 
 from benchmark import leaderboard
 from benchmark.publish import sameness
-from benchmark.publish.document import Document
-from benchmark.publish.page import build, reference
+from benchmark.publish.document import document_of
+from benchmark.publish.page import build
 from envs import InputError
 
 ROOT: Final = Path(__file__).parents[3]
 PACKAGES: Final = ("envs", "agents", "benchmark")
-_GUIDES: Final = {  # in the navigation, by their names on the site
-    "README": "Overview",
-    "benchmark.guide": "Your scene in ten minutes",
-    "agents.README": "Your own learner",
-    "benchmark.commands.README": "Running experiments",
-    "envs.scenarios.README": "Scenario files",
-    "benchmark.experiments.README": "Experiment files",
-    "benchmark.studies.README": "Reports",
-    "columns": "Columns of tables",
-    "CONTRIBUTING": "Contributing",
-    "benchmark.glossary": "Glossary",
-    "results.README": "Folders of results",
+_GUIDES: Final = {  # documents in the navigation
+    "README.md": "Overview",
+    "benchmark/guide.md": "Your scene in ten minutes",
+    "agents/README.md": "Your own learner",
+    "benchmark/commands/README.md": "Running experiments",
+    "envs/scenarios/README.md": "Scenario files",
+    "benchmark/experiments/README.md": "Experiment files",
+    "benchmark/studies/README.md": "Studies",
+    "columns.md": "Columns of tables",
+    "CONTRIBUTING.md": "Contributing",
+    "benchmark/glossary.md": "Glossary",
+    "results/README.md": "Folders of results",
+}
+_KEYS: Final = {  # modules that have every key of a kind of file
+    "envs/scenarios/README.md": ["envs.scenario", "envs.people", "envs.regions"],
+    "benchmark/experiments/README.md": [
+        "benchmark.experiments.schema",
+        "benchmark.experiments.search",
+        *(f"benchmark.studies.{name}.declared" for name in ("comparison", "map")),
+    ],
 }
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "site"
 _LINK: Final = re.compile(r'(href|src)="(?![a-z]+:)([^"#]+)')
-_MARK: Final = "search.js"  # which every site has, and nothing else that could be deleted
 
 
 def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None:
-    """Writes the site, in place of what is there.
+    """Writes the site.
 
     Args:
       results: The folder of published results; its page is written, too.
-      site: The folder of the site: a new one, or one with a site.
+      site: The folder of the site.
       packages: What has API pages, with all modules inside.
 
     Raises:
-      InputError: There is nothing to show, or the folder has something else.
+      InputError: There is nothing to show.
     """
-    if not (site / _MARK).is_file() and (site.is_file() or any(site.glob("*"))):
-        raise InputError(f"SITE={site}: not a site; accepted: a new or empty folder, or an earlier site.")
     build.write(results)
-    site.mkdir(parents=True, exist_ok=True)
-    (site / _MARK).touch()  # before all else, and never removed: an interrupted site stays one
-    for path in {*site.iterdir()} - {site / _MARK}:
-        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
     for folder in build.published(results):
-        listed, to = sameness.listed(folder), site / "results" / folder.name
-        shutil.copytree(folder, to, ignore=lambda _, names, listed=listed: {*names} - listed)
-    shutil.copy(results / "index.html", site / "results")
-    modules = {}
-    for name, text in _documents(results).items():
-        module = ModuleType(name, text)
-        module.__dict__.update(__all__=[], __docformat__="markdown")
-        modules[name] = doc.Module(module)
-    api = {name: doc.Module.from_name(name) for package in packages for name in _modules(package)}
+        for name in sameness.listed(folder):
+            _copy(folder / name, site / "results" / folder.name / name)
+    _copy(results / "index.html", site / "results" / "index.html")
     render.configure(docformat="google", template_directory=_TEMPLATES, show_source=False)
-    render.env.globals |= {"documents": _GUIDES, "packages": packages}
-    with warnings.catch_warnings():  # annotations that only type checkers understand are shown as they are
+    with warnings.catch_warnings():
+        # Annotations that only type checkers understand are shown as they are.
         warnings.filterwarnings("ignore", "Error parsing type annotation")
-        for name, shown in (modules | api).items():
-            path = _page(name, site)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(render.html_module(shown, api), encoding="utf-8")
-        (site / _MARK).write_text(render.search_index(modules | api), encoding="utf-8")
-    for name in modules:
-        _link(_page(name, site), site)
-    shutil.copy(site / "README.html", site / "index.html")
-
-
-def _page(name: str, site: Path) -> Path:
-    return site / f"{name.replace('.', '/')}.html"
+        # pdoc finds some of the modules inside packages by itself, too.
+        warnings.filterwarnings("ignore", "The module specification")
+        pdoc(*chain(*map(_modules, packages)), output_directory=site / "api")
+    template, documents = render.env.get_template("document.html.jinja2"), _documents(results)
+    for path, text in documents.items():
+        page = (site / path).with_suffix(".html")
+        page.parent.mkdir(parents=True, exist_ok=True)
+        known = {"documents": _GUIDES, "packages": packages}
+        html = template.render(path=path, up="../" * path.count("/"), body=to_html(text), **known)
+        page.write_text(_linked(html, Path(path).parent, site, documents), encoding="utf-8")
+    _copy(site / "README.html", site / "index.html")
 
 
 def _modules(package: str) -> list[str]:
@@ -94,39 +91,67 @@ def _modules(package: str) -> list[str]:
     return [package, *(module.name for module in inside if not module.name.endswith("__main__"))]
 
 
+def _copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(source, target)
+
+
 def _documents(results: Path) -> dict[str, str]:
-    made = {"columns": reference.columns(results)}
-    files = {name: ROOT / f"{name.replace('.', '/')}.md" for name in _GUIDES if name not in made}
-    files["results.README"] = results / "README.md"
-    texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()} | made
+    """Returns all documents in Markdown, by their paths in the repository."""
+    made = {"columns.md": columns(results)}
+    files = {path: ROOT / path for path in _GUIDES if path not in made}
+    files["results/README.md"] = results / "README.md"
+    texts = {path: file.read_text(encoding="utf-8") for path, file in files.items()} | made
     # Made again, as those in the folders may have been edited by hand.
-    again = {folder / "README.md": Document(folder).readme() for folder in build.published(results)}
+    again = {folder / "README.md": document_of(folder).readme() for folder in build.published(results)}
     again |= leaderboard.texts(results, print)
-    texts |= {f"results.{path.parent.name}.README": text for path, text in again.items()}
-    texts["envs.scenarios.README"] += f"\n{reference.scenarios()}"
-    texts["benchmark.experiments.README"] += f"\n{reference.experiments()}"
+    texts |= {f"results/{path.parent.name}/README.md": text for path, text in again.items()}
+    for path, modules in _KEYS.items():
+        up = "../" * path.count("/")
+        links = ", ".join(f"[{name}]({up}api/{name.replace('.', '/')}.html)" for name in modules)
+        texts[path] += f"\n## Every key\n\nAll keys, with what they accept: {links}.\n"
     return texts
 
 
-def _link(path: Path, site: Path) -> None:
-    """Turns a document's links to other documents into links to their pages; copies other linked files."""
+def columns(results: Path) -> str:
+    """Returns the reference of all columns of the published tables in a folder of results."""
+    parts = [
+        "# Columns of the tables",
+        "Tables of results are CSV files with six significant digits. `NAME_low` and `NAME_high` are the "
+        "ends of the 95 % interval of `NAME`. An empty field means that there is no number, and inf that it "
+        "never happens.",
+    ]
+    tables = dict[tuple[str, str, str], dict[str, str | None]]()
+    for folder in build.published(results):
+        document = document_of(folder)
+        for item in document.items:
+            file = item.file or f"{item.name}.csv"
+            if ".csv" in file and file in document.folder:
+                meanings = {f"`{name}`": item.meaning(str(name)) for name in document.folder.frame(file)}
+                tables.setdefault((document.name, file, item.description), {}).update(meanings)
+    for (report, name, description), meanings in tables.items():
+        grid = tabulate(meanings.items(), ["column", "meaning"], "github")
+        parts += [f"## `{name}` ({report})", description, grid]
+    return "\n\n".join(parts)
+
+
+def _linked(html: str, folder: Path, site: Path, documents: Collection[str]) -> str:
+    """Returns a page whose links lead to the pages of documents; copies other files that it links to."""
 
     def moved(match: re.Match[str]) -> str:
-        target = path.parent / match[2]
-        if target.suffix == ".md" and target.with_suffix(".html").exists():
+        path = posixpath.normpath(folder / match[2])
+        if path in documents:
             return f'{match[1]}="{match[2].removesuffix(".md")}.html'
-        original = ROOT / target.resolve().relative_to(site.resolve())
-        if original.is_file() and not target.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(original, target)
-        return match[0] if target.exists() else ""
+        if (ROOT / path).is_file() and not (site / path).exists():
+            _copy(ROOT / path, site / path)
+        return match[0] if (site / path).exists() else ""
 
-    path.write_text(_LINK.sub(moved, path.read_text(encoding="utf-8")), encoding="utf-8")
+    return _LINK.sub(moved, html)
 
 
 if __name__ == "__main__":
     try:
-        write(Path(sys.argv[1]).resolve(), Path(sys.argv[2]), sys.argv[3:] or PACKAGES)
+        write(Path(sys.argv[1]), Path(sys.argv[2]))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -1,38 +1,39 @@
 """Comparisons of learners: what each reached, how cells of the table differ, what it cost, and what it knows.
 
-The axes of the table are scenarios, conditions and learners. Everything that is compared is the difference
-between two of its cells, or between means of cells over scenarios.
+The axes of the table are scenarios, conditions and learners.
 """
 
 from pathlib import Path
+from typing import Final
 
-from benchmark.studies.comparison import results, rliable, scenarios, training
-from benchmark.studies.comparison.declared import check
-from benchmark.studies.item import Report
+from benchmark.studies.comparison import figures, tables
+from benchmark.studies.comparison.analysis import analyse
+from benchmark.studies.comparison.declared import ComparisonDeclared, check
+from benchmark.studies.study import Study
 
-REPORT = Report(
+STUDY: Final = Study(
     name="comparison",
     question="When does deep RL earn its keep over a table?",
+    declared=ComparisonDeclared,
     check=check,
+    analyse=analyse,
     items=(
-        results.contrasts,
-        results.outcomes,
-        results.summary,
-        results.aggregate,
-        rliable.rliable,
-        rliable.profiles,
-        training.curves,
-        training.steps,
-        results.verdicts,
-        results.effects,
-        results.same_input,
-        scenarios.scenarios,
-        training.cost,
-        results.scores,
-        training.agents,
+        tables.contrasts,
+        tables.outcomes,
+        tables.summary,
+        tables.aggregate,
+        tables.rliable,
+        figures.profiles,
+        tables.curves,
+        tables.steps,
+        tables.same_input,
+        tables.scenarios,
+        tables.cost,
+        tables.scores,
+        tables.agents,
     ),
     document=Path(__file__).parent / "document.md.jinja",
-    headline=results.headline,
+    headline=tables.headline,
     lead="summary",
     packages=("rliable",),
     can_be_partial=True,

@@ -1,24 +1,65 @@
-"""What a comparison decides, as its experiment declares it."""
+"""What an experiment declares of a comparison, and what its sides name."""
 
-from collections.abc import Mapping
-from itertools import chain, product
-from typing import Final, NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Annotated, Final, Literal, NamedTuple
 
-from benchmark.experiments import Experiment, Reporting
+from pydantic import Field
+
+from benchmark.experiments import Experiment
+from benchmark.studies.study import Declared
 from envs import InputError
-from envs.inputs import unknown_name
+from envs.inputs import Names, Table, distinct, unknown_name
 from envs.scenario import RELATIVE
 
 AXES: Final = ("learner", "scenario", "condition")  # columns, in the order in which a side names them
-
+Margin = Annotated[float, Field(gt=0, le=0.2)]  # a larger difference matters
 Side = Mapping[str, str]  # the columns that a side of a contrast names, with their values
 
 
+class Margins(Table):
+    """Differences that are too small to matter."""
+
+    success: Margin = 0.1
+    """Of success."""
+    score: Margin = 0.05
+    """Of the score."""
+
+
+class ComparisonDeclared(Declared):
+    """What a comparison decides and how, declared before its runs.
+
+    A side of a contrast names a learner, such as "dqn, one_hot", a scenario, or a condition; two or
+    three of these are joined by " @ ". What it leaves open is varied on both sides together.
+    """
+
+    baseline: Names = ()
+    """The learners, of any family, that deep ones have to beat; none if the question is another."""
+    pool: Literal["scenarios", "none"] = "scenarios"
+    """Whether verdicts are on means over scenarios."""
+    margins: Margins = Margins()
+    """Differences between x and y that are too small to matter."""
+    contrasts: tuple[tuple[str, str], ...] = ()
+    """Pairs x, y that are compared, with verdicts."""
+
+
 class Pair(NamedTuple):
-    """The two sides of a contrast or an effect, which name the same columns."""
+    """The two sides of a contrast, which name the same columns."""
 
     x: Side
     y: Side
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is compared, with names resolved."""
+
+    learners: Mapping[str, str]  # the family of each, by name, without planners and references
+    baseline: Sequence[str]
+    contrasts: Sequence[Pair]
+    nets: Sequence[str]  # deep learners, except baselines, that are compared with baselines wherever both are
+    drawn: Sequence[str]  # learners that the outcome is about, or else those compared, or else all
 
 
 def side_name(side: Side) -> str:
@@ -31,82 +72,78 @@ def knowledge(learner: str) -> str:
     return "offsets" if learner.partition(", ")[2].startswith(RELATIVE) else "cells"
 
 
-def reporting_of(experiment: Experiment) -> Reporting:
-    """Returns what is declared; if nothing is, deep learners have to beat all tables and linear learners."""
-    reporting = experiment.report
-    assert reporting is not None
-    deep, baselines = own_learners(experiment, "deep"), own_learners(experiment, "tabular", "linear")
-    is_declared = bool(reporting.contrasts or reporting.baseline or reporting.effects)
-    if is_declared or not baselines or not deep:
-        return reporting
-    update = {"baseline": tuple(baselines), "contrasts": tuple(product(deep, baselines))}
-    return reporting.model_copy(update=update)
+def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
+    """Resolves the declared names; if nothing is declared, nets have to beat all tables and linear learners.
+
+    An InputError says which side of a contrast is wrong.
+    """
+    every = experiment.learners
+    own = {
+        name: learner.family
+        for name, learner in every.items()
+        if not learner.reference_for and learner.family != "planner"
+    }
+    baseline, contrasts = declared.baseline, declared.contrasts
+    if is_by_default := not (baseline or contrasts):
+        nets = [name for name, family in own.items() if family == "deep"]
+        baseline = tuple(name for name, family in own.items() if nets and family in ("tabular", "linear"))
+        contrasts = tuple(product(nets, baseline))
+    pairs = [_pair(experiment, f"contrasts.{i}", x, y) for i, (x, y) in enumerate(contrasts)]
+    compared = dict.fromkeys(x for x, y in contrasts if y in baseline and x not in baseline)
+    decisive = [name for name in compared if every[name].family == "deep"]
+    named = {side.get("learner") for pair in pairs for side in pair}
+    drawn = [*baseline, *decisive] if decisive else [name for name in every if name in named]
+    return Plan(own, baseline, pairs, decisive, [*own] if is_by_default or not drawn else drawn)
 
 
-def own_learners(experiment: Experiment, *families: str) -> list[str]:
-    """Lists the learners of these families, by default of all but planners, without references."""
-    own = [learner for learner in experiment.learners.values() if not learner.reference_for]
-    return [one.name for one in own if one.family in (families or ("tabular", "linear", "deep", "other"))]
-
-
-def contrasts_of(experiment: Experiment) -> list[Pair]:
-    """Returns the contrasts with their sides resolved; an InputError says which side is wrong."""
-    contrasts = enumerate(reporting_of(experiment).contrasts)
-    return [_pair(experiment, f"contrasts.{i}", x, y) for i, (x, y) in contrasts]
-
-
-def effects_of(experiment: Experiment) -> list[tuple[str, Pair]]:
-    """Returns the effects, each with its name and its sides; an InputError says which side is wrong."""
-    effects = enumerate(reporting_of(experiment).effects)
-    return [(name, _pair(experiment, f"effects.{i}", x, y)) for i, (x, y, name) in effects]
-
-
-def decisive_learners(experiment: Experiment) -> list[str]:
-    """Lists the deep learners, except baselines, that are compared with baselines wherever both are."""
-    reporting = reporting_of(experiment)
-    baselines = reporting.baseline
-    names = dict.fromkeys(x for x, y in reporting.contrasts if y in baselines and x not in baselines)
-    return [name for name in names if experiment.learners[name].family == "deep"]
-
-
-def drawn_learners(experiment: Experiment) -> list[str]:
-    """Lists the learners that the outcome is about, or else those compared; undeclared, all but planners."""
-    reporting, decisive = reporting_of(experiment), decisive_learners(experiment)
-    named = {side.get("learner") for pair in contrasts_of(experiment) for side in pair}
-    compared = [name for name in experiment.learners if name in named]
-    names = [*reporting.baseline, *decisive] if decisive else compared
-    return names if names and reporting is experiment.report else own_learners(experiment)
-
-
-def check(experiment: Experiment) -> None:
+def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
     """Refuses, by an InputError, what cannot be compared, and baselines that deep learners need not beat."""
-    source, reporting = experiment.argument, reporting_of(experiment)
-    names = ((each.learner.name, each.scenario.name, each.condition.name) for each in experiment.populations)
-    populations = [dict(zip(AXES, name, strict=True)).items() for name in names]
-    for sides in (*contrasts_of(experiment), *(pair for _, pair in effects_of(experiment))):
-        # What else names the populations of a side, which is the same of both sides
-        first, second = (
-            {frozenset(p - side.items()) for p in populations if p >= side.items()} for side in sides
-        )
-        if first.isdisjoint(second):
-            found = " and ".join(map(side_name, sides))
-            raise InputError(f"{source}: report: {found}: accepted: two with runs that are otherwise alike.")
-    accepted = own_learners(experiment)
-    for y in reporting.baseline:
-        if y not in accepted:
-            unknown_name(f"{source}: report.baseline", "baseline", y, accepted)
-        for x in decisive_learners(experiment) or ["LEARNER"]:
-            if (x, y) not in reporting.contrasts:
-                why = f"{y} is a baseline, which every deep learner of these contrasts has to beat"
-                one = f'one that is ["{x}", "{y}"]'
-                raise InputError(f"{source}: report.contrasts: accepted: {one}, since {why}.")
-    if {learner.family for learner in experiment.learners.values()} == {"planner"}:
+    source, plan = experiment.argument, plan_of(experiment, declared)
+    if not plan.learners:
         raise InputError(f"{source}: algorithms: accepted: at least one that is not a planner.")
     for population in experiment.populations:
         unit = getattr(population.first.settings, "budget_unit", "steps")
         if unit != "steps":
             where = f"algorithms.{population.learner.variant}.settings.budget_unit = {unit}"
             raise InputError(f"{source}: {where}: accepted: steps, in which a comparison counts.")
+    _check_pairs(experiment, plan)
+    for y in plan.baseline:
+        if y not in plan.learners:
+            unknown_name(f"{source}: report.baseline", "baseline", y, plan.learners)
+        for x in plan.nets or ["LEARNER"]:
+            if Pair({"learner": x}, {"learner": y}) not in plan.contrasts:
+                why = f"{y} is a baseline, which every deep learner of these contrasts has to beat"
+                one = f'one that is ["{x}", "{y}"]'
+                raise InputError(f"{source}: report.contrasts: accepted: {one}, since {why}.")
+
+
+def _check_pairs(experiment: Experiment, plan: Plan) -> None:
+    """Refuses pairs without runs that are otherwise alike, and those named twice, either way round."""
+    source = f"{experiment.argument}: report"
+    names = ((each.learner.name, each.scenario.name, each.condition.name) for each in experiment.populations)
+    populations = [dict(zip(AXES, name, strict=True)).items() for name in names]
+    for pair in plan.contrasts:
+        # What else names the populations of each side
+        x, y = ({frozenset(p - side.items()) for p in populations if p >= side.items()} for side in pair)
+        if x.isdisjoint(y):
+            found = " and ".join(map(side_name, pair))
+            raise InputError(f"{source}: {found}: accepted: two with runs that are otherwise alike.")
+    several = [axis for axis, every in _names(experiment).items() if len(every) > 1]
+
+    def label(pair: Pair) -> str:
+        sides = ({axis: side[axis] for axis in several if axis in side} for side in pair)
+        return " and ".join(sorted(map(side_name, sides)))
+
+    try:
+        distinct(tuple(map(label, plan.contrasts)), f"{source}.contrasts: ")
+    except ValueError as error:
+        raise InputError(f"{error}.") from None
+
+
+def _names(experiment: Experiment) -> dict[str, Collection[str]]:
+    """Returns the names on each axis."""
+    names = experiment.learners, experiment.scenarios, experiment.conditions
+    return dict(zip(AXES, names, strict=True))
 
 
 def _pair(experiment: Experiment, key: str, x: str, y: str) -> Pair:
@@ -119,16 +156,16 @@ def _pair(experiment: Experiment, key: str, x: str, y: str) -> Pair:
 
 def _side(experiment: Experiment, where: str, text: str) -> Side:
     """Returns the columns that a side names: learner, scenario and condition, joined by " @ "."""
-    names = (experiment.learners, experiment.scenarios, experiment.conditions)
-    axis_of = {name: axis for axis, of_axis in zip(AXES, names, strict=True) for name in of_axis}
-    side, every = dict[str, str](), [*chain(*names)]
+    axes = [(axis, name) for axis, names in _names(experiment).items() for name in names]
+    side = dict[str, str]()
     for part in text.split(" @ "):
-        if part not in axis_of:
-            accepted = [f'"{name}"' for name in axis_of]
+        named = [axis for axis, name in axes if name == part]
+        if not named:
+            accepted = [f'"{name}"' for _, name in axes]
             unknown_name(where, "learner, scenario or condition", f'"{part}"', accepted)
-        axis = axis_of[part]
-        if every.count(part) > 1:
+        if len(named) > 1:
             raise InputError(f'{where} = "{text}": {part} names a scenario and a condition; rename one.')
+        (axis,) = named
         if axis in side:
             raise InputError(f'{where} = "{text}": accepted: at most one {axis} on a side.')
         if axis == "learner" and experiment.learners[part].family == "planner":

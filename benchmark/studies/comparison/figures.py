@@ -1,77 +1,67 @@
-"""What the figures of a comparison share.
-
-Colour and marker show a learner's algorithm, and tint and dash its observation, see `drawing.style`, so that
-figures can be read in grey, too.
-"""
+"""The figures of a comparison."""
 
 import math
-from collections.abc import Iterable, Sequence
 from textwrap import fill
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
 import seaborn as sns
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NEITHER, NO_VERDICT, UNDECIDED, WORSE
-from benchmark.drawing.style import WIDTH, figure_of, learner_style, name_lines
-from benchmark.experiments import Experiment
-from benchmark.studies.comparison.columns import WORDS
+from agents.policy import mask_policy
+from benchmark.drawing.maps import draw_policy, gallery, policy_legend
+from benchmark.drawing.style import WIDTH, colour_map, figure_of, ink_on, name_lines
+from benchmark.drawing.tables import show
+from benchmark.folder import with_titles
+from benchmark.studies.comparison import tables
+from benchmark.studies.comparison.analysis import ComparisonAnalysis
+from benchmark.studies.comparison.tables import FEW, OUTCOMES, WORDS, estimated, labelled, models_of
+from benchmark.studies.item import COLUMNS, drawing
+from benchmark.studies.lines import Style
+from benchmark.studies.lines import style_of as style_of
+from envs.scene import COLOUR_MAP
 
-Style = dict[str, Any]  # arguments of matplotlib
 _STYLES: Final[dict[str, Style]] = {
-    BETTER: {"marker": "^", "color": "black"},
-    WORSE: {"marker": "v", "color": "black"},
-    EQUIVALENT: {"marker": "o", "color": "black"},
-    NEITHER: {"marker": "s", "color": "0.55", "mfc": "white"},
-    MIXED: {"marker": "X", "color": "black"},
-    UNDECIDED: {"marker": "o", "color": "0.55", "mfc": "white"},
-    NO_VERDICT: {"marker": "x", "color": "0.55"},
+    "better": {"marker": "^", "color": "black"},
+    "worse": {"marker": "v", "color": "black"},
+    "equivalent": {"marker": "o", "color": "black"},
+    "neither learned": {"marker": "s", "color": "0.55", "mfc": "white"},
+    "mixed": {"marker": "X", "color": "black"},
+    "undecided": {"marker": "o", "color": "0.55", "mfc": "white"},
+    "no verdict": {"marker": "x", "color": "0.55"},
 }
+_COLUMNS: Final = 3  # of panels and maps
 _N_MARKERS: Final = 6  # of a curve
-_COLUMNS: Final = 3  # of panels
-FEW: Final = 4  # scenarios whose learners are listed, and drawn over training
+_MAX_CONTRASTS: Final = 24
+_CHARACTERS, _MAX_COLUMNS = 66, 8  # of the names of a figure's columns in a line; columns with level names
+_THRESHOLDS: Final = np.linspace(0.0, 1.0, 51)
 
 
-def labelled(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns a table with "SCENARIO under CONDITION" for its scenarios, and a column of learners."""
-    table = table.copy()
-    names = [table[key].fillna("") for key in ("scenario", "condition") if key in table]
-    table["scenario"] = [" under ".join(filter(None, parts)) for parts in zip(*names, strict=True)] or ""
-    if "variant" in table:
-        table["learner"] = table["variant"] + ", " + table["observation"]
-    return table
-
-
-def style_of(learner: str, experiment: Experiment, observation: str | None = None) -> Style:
-    """Returns a learner's colour, marker and dash, perhaps as if it had another observation.
-
-    A reference implementation has the colour and marker of its learner, hollow and on a dotted line.
-    """
-    variants = [other.variant for other in experiment.learners.values() if not other.reference_for]
-    drawn = experiment.learners[learner]
-    seen = drawn.observation if observation is None else observation
-    of = drawn.declared.reference_for
-    style = learner_style(of or drawn.variant, seen, list(dict.fromkeys(variants)), drawn.family)
-    return style | {"mfc": "white", "ls": (0, (1, 1))} if of else style
-
-
-def differences(frame: pd.DataFrame, names: Sequence[str]) -> Figure:
-    """Draws contrasts in success: a named row each, with the margin and its verdict."""
-    with figure_of(1, 1, (WIDTH, 0.38 * len(frame) + 1.2)) as (figure, axes):
-        axis, margin = axes[0, 0], float(frame["success_margin"].iloc[0])
+@tables.contrasts.figure(
+    "The contrasts: differences with their 90 % (thick) and 95 % intervals, the margin (grey), and verdicts."
+)
+def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
+    """Draws contrasts in success, a row each, unless there are too many."""
+    if len(table) > _MAX_CONTRASTS:
+        return None
+    titles = {name: learner.title for name, learner in analysis.experiment.learners.items()}
+    rows = [row for _, row in with_titles(labelled(table), titles).iterrows()]
+    names = [", ".join(filter(None, [f"{row['x']}\nagainst {row['y']}", row["scenario"]])) for row in rows]
+    with figure_of(1, 1, (WIDTH, 0.38 * len(rows) + 1.2)) as (figure, axes):
+        axis, margin = axes[0, 0], float(table["success_margin"].iloc[0])
         axis.axvspan(-margin, margin, color="0.92", lw=0)
         axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
-        for y, (_, row) in enumerate(frame.iterrows()):
+        for y, row in enumerate(rows):
             verdict, difference = row["success_verdict"], "success_difference"
-            style, word = _STYLES[verdict], fill(WORDS[verdict], 17)
+            style = _STYLES[verdict]
             for end, width in (("", 1.2), ("_90", 3.6)):
                 ends = [row[f"{difference}_low{end}"], row[f"{difference}_high{end}"]]
                 axis.plot(ends, [y, y], color=style["color"], lw=width, solid_capstyle="butt")
             axis.plot(row[difference], y, ms=7, **style)
-            axis.text(1.02, y, word, va="center", transform=axis.get_yaxis_transform())
+            axis.text(1.02, y, fill(WORDS[verdict], 17), va="center", transform=axis.get_yaxis_transform())
         axis.set_yticks(np.arange(len(names)), names)
         axis.set(ylim=(len(names) - 0.5, -0.5))
         axis.grid(axis="y", lw=0.4, color="0.85")
@@ -82,12 +72,72 @@ def differences(frame: pd.DataFrame, names: Sequence[str]) -> Figure:
     return figure
 
 
-def curve_panels(curves: pd.DataFrame, learners: Iterable[str], experiment: Experiment) -> Figure:
-    """Draws success over training from `labelled` curves, a panel per scenario.
+@tables.summary.figure("How often each learner succeeds after training.")
+def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
+    """Draws success by scenario and learner, with means over scenarios if these are pooled."""
+    frame, every = labelled(table), analysis.experiment.learners
+    learners = [name for name in frame["learner"].unique() if name in analysis.plan.drawn]
+    if not learners:  # of a partial report
+        return None
+    values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
+    scenarios = [*frame["scenario"].unique()]
+    if len(scenarios) > FEW:  # the highest first
+        scenarios.sort(key=lambda name: -values.loc[name].sum())
+    scenarios, groups = _grouped(analysis, scenarios)
+    values = values.loc[scenarios]
+    if len(scenarios) > 1 and analysis.aggregate and "condition" not in analysis.names:
+        means = {
+            f"{row['variant']}, {row['observation']}": row["success"].value for row in analysis.aggregate
+        }
+        values.loc["mean"] = pd.Series(means)
+    is_crowded = len(learners) > _MAX_COLUMNS  # then their names are turned
+    characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 11)
+    titles = [fill(every[name].title, characters, break_on_hyphens=False) for name in learners]
+    cells = {"vmin": 0.0, "vmax": 1.0, "cmap": colour_map(COLOUR_MAP), "cbar": False, "linewidths": 2}
+    texts = {"annot": values.map(lambda value: show(value, 2)), "fmt": "", "annot_kws": {"size": "small"}}
+    with figure_of(1, 1, (WIDTH, 0.32 * len(values) + 1.3 + is_crowded)) as (figure, axes):
+        axis = sns.heatmap(values, ax=axes[0, 0], xticklabels=False, yticklabels=False, **cells, **texts)
+        axis.set_xticks(np.arange(len(titles)) + 0.5, titles)
+        axis.set_yticks(np.arange(len(values)) + 0.5, [*values.index])
+        shown = values.to_numpy().ravel()
+        for text, value in zip(axis.texts, shown[~np.isnan(shown)], strict=True):
+            text.set_color(ink_on(colour_map(COLOUR_MAP)(value)))
+        axis.set(xlabel="", ylabel="")
+        axis.xaxis.tick_top()
+        axis.tick_params(length=0, labelsize="small", labelrotation=0)
+        axis.tick_params(axis="x", labelrotation=90 * is_crowded)
+        for at, title in groups.items():
+            style = {"va": "top", "fontsize": "small", "transform": axis.get_yaxis_transform()}
+            axis.text(1.01, at + 0.1, fill(title, 20), **style)
+            axis.axhline(at, color="black", lw=1.2 * bool(at))
+        figure.supxlabel("success after training, mean over runs", fontsize="small")
+    return figure
+
+
+def _grouped(analysis: ComparisonAnalysis, scenarios: list[str]) -> tuple[list[str], dict[int, str]]:
+    """Returns scenarios sorted by outcome, if there are outcomes of each, and the titles of their groups.
+
+    Each title is by the index of its first scenario.
+    """
+    if analysis.is_pooled or not analysis.outcomes:
+        return scenarios, {0: ""}
+    rows = labelled(pd.DataFrame(analysis.outcomes))
+    outcome_of = dict(zip(rows["scenario"], rows["outcome"], strict=True))
+    ranked = sorted(scenarios, key=lambda name: [*OUTCOMES].index(outcome_of[name]))
+    first = {outcome_of[name]: at for at, name in reversed([*enumerate(ranked)])}
+    return ranked, {at: OUTCOMES[outcome] for outcome, at in reversed(first.items())}
+
+
+@tables.curves.figure("How often each learner succeeds while it learns; shade: 95 % interval.")
+def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
+    """Draws success over training, a panel for each of few scenarios.
 
     Learners are named at the ends of their lines, in the last panel of each row.
     """
-    frame = curves[(curves["step"] > 0) & curves["learner"].isin([*learners])]
+    frame, learners = labelled(table), analysis.experiment.learners
+    if frame["scenario"].nunique() > FEW:
+        return None
+    frame = frame[(frame["step"] > 0) & frame["learner"].isin(analysis.plan.drawn)]
     panels = [*frame.groupby("scenario", sort=False)]
     n_columns = min(len(panels), _COLUMNS)
     n_rows = math.ceil(len(panels) / n_columns)
@@ -95,12 +145,12 @@ def curve_panels(curves: pd.DataFrame, learners: Iterable[str], experiment: Expe
         for i, (axis, (scenario, rows)) in enumerate(zip(axes.flat, panels, strict=False)):
             lines = dict[str, tuple[float, Style]]()
             for learner, curve in rows.groupby("learner", sort=False):
-                style, every = style_of(str(learner), experiment), max(len(curve) // _N_MARKERS, 1)
+                style, every = style_of(str(learner), analysis.experiment), max(len(curve) // _N_MARKERS, 1)
                 look = style | {"lw": 1.3, "ms": 4, "mec": style["color"], "mew": 1, "markevery": every}
                 sns.lineplot(curve, x="step", y="success", estimator=None, ax=axis, **look)
                 ends = curve["success_low"], curve["success_high"]  # exact, which seaborn's are not
                 axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
-                lines[experiment.learners[str(learner)].title] = curve["success"].iloc[-1], style
+                lines[learners[str(learner)].title] = curve["success"].iloc[-1], style
             axis.set(title=str(scenario).replace(" under ", "\n").replace("/", "\n"))
             axis.set(xlim=(float(rows["step"].min()), float(rows["step"].max())))
             axis.xaxis.set_major_locator(MaxNLocator(3))
@@ -112,4 +162,90 @@ def curve_panels(curves: pd.DataFrame, learners: Iterable[str], experiment: Expe
         for axis in axes.flat[len(panels) :]:
             axis.set_axis_off()
         figure.supxlabel("environment step", fontsize="medium")
+    return figure
+
+
+@tables.rliable.figure(
+    "Aggregates of the clipped score and, if there is a baseline, the probability that a run scores higher "
+    "than one of the first baseline; bars: 95 % intervals of a bootstrap within scenarios."
+)
+def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
+    """Draws a panel for each measure, unless there are several conditions."""
+    rows = labelled(table).sort_values("iqm", kind="stable")
+    rows = rows[rows["learner"].isin(analysis.plan.drawn)]
+    if "condition" in rows or rows.empty:
+        return None
+    labels, learners = COLUMNS["comparison_labels"], analysis.experiment.learners
+    measures = [name for name in (*tables.AGGREGATES, "p_improvement") if name in rows]
+    with figure_of(1, len(measures), (WIDTH, 0.3 * len(rows) + 1.2)) as (figure, axes):
+        for axis, key in zip(axes.flat, measures, strict=True):
+            for y, (_, row) in enumerate(rows.iterrows()):
+                style = style_of(row["learner"], analysis.experiment)
+                axis.plot([row[f"{key}_low"], row[f"{key}_high"]], [y, y], lw=3, color=style["color"])
+                axis.plot(row[key], y, ms=5, **{**style, "ls": ""})
+            axis.set(title="\n".join(labels.get(key, key).rsplit(" ", 1)), ylim=(-0.6, len(rows) - 0.4))
+            axis.set_yticks(range(len(rows)), [])
+            axis.xaxis.set_major_locator(MaxNLocator(2))
+            axis.margins(x=0.15)
+            axis.grid(lw=0.4, color="0.85")
+        axes[0, 0].set_yticklabels([fill(learners[name].title, 30) for name in rows["learner"]])
+    return figure
+
+
+@drawing(
+    "profiles",
+    "performance profiles: the share of runs with a higher clipped score",
+    "Performance profiles: the share of runs whose clipped score is above a threshold; shade: 95 % interval.",
+)
+def profiles(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:  # noqa: ARG001
+    """Draws the profiles of the learners that the outcome is about, unless there are several conditions."""
+    drawn = [(name, own) for _, name, own in analysis.scores if name in analysis.plan.drawn]
+    if not drawn or "condition" in analysis.names:
+        return None
+    with figure_of(1, 1, (WIDTH, 3.6)) as (figure, axes):
+        axis = axes[0, 0]
+        for name, scores in drawn:
+            style = style_of(name, analysis.experiment)
+            shares, ends = estimated(scores, lambda own: (own[..., None] > _THRESHOLDS).mean(axis=(0, 1)))
+            title = fill(analysis.experiment.learners[name].title, 30, break_on_hyphens=False)
+            axis.plot(_THRESHOLDS, shares, lw=1.3, ms=4, markevery=10, label=title, **style)
+            axis.fill_between(_THRESHOLDS, *ends, color=style["color"], alpha=0.12, lw=0)
+        axis.set(xlim=(0, 1), ylim=(-0.03, 1.03), xlabel="clipped score τ", ylabel="share of runs above τ")
+        figure.legend(loc="outside lower center", ncols=3, fontsize="small")
+    return figure
+
+
+@tables.scenarios.figure("The scenarios.")
+def draw_scenarios(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:  # noqa: ARG001
+    """Draws each scenario."""
+    return gallery([*models_of(analysis).values()])
+
+
+@drawing(
+    "policies",
+    "what the first run of each learner does after training",
+    "What the first run of each learner does after training in the first scenario, before any PING.",
+)
+def policies(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:  # noqa: ARG001
+    """Draws the policies of compared learners that have runs in the first scenario."""
+    runs, experiment = analysis.data.runs, analysis.experiment
+    scenario, condition = (str(runs[key].iloc[0]) for key in ("scenario", "condition"))
+    own = runs[(runs["scenario"] == scenario) & (runs["condition"] == condition)].groupby("learner")
+    names = [name for name in analysis.plan.drawn if name in own.groups]
+    n_columns = min(len(names), _COLUMNS)
+    n_rows, norm = -(-len(names) // n_columns), Normalize(0.0, 1.0)
+    with figure_of(n_rows, n_columns, (WIDTH, 2.6 * n_rows + 1.0)) as (figure, axes):
+        figure.set_layout_engine("compressed")
+        for axis, name in zip(axes.flat, names, strict=False):
+            first, learner = own.get_group(name).iloc[0], experiment.learners[name]
+            found = analysis.data.records(experiment.population(condition, scenario, name)).subset(0, 1)
+            policy = found.arrays[learner.declared.policy][0, -1]
+            if learner.declared.policy == "greedy":
+                policy = mask_policy(policy)
+            draw_policy(axis, found.model, policy, norm)
+            title = fill(learner.title, 30, break_on_hyphens=False)
+            axis.set_title(f"{title}\nsuccess {first['success']:.2f}", fontsize="small")
+        for axis in axes.flat[len(names) :]:
+            axis.set_axis_off()
+        policy_legend(figure, [*axes.flat], found.model, norm)
     return figure

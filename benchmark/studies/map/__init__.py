@@ -3,13 +3,15 @@
 from pathlib import Path
 from typing import Final
 
+from benchmark.analysis import looks
 from benchmark.analysis.looks import EQUAL, FASTER, SLOWER, VERDICTS
 from benchmark.drawing.tables import inert, link
 from benchmark.folder import Folder
-from benchmark.studies.item import Report
+from benchmark.studies.interim import Interim
 from benchmark.studies.map import figures, results
 from benchmark.studies.map.check import check
 from benchmark.studies.map.crossings import crossings
+from benchmark.studies.study import Study
 
 _WORDS: Final = {"steps": {}, "wrong PINGs": {FASTER: "fewer", SLOWER: "more", EQUAL: "equally many"}}
 
@@ -33,10 +35,13 @@ def headline(folder: Folder) -> str:
     return " ".join([f"What runs take {until}.", *sentences])
 
 
-REPORT: Final = Report(
+STUDY: Final = Study(
     name="map",
     question="When does a net earn its keep over a table?",
-    check=check,
+    declared=Interim,
+    check=lambda experiment, _: check(experiment),
+    analyse=lambda data: data,
+    stages=lambda experiment, _, store: looks.stages(experiment, store),
     items=(
         figures.answer,
         figures.picture,
@@ -58,5 +63,4 @@ REPORT: Final = Report(
     lead="answer",
     reads_curves=True,
     can_be_partial=True,
-    needed=("cells", "contrasts", "verdicts", "looks", "pairs"),
 )

@@ -6,11 +6,12 @@ from typing import Final
 from benchmark.analysis.frames import RecordsOf
 from benchmark.experiments import Experiment
 from benchmark.studies import explorer
-from benchmark.studies.item import Report
+from benchmark.studies.interim import Interim
 from benchmark.studies.replication import learned, verdicts
 from benchmark.studies.replication.agents import check, few_agents
+from benchmark.studies.study import Study
 
-__all__ = ["REPORT"]
+__all__ = ["STUDY"]
 
 
 @explorer.explorer_item
@@ -19,10 +20,12 @@ def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
     explorer.write([*few_agents(experiment, records).values()], path)
 
 
-REPORT: Final = Report(
+STUDY: Final = Study(
     name="replication",
     question="Learning from disagreement how close is too close",
-    check=check,
+    declared=Interim,
+    check=lambda experiment, _: check(experiment),
+    analyse=lambda data: data,
     items=(
         learned.figure,
         verdicts.claims,

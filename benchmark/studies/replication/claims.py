@@ -15,7 +15,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.analysis.contrasts import POWER
 from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, resample, student
 from benchmark.analysis.records import Records, overlap
 from envs.model import PING
@@ -27,7 +26,8 @@ SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
 VERDICTS: Final = ("holds", "undecided", "does not hold")  # on a claim
 STATES: Final = ("passes", "undecided", "fails")  # of a part
 _LEAST_DEVIATION: Final = 1e-6  # a smaller standard deviation over agents counts as none
-_REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(POWER))  # 1.96 + 0.84
+_POWER: Final = 0.8  # probability with which a needed number of agents decides
+_REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(_POWER))  # 1.96 + 0.84
 
 
 class Part(NamedTuple):
@@ -84,7 +84,7 @@ def _focus(agents: Records, _: str) -> tuple[Samples, float]:
     mass = np.maximum(weights @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
     scenario = agents.model.scenario
-    distance = target_distance(scenario.regions, scenario.places[0][0], scenario.grid.size)
+    distance = target_distance(scenario.regions, scenario.layout.places[0][0], scenario.grid.size)
     return mass @ distance / mass.sum(axis=1), math.nan
 
 

@@ -4,11 +4,13 @@ from pathlib import Path
 from typing import Final
 
 from benchmark.analysis.search import COLUMNS
+from benchmark.analysis.search import stages as search_stages
 from benchmark.drawing.tables import inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.folder import Folder
-from benchmark.studies.item import Report
+from benchmark.studies.interim import Interim
 from benchmark.studies.search import results
+from benchmark.studies.study import Study
 from envs import InputError
 
 
@@ -44,10 +46,13 @@ def headline(folder: Folder) -> str:
     return f"With {searched}, no gain is shown for {who}: {measure} is {chosen}, and {default} as declared."
 
 
-REPORT: Final = Report(
+STUDY: Final = Study(
     name="search",
     question="What does tuning buy, and what does it cost?",
-    check=check,
+    declared=Interim,
+    check=lambda experiment, _: check(experiment),
+    analyse=lambda data: data,
+    stages=lambda experiment, _, store: search_stages(experiment, store),
     items=(
         results.chosen,
         results.picks,
@@ -62,5 +67,4 @@ REPORT: Final = Report(
     lead="picks",
     reads_curves=True,
     columns=COLUMNS,
-    needed=("chosen",),
 )

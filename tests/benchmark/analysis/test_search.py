@@ -9,11 +9,11 @@ import pytest
 
 from benchmark.analysis.frames import keys_of, tables
 from benchmark.analysis.search import best_apart, chosen, finalists, outcomes, searched_measures
-from benchmark.analysis.stages import runs_of, stages
 from benchmark.execution import driver
 from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
+from benchmark.studies import runs_of
 from tests.benchmark.studies.conftest import experiment_of
 
 SMALL = load_experiment("tuning_smoke")

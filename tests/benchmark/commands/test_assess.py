@@ -15,31 +15,21 @@ def act(observation):
 """
 
 
-def test_a_function_is_assessed_and_drawn(
+def test_a_function_is_assessed_as_in_python_in_any_folder_and_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "my_agent.py").write_text(AGENT, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    path = tmp_path / "map.svg"
-    arguments = ["--agent", "my_agent:act", "--observation", "coordinates", "--save", str(path)]
+    monkeypatch.chdir(tmp_path)
+    arguments = ["--agent", "my_agent:act", "--observation", "coordinates", "--save", "map.svg"]
     assert main(["assess", *arguments]) == 0
     text = capsys.readouterr().out
+    assessment = assess(import_module("my_agent").act, scenario="S1", observation="coordinates")
+    assert text == f"{assessment}\n\nmap: map.svg\n"
     # It PINGs in rows 4 to 9 and columns 6 to 11, 36 cells that hold all 16 of the region.
     numbers = dict(line.split(maxsplit=1) for line in text.splitlines() if line.startswith("  s"))
     assert numbers["score"].startswith("1 ")
     assert numbers["steps"] == "11"
     assert f"region overlap       {16 / 36:g}" in text
     assert "ranks 1 of " in text
-    assert path.read_text(encoding="utf-8").startswith("<svg")
-
-
-def test_the_rank_is_that_of_python_in_any_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "agent_elsewhere.py").write_text(AGENT, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    assert main(["assess", "--agent", "agent_elsewhere:act", "--observation", "coordinates"]) == 0
-    here = assess(import_module("agent_elsewhere").act, scenario="S1", observation="coordinates")
-    assert here.standing is not None
-    assert capsys.readouterr().out == f"{here}\n"
+    assert Path("map.svg").read_text(encoding="utf-8").startswith("<svg")

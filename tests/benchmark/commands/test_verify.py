@@ -48,7 +48,7 @@ def test_every_changed_digit_of_every_file_is_noticed(folder: Path) -> None:
     n_files = 0
     for path in sorted(folder.glob("*.*")):
         content = path.read_bytes()
-        for changed in flips(content, 20):
+        for changed in flips(content, 8):
             path.write_bytes(changed)
             if path.name == "README.md":
                 assert Document(folder).readme().encode() == content
@@ -66,7 +66,7 @@ def test_changed_and_missing_files_are_named_by_every_command(
 ) -> None:
     (folder / "README.md").write_text("by hand", encoding="utf-8")  # is made of the others, and made again
     results = str(folder.parent)
-    shutil.copytree(ROOT / "results" / "compare_deep", folder.parent / "compare_deep")
+    shutil.copytree(ROOT / "results" / "reproduce", folder.parent / "reproduce")
     assert main(["verify", NAME, "--results", results]) == 1
     said = capsys.readouterr()
     assert f"{NAME}: all files in its manifest are unchanged (6)." in said.out
@@ -147,7 +147,7 @@ EVIL = "{{ cycler.__init__.__globals__.os.system('touch MARKER') }}"
         {"report": {"kind": "marker_module:REPORT"}},
         {"report": {"kind": "benchmark.studies.../marker_module:REPORT"}},
         {"report": {"kind": "comparison", "items": ["marker_module:item"]}},
-        {"report": {"kind": "comparison", "items": ["benchmark.studies:load_report"]}},
+        {"report": {"kind": "comparison", "items": ["benchmark.studies:load_study"]}},
         {"argument": "../marker"},
         {"argument": "MARKER/marker"},
         {"experiment": "../marker", "argument": "../marker.toml"},

@@ -1,17 +1,13 @@
-"""The command that shows how an agent learns: the run it shows, and how it is played."""
+"""The command that makes a film of how an agent learns: the run that it shows."""
 
-import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
-from matplotlib.backend_bases import FigureCanvasBase, TimerBase
 
 from benchmark.__main__ import main
 from benchmark.commands import find_run, watch
-from benchmark.drawing.film import Film, Screen
+from benchmark.drawing.film import Film
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs.scenario import SCENARIO_DIRECTORY
@@ -49,57 +45,6 @@ def test_any_scenario_can_be_watched(
         assert run.scenario.grid.rows == n_rows
         with Store(Path("results") / "runs.db", read_only=True) as store:
             assert run.digest in store.ended()
-
-
-def test_window_plays_every_map_once(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[int] = []
-    timers: list[TimerBase] = []
-
-    def new_timer(_: FigureCanvasBase, **given: Any) -> TimerBase:
-        timers.append(TimerBase(**given))
-        return timers[-1]
-
-    def watch_to_the_end() -> None:
-        plt.gcf().canvas.draw()
-        shown.clear()  # the first map is shown before the animation starts, too
-        (timer,) = timers
-        for _ in range(2 * len(film.steps)):
-            for play, arguments, named in timer.callbacks[:]:
-                if play(*arguments, **named) is False:  # as a timer does then
-                    timer.callbacks.clear()
-
-    monkeypatch.setattr(Screen, "show", lambda _, step: shown.append(step))
-    monkeypatch.setattr(FigureCanvasBase, "new_timer", new_timer)
-    monkeypatch.setattr(plt, "show", watch_to_the_end)
-    watch.in_window(film)
-    plt.close("all")
-    assert shown == film.steps
-
-
-def test_a_window_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    if sys.platform == "linux":
-        assert not watch.has_window()
-        assert plt.get_backend().lower() == "agg"
-    tried: list[str] = []
-
-    def switch(backend: str) -> None:
-        tried.append(backend)
-        if backend != "tkagg":
-            raise ImportError(backend)
-
-    monkeypatch.setattr(plt, "switch_backend", switch)
-    assert watch.has_window()
-    assert tried[-1] == "tkagg"
-
-
-def test_without_a_window_the_film_is_to_be_saved(
-    monkeypatch: pytest.MonkeyPatch, watched: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(watch, "has_window", lambda: False)
-    assert main(["watch", "--results", str(watched)]) == 2
-    assert capsys.readouterr().err == "error: watch: no window can be opened here; accepted: --save FILE.\n"
 
 
 @pytest.mark.parametrize("experiment", ["when_smoke", "tuning_smoke"])

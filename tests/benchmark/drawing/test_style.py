@@ -7,27 +7,28 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any, cast, get_args
 from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
-from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.colors import to_rgb
 
 from benchmark.assessment import assess
 from benchmark.drawing.maps import shipped
-from benchmark.drawing.style import _KNOWN, INK, WIDTH, figure_of, learner_style, name_lines, save_figure
+from benchmark.drawing.style import INK, PALETTE, WIDTH, figure_of, learner_style, name_lines, save_figure
 from benchmark.drawing.tables import read_csv
 from benchmark.experiments import load_experiment
-from benchmark.publish import draw
+from benchmark.experiments.schema import Colour
+from benchmark.studies import report_of
 from benchmark.studies.item import drawing
 from tests.support import ROOT
 
 PUBLISHED = {  # figures of every kind of report that are drawn from tables alone
-    "compare_deep": {"contrasts", "summary", "curves"},
-    "when": {"answer", "map", "verdicts"},
+    "sb3": {"contrasts", "summary", "curves"},
+    "groups": {"answer", "map", "verdicts"},
     "reproduce": {"learning", "sensitivity"},
 }
 # What people set, besides everything that is a number or true or false.
@@ -52,20 +53,21 @@ def brightness(colour: Any) -> float:
 
 
 def test_no_two_learners_look_alike_in_grey_either() -> None:
-    names = [*_KNOWN, *(f"mine_{i}" for i in range(120))]
-    styles = {name: learner_style(name, "index", names) for name in names}
-    own = [styles[name] for name in names if name.startswith("mine")]
-    assert len({(to_rgba(style["color"]), style["marker"]) for style in own}) == 120
-    assert learner_style("mine_1", "index", ["dqn", "mine_0", "mine_1"]) == styles["mine_1"]
-    for x, y in (("dqn", "dqn_linear"), ("ppo", "ppo_default"), ("dqn_default", "dqn_linear")):
-        assert abs(brightness(styles[x]["color"]) - brightness(styles[y]["color"])) > 0.15, (x, y)
-    linear = [learner_style(name, "index", [*_KNOWN, *"abcdef"], "linear") for name in "abcdef"]
-    assert len({(to_rgba(style["color"]), style["marker"]) for style in linear}) == 6
-    known = [styles[name] for name in _KNOWN]
+    named = {name: learner_style(name, "index", {name: name}) for name in PALETTE}
+    assert {*PALETTE} == {*get_args(Colour)}
+    for x, y in (("blue", "navy"), ("orange", "brown"), ("violet", "navy"), ("black", "grey")):
+        assert abs(brightness(named[x]["color"]) - brightness(named[y]["color"])) > 0.15, (x, y)
+    # Other variants are told apart whatever colours are named between them.
+    colours = {"named": "blue"} | dict.fromkeys(map(str, range(120)))
+    for family, n in (("", 120), ("linear", 6)):
+        styles = [learner_style(str(i), "index", colours, family) for i in range(n)]
+        assert len({(style["color"], style["marker"]) for style in styles}) == n
     for key in ("color", "marker"):
-        assert {style[key] for style in linear}.isdisjoint(style[key] for style in known)
-    assert abs(brightness(linear[0]["color"]) - brightness(linear[1]["color"])) > 0.15
-    looks = [learner_style("dqn", form, []) for form in ("one_hot", "coordinates", "offset_coordinates")]
+        assert {style[key] for style in styles}.isdisjoint(style[key] for style in named.values())
+    assert abs(brightness(styles[0]["color"]) - brightness(styles[1]["color"])) > 0.15
+    looks = [
+        learner_style("named", form, colours) for form in ("one_hot", "coordinates", "offset_coordinates")
+    ]
     assert len({str(look["ls"]) for look in looks}) == len({look["color"] for look in looks}) == 3
 
 
@@ -74,7 +76,7 @@ def test_names_of_lines_do_not_overlap_and_are_in_order(ends: list[float]) -> No
     titles = [f"learner {i} on coordinates" for i in range(len(ends))]
     with figure_of(1, 1, (WIDTH, 2.6)) as (figure, axes):
         axes[0, 0].set_ylim(0, 1)
-        style = learner_style("dqn", "index", [])
+        style = learner_style("dqn", "index", {"dqn": "blue"})
         name_lines(axes[0, 0], {title: (end, style) for title, end in zip(titles, ends, strict=True)})
     figure.draw_without_rendering()
     texts = sorted(axes[0, 0].texts, key=lambda text: text.get_window_extent().y0)
@@ -114,7 +116,7 @@ def test_svg_is_small_the_same_and_readable_in_the_dark(tmp_path: Path) -> None:
         with figure_of(1, 1, (4.0, 3.0)) as (figure, axes):
             # Two machines may differ in a last digit.
             x = np.linspace(0, 1, 50) + i * 1e-13
-            axes[0, 0].plot(x, x**2, label="0.123456", **learner_style("dqn_linear", "one_hot", []))
+            axes[0, 0].plot(x, x**2, label="0.123456", **learner_style("dqn", "one_hot", {"dqn": "navy"}))
             axes[0, 0].text(0.5, 0.5, "on a colour", color=INK[0])
             figure.legend()
         save_figure(figure, tmp_path / f"{i}.svg")
@@ -148,11 +150,11 @@ def draw_all(folder: Path) -> None:
     for name, figures in PUBLISHED.items():
         tables = {path.stem: read_csv(path) for path in (ROOT / "results" / name).glob("*.csv")}
         data: Any = SimpleNamespace(experiment=load_experiment(name), is_partial=True)
-        report = draw.report_of(data.experiment, is_drawn=False)
-        for item in (item for item in report.items if item.name in figures):
-            item.save(data, tables, folder)
+        study = report_of(data.experiment).study
+        for item in (item for item in study.items if item.name in figures):
+            item.save(data, data, tables, folder)
     of_pyplot = drawing("pyplot", "", "")(lambda: cast(Any, plt.subplots()[0]))
-    of_pyplot.save(cast(Any, SimpleNamespace(is_partial=False)), {}, folder)
+    of_pyplot.save(None, cast(Any, SimpleNamespace(is_partial=False)), {}, folder)
 
 
 def test_figures_do_not_depend_on_the_users_settings(tmp_path: Path, watched: Path) -> None:

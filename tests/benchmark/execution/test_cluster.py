@@ -1,10 +1,13 @@
 """A Dask cluster: a real scheduler and real workers, all on this machine's loopback interface."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Self
@@ -13,7 +16,8 @@ import pytest
 from distributed import Client
 
 from benchmark.__main__ import main
-from benchmark.execution.executors import cluster
+from benchmark.execution import driver
+from benchmark.execution.executors import Threads, cluster
 from benchmark.execution.executors.cluster import Cluster
 from benchmark.execution.job import execute_job
 from benchmark.execution.plan import plan
@@ -23,7 +27,7 @@ from tests.benchmark.execution.test_processes import EXPERIMENT, PATIENCE_S, arr
 from tests.support import ROOT
 
 MIXED = """
-description = "Tables and a compiled net: six jobs, so that each of three workers gets one."
+description = "Tables and a compiled net: nine jobs, so that each of three workers gets one."
 scenarios = ["S1", "S2", "S3"]
 horizon = 200
 evaluation_every = 100
@@ -32,9 +36,9 @@ settings = { budget = 400, time_limit = 200 }
 
 [algorithms]
 q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 8 }
+beside = { algorithm = "beside_cluster:LEARNER", observations = ["index"], seeds = 1 }
 dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 1 }
 """
-SLOW = EXPERIMENT.replace("60000", "150000")  # jobs of half a second
 # What workers execute before they start.
 ELSEWHERE = """
 import platform, types
@@ -61,14 +65,13 @@ class Machines:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._processes: list[subprocess.Popen[bytes]] = []
-        self.workers: list[subprocess.Popen[bytes]] = []  # of those that a test kills
 
     def __enter__(self) -> Self:
         """Starts the scheduler, outside the repository: it needs nothing of this project."""
         file = self._folder / "scheduler.json"
         network = ["--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0"]
         dask = ["dask", "scheduler", *network, "--scheduler-file", str(file)]
-        self.scheduler = self._start("log.txt", self._folder, *dask)
+        self.scheduler = self._start(self._folder, *dask)
         until(lambda: file.exists() and file.read_text().endswith("}"))
         self.address: str = json.loads(file.read_text())["address"]
         return self
@@ -82,7 +85,7 @@ class Machines:
         (self._folder / f"preload_{name}.py").write_text(preload, encoding="utf-8")
         own = ["--name", name, "--nthreads", str(threads), "--local-directory", str(self._folder)]
         more = ["--no-nanny", "--no-dashboard", "--preload", str(self._folder / f"preload_{name}.py")]
-        return self._start("log.txt", ROOT, "dask", "worker", self.address, *own, *more)
+        return self._start(ROOT, "dask", "worker", self.address, *own, *more)
 
     def addresses(self, *names: str) -> dict[str, str]:
         """Waits until these workers are there, and no others, and returns their addresses."""
@@ -99,26 +102,11 @@ class Machines:
         with Client(self.address, set_as_default=False) as client:
             return int(client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
 
-    def drive(self, experiment: Path, results: Path) -> subprocess.Popen[bytes]:
-        arguments = ["run", str(experiment), "--results", str(results), "--cluster", self.address]
-        driver = self._start("driver.txt", ROOT, "benchmark", *arguments)
-        until(lambda: n_stored(results) or driver.poll() is not None)
-        return driver
-
-    def driver_says(self) -> str:
-        return (self._folder / "driver.txt").read_text(encoding="utf-8")
-
-    def _start(self, log: str, cwd: Path, *module: str) -> subprocess.Popen[bytes]:
-        with (self._folder / log).open("ab") as file:
+    def _start(self, cwd: Path, *module: str) -> subprocess.Popen[bytes]:
+        with (self._folder / "log.txt").open("ab") as file:
             command = [sys.executable, "-m", *module]
             self._processes.append(subprocess.Popen(command, cwd=cwd, stdout=file, stderr=file))
         return self._processes[-1]
-
-
-@pytest.fixture
-def alone(tmp_path: Path) -> Iterator[Machines]:
-    with Machines(tmp_path) as machines:
-        yield machines
 
 
 @pytest.fixture(scope="module")
@@ -130,24 +118,15 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
         yield machines
 
 
-@pytest.fixture
-def mixed(tmp_path: Path) -> Path:
-    (tmp_path / "mixed.toml").write_text(MIXED, encoding="utf-8")
-    return tmp_path / "mixed.toml"
-
-
-@pytest.fixture
-def slow(tmp_path: Path) -> Path:
-    (tmp_path / "slow.toml").write_text(SLOW, encoding="utf-8")
-    return tmp_path / "slow.toml"
-
-
 def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
-    pair: Machines, mixed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    pair: Machines, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    expected = [
-        record for job in plan(all_specifications(load_experiment(mixed))) for record in execute_job(job)
-    ]
+    """The module of a learner is beside the experiment, and nowhere on the path of workers."""
+    module = "from tests.agents.plain import Q_LEARNING as LEARNER\n"
+    (tmp_path / "beside_cluster.py").write_text(module, encoding="utf-8")
+    (mixed := tmp_path / "mixed.toml").write_text(MIXED, encoding="utf-8")
+    jobs = plan(all_specifications(load_experiment(mixed)))
+    expected = [record for job in jobs for record in execute_job(job)]
     killed = pair.add("killed", KILLED)  # in the middle of its first job
     pair.addresses("a", "b", "killed")
     assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0
@@ -156,33 +135,20 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert len(store.statuses()) == len(expected)
         records = store.get([record.digest for record in expected])
+        assert arrays_of(records) == arrays_of(expected)
         for stored, record in zip(records, expected, strict=True):
             assert stored.status == record.status == "done"
-            assert arrays_of([stored]) == arrays_of([record])
             assert stored.provenance["machine"].startswith("Elsewhere")
             assert stored.provenance["versions"] == record.provenance["versions"]
             assert stored.provenance["commit"] == record.provenance["commit"]
 
 
-def test_module_beside_the_experiment_is_found_by_workers(
-    pair: Machines, mixed: Path, tmp_path: Path
-) -> None:
-    """Though it is nowhere on their path."""
-    text = MIXED.replace('"q_learning"', '"beside_cluster:LEARNER"').replace("seeds = 8", "seeds = 1")
-    mixed.write_text(text, encoding="utf-8")
-    module = "from tests.agents.plain import Q_LEARNING as LEARNER\n"
-    (tmp_path / "beside_cluster.py").write_text(module, encoding="utf-8")
-    pair.addresses("a", "b")
-    assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0
-    with Store(tmp_path / "runs.db") as store:
-        assert set(store.statuses().values()) == {"done"}
-
-
 def test_workers_that_differ_are_refused(
-    pair: Machines, mixed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    pair: Machines, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pair.addresses("a", "b")
-    (job, *_) = plan(all_specifications(load_experiment(mixed)))
+    (experiment := tmp_path / "mine.toml").write_text(EXPERIMENT, encoding="utf-8")
+    (job, *_) = plan(all_specifications(load_experiment(experiment)))
     executor = Cluster(pair.address, {job[0].algorithm})
     others = [pair.add("package", OTHER_NUMPY), pair.add("threads", threads=2)]
     try:
@@ -202,7 +168,7 @@ def test_workers_that_differ_are_refused(
         until(all_have_had_jobs)
         assert all(any(error.startswith(start) for error in seen) for start in starts)
         # Now they are there at the start.
-        assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 2
+        assert main(["run", str(experiment), "--results", str(tmp_path), "--cluster", pair.address]) == 2
         assert capsys.readouterr().err.removeprefix("error: --cluster: ").rstrip() in seen
     finally:
         executor.cancel()
@@ -211,46 +177,55 @@ def test_workers_that_differ_are_refused(
     pair.addresses("a", "b")
 
 
-def test_interrupt_cancels_what_is_on_the_cluster(pair: Machines, slow: Path, tmp_path: Path) -> None:
-    driver = pair.drive(slow, tmp_path)
-    assert pair.tasks() > 0
-    driver.send_signal(signal.SIGINT)
-    assert driver.wait(PATIENCE_S) == 130
-    assert "interrupted: finished runs are kept" in pair.driver_says()
-    assert "Traceback" not in pair.driver_says()
-    until(lambda: pair.tasks() == 0)
-    with Store(tmp_path / "runs.db", read_only=True) as store:
-        assert 1 <= len(store.ended()) == len(store.statuses()) < 8
-
-
-def test_scheduler_without_workers_is_refused_and_its_death_ends_the_run(
-    alone: Machines,
-    slow: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+def test_interrupt_cancels_jobs_and_the_death_of_the_scheduler_ends_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = ["run", str(slow), "--results", str(tmp_path)]
-    with monkeypatch.context() as patch:
-        patch.setattr(cluster, "_WORKER_S", 0.5)
-        assert main([*run, "--cluster", alone.address]) == 2
-    waiting, error = capsys.readouterr().err.splitlines()
-    assert alone.address in waiting
-    assert error.startswith(f"error: --cluster {alone.address}: ")
-    alone.add("a")
-    alone.addresses("a")
-    driver = alone.drive(slow, tmp_path)
-    alone.scheduler.kill()
-    assert driver.wait(PATIENCE_S) == 1
-    assert "Traceback" not in alone.driver_says()
-    with Store(tmp_path / "runs.db", read_only=True) as store:
-        done = len(store.ended())
-        assert 1 <= done < len(store.statuses()) == 8
-    last = alone.driver_says().splitlines()[-1]
-    assert last.startswith(f"error: {8 - done} runs failed")
-    assert f"the scheduler {alone.address} is gone" in last
-    assert main(run) == 0
-    assert f"{8 - done} runs done, {done} were done already" in capsys.readouterr().out
+    (tmp_path / "slow.toml").write_text(EXPERIMENT.replace("60000", "150000"), encoding="utf-8")
+    runs = all_specifications(load_experiment(tmp_path / "slow.toml"))
+    with Machines(tmp_path) as machines:
+        run = ["run", str(tmp_path / "slow.toml"), "--results", str(tmp_path), "--cluster", machines.address]
+        with monkeypatch.context() as patch:
+            patch.setattr(cluster, "_WORKER_S", 0.5)
+            assert main(run) == 2
+        waiting, error = capsys.readouterr().err.splitlines()
+        assert machines.address in waiting
+        assert error.startswith(f"error: --cluster {machines.address}: ")
+
+        machines.add("a")
+        machines.addresses("a")
+        with after_a_run(tmp_path, lambda: os.kill(os.getpid(), signal.SIGINT)):
+            assert main(run) == 130
+        assert "interrupted: finished runs are kept" in capsys.readouterr().err
+        until(lambda: machines.tasks() == 0)
+        with Store(tmp_path / "runs.db") as store:
+            n_done = len(store.ended())
+            assert 1 <= n_done == len(store.statuses()) < 8
+
+        with after_a_run(tmp_path, machines.scheduler.kill):
+            assert main(run) == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    with Store(tmp_path / "runs.db") as store:
+        n_failed = len(driver.pending(runs, store))
+        assert n_done < 8 - n_failed < len(store.statuses()) == 8
+        assert last.startswith(f"error: {n_failed} runs failed")
+        assert f"the scheduler {machines.address} is gone" in last
+        assert driver.run(runs, store, 1, executor=Threads(1)) == []
+        assert len(store.ended()) == 8
+
+
+@contextmanager
+def after_a_run(results: Path, act: Callable[[], object]) -> Iterator[None]:
+    """Acts, in a thread, as soon as one more run is stored."""
+    before = n_stored(results)
+
+    def wait() -> None:
+        until(lambda: n_stored(results) > before)
+        act()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    yield
+    thread.join()
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "localhost:8786", "tcp://localhost:99999"])

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from benchmark.execution.plan import JOB_WORK, plan
+from benchmark.execution.plan import MAX_JOB_WORK, plan
 from benchmark.experiments import all_specifications, load_experiment
 
 
@@ -22,4 +22,4 @@ def test_long_runs_are_split_over_jobs() -> None:
     run = all_specifications(load_experiment("reproduce_smoke"))[0]
     long = replace(run, settings=run.settings.model_copy(update={"budget": budget}))
     assert [len(job) for job in plan([long.with_seed(seed) for seed in range(30)])] == [2] * 15
-    assert 2 * budget <= JOB_WORK < 3 * budget
+    assert 2 * budget <= MAX_JOB_WORK < 3 * budget

@@ -1,12 +1,60 @@
-"""The display of an experiment's progress."""
+"""Estimates of how long runs take, against costs that are planted, and the display of their progress."""
 
 import io
 import re
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from benchmark.execution.progress import Display, about
+from benchmark.execution.progress import Display, about, estimate
+from benchmark.experiments import all_specifications, load_experiment
+from benchmark.folder import Folder, write_manifest
+from tests.support import ROOT, specifications
+
+COMPARED = load_experiment("compare_deep")
+NETS = specifications(COMPARED, "default", "S1", "sb3_dqn", "one_hot", range(50))
+TABLES = specifications(COMPARED, "default", "S1", "q_learning", "index")
+COSTS = """variant,observation,runs,cpu_time_s
+q_learning,index,100,1.0
+sb3_dqn,one_hot,10,90.0
+"""
+
+
+def publish(folder: Path, costs: str = COSTS, **more: object) -> Path:
+    """Publishes that 100 tables took a second of CPU time each, 10 nets 90, and all of them 2,000 s."""
+    algorithms = {"q_learning": {"settings": {"index": 0}}, "sb3_dqn": {"settings": {"one_hot": 0}}}
+    manifest = {"report": {"kind": ""}, "scenarios": {}, "algorithms": algorithms}
+    folder.mkdir(exist_ok=True)
+    if costs:
+        (folder / "cost.csv").write_text(costs, encoding="utf-8")
+    write_manifest(folder, manifest | {"busy_time_s": 2000.0, "runs": 110} | more)
+    return folder
+
+
+def test_runs_share_the_time_of_published_ones_by_cpu_time_or_else_equally(tmp_path: Path) -> None:
+    folder = publish(tmp_path / "by_cpu_time")
+    text, costs = estimate([*NETS, *TABLES], folder, 2)
+    assert [costs[NETS[0].digest], costs[TABLES[0].digest]] == pytest.approx([180, 2])
+    assert text == f"about 77 minutes with 2 workers, if as fast as for the results in {folder}"
+    assert estimate(NETS[:4], folder, 64)[0].startswith("about 3 minutes with 64 workers, if ")
+    assert sum(estimate(NETS[:1], publish(tmp_path / "equal", ""), 2)[1].values()) == 2000 / 110
+
+
+def test_the_time_of_learners_without_results_is_unknown(tmp_path: Path) -> None:
+    other = publish(tmp_path / "other", "", algorithms={"q_learning": {"settings": {"index": {}}}})
+    (changed := publish(tmp_path / "changed") / "cost.csv").write_text("", encoding="utf-8")
+    for folder in (other, changed.parent, tmp_path / "none"):
+        text, costs = estimate(NETS[:2], folder, 2)
+        assert text == f"for an unknown time: {folder} has no results of these learners"
+        assert [*costs.values()] == [1, 1]
+
+
+@pytest.mark.parametrize("name", ["compare_deep", "reproduce"])
+def test_costs_of_published_results_add_up(name: str) -> None:
+    folder = ROOT / "results" / name
+    costs = estimate(all_specifications(load_experiment(name)), folder, 2)[1]
+    assert sum(costs.values()) == pytest.approx(Folder(folder).manifest["busy_time_s"], rel=0.01)
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
@@ -17,58 +65,22 @@ def test_runs_are_counted_in_a_bar_or_in_occasional_lines(
     monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
     console = Console(file=(file := io.StringIO()), force_terminal=is_terminal, width=110, color_system=None)
     monkeypatch.setattr("benchmark.execution.progress.Console", lambda **_: console)
-    costs = {"slow": 9000.0, "failing": 500.0, "quick": 500.0}  # of 10,000 s, where 2 workers take 5,000
-    with Display("mine", costs, 5000.0, 1233) as display:
+    with Display("mine", {"slow": 9000.0, "failing": 500.0, "quick": 500.0}, 1233) as display:
         display.advance([], name="first")
         display._progress.refresh()
         now[0] = 20.0
         display.advance(["failing"], 1)
-        display._progress.refresh()
         now[0] = 500.0
         display.advance(["quick"])
+        now[0] = 1700.0  # nothing has ended since
     lines = [" ".join(re.sub("[━╸╺]", "", line).split()) for line in file.getvalue().splitlines()]
-    # After a tenth of the work, the expected time counts half. It was right.
-    last = "first: 1,234 of 1,236 done, 1 failed, about 75 minutes left"
+    before = "first: 1,234 of 1,236 done, 1 failed, about 75 minutes left"  # a tenth has taken 500 s
+    last = before.replace("75", "55")
     if is_terminal:
-        assert "first 1,233 of 1,236 done, about 83 minutes left" in "".join(lines)
+        assert "first 1,233 of 1,236 done" in "".join(lines)
         assert last.replace(":", "") in "".join(lines[-2:])
     else:
-        assert lines == [last] * 2
-
-
-def test_without_an_expected_time_that_left_is_judged_by_what_is_done(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    now = [0.0]
-    monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
-    with Display("mine", dict.fromkeys("abcd", 1.0), 0.0) as display:
-        display._print_line()
-        now[0] = 600.0
-        display.advance(["a"])
-        display.advance(["b", "c", "d"])
-    assert capsys.readouterr().err.splitlines() == [
-        "mine: 0 of 4 done",
-        "mine: 1 of 4 done, about 30 minutes left",
-        "mine: 4 of 4 done",
-    ]
-
-
-def test_the_time_left_falls_while_jobs_run_and_starting_up_does_not_add_to_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    now = [0.0]
-    monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
-    display = Display("mine", {"first": 1.0, "second": 499.0, "third": 500.0}, 6000.0)
-    assert display._text() == "0 of 3 done, about 1.7 hours left"
-    now[0] = 1200.0
-    assert display._text() == "0 of 3 done, about 80 minutes left"
-    display.advance(["first"])  # twenty minutes of compiling do not make the rest last 200 times as long
-    assert display._text() == "1 of 3 done, about 100 minutes left"
-    now[0] += 3000.0
-    display.advance(["second"])
-    assert display._text() == "2 of 3 done, about 50 minutes left"
-    now[0] += 9000.0
-    assert display._text() == "2 of 3 done, less than a minute left"
+        assert lines == [before, last]
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ import pytest
 from benchmark.drawing.tables import LINK
 from benchmark.experiments import EXPERIMENT_DIRECTORY
 from benchmark.folder import Folder
-from benchmark.publish import document, prose
+from benchmark.publish import front, prose
 from benchmark.publish.document import Document
+from benchmark.studies import load_study
 from envs import InputError
 from tests.support import ROOT, reseal
 
@@ -46,13 +47,35 @@ def test_a_claim_that_tables_do_not_show_is_not_published(tmp_path: Path) -> Non
     with pytest.raises(prose.ClaimError, match=r"reproduce\.md\.jinja claims, that variability-S2 holds"):
         prose.written(folder)
     document = Document(folder.path)
-    assert document.headline == document.report.headline(folder)
+    assert document.headline == load_study("replication").headline(folder)
 
 
 def test_a_number_that_tables_do_not_have_is_refused(tmp_path: Path) -> None:
     folder = copied(tmp_path / "missing", "S2/S1,1000 -> S2/S9,1000")
     with pytest.raises(InputError, match=r"reproduce\.md\.jinja, line \d+: claims.csv has 0 rows with"):
         prose.written(folder)
+
+
+def test_a_finding_of_ones_own_has_its_claims_in_python(tmp_path: Path) -> None:
+    """Mistakes are named by file and line; without a function, the text has the look-ups alone."""
+    template, module = tmp_path / "mine.md.jinja", tmp_path / "mine.py"
+    folder = Folder(ROOT / "results" / "reproduce")
+    template.write_text('Of {{ count("claims", "claim") }} claims, {{ n }} hold.\n', encoding="utf-8")
+    with pytest.raises(InputError, match=r"mine\.md\.jinja, line 1: 'n' is undefined"):
+        prose.written(folder, template)
+    start = "def finding(tables):\n    n = tables.rows('claims', verdict='holds')['claim'].nunique()\n"
+    end = "\n    return {'n': n}\n"
+    module.write_text(f"{start}    tables.claim(n > 0, 'some hold'){end}", encoding="utf-8")
+    text = prose.written(folder, template)
+    assert text is not None
+    assert text.startswith("Of [11](claims.csv#row=")
+    assert text.endswith(" claims, 7 hold.")
+    module.write_text(f"{start}    tables.claim(n > 9, 'most hold'){end}", encoding="utf-8")
+    with pytest.raises(prose.ClaimError, match="most hold"):
+        prose.written(folder, template)
+    module.write_text(f"{start}    return {{'n': n / 0}}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"mine\.py, line 3: division by zero"):
+        prose.written(folder, template)
 
 
 @pytest.mark.parametrize(
@@ -76,11 +99,10 @@ def test_different_values_are_counted_once() -> None:
     assert LINK.findall(lookups.count("claims", of="claim"))[0][0] == "11"
 
 
-def test_readme_looks_up_numbers_and_checks_claims(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(document, "_FRONT", tmp_path / "front.md.jinja")
-    number = 'of.when.number("cells", "steps", grid="places", places=64, learner="ppo, coordinates")'
-    (tmp_path / "front.md.jinja").write_text(f"{{{{ {number} | plain }}}} steps", encoding="utf-8")
-    assert document.front(ROOT / "results") == "14,800 steps"
-    (tmp_path / "front.md.jinja").write_text('{{ of.when.claim(1 > 2, "1 is more") }}', encoding="utf-8")
-    with pytest.raises(prose.ClaimError, match="README: tables do not show that 1 is more"):
-        document.front(ROOT / "results")
+def test_readme_checks_its_claims(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(front, "_TEMPLATE", tmp_path / "front.md.jinja")
+    (tmp_path / "front.md.jinja").write_text("{{ n_slower }} of {{ n_contrasts }}", encoding="utf-8")
+    assert front.front(ROOT / "results") == "96 of 104"
+    monkeypatch.setattr(front, "_TILINGS", front._TABLES)  # than which nets are not slower everywhere
+    with pytest.raises(prose.ClaimError, match="README: tables do not show that "):
+        front.front(ROOT / "results")

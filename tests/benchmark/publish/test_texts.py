@@ -12,6 +12,7 @@ from markdown_it.token import Token
 
 from benchmark.execution.store import Store
 from benchmark.publish import draw
+from benchmark.studies import report_of
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.studies.conftest import experiment_of, trained
 from tests.support import markdown_parser, small_experiment, variant
@@ -28,7 +29,6 @@ $\frac$ \input{x} % # ^ ~
 |---|---|
 | 1 | 2 |
 """
-EFFECT = r"@1+1 <img src=x onerror=alert(1)> | $\x_$ [a](javascript:b)"
 PHASE, TITLE = r"<b>|$\frac$ [red]_", r"_=$\x^$ <i>&amp;|"
 
 
@@ -49,15 +49,14 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "omit": ["agents"],
             "pool": "none",
             "contrasts": [["one-1, index", "2_two, index"]],
-            "effects": [["mood-1", "S1", EFFECT]],
         },
         algorithms={"one-1": variant(title=TITLE), "2_two": variant("sarsa")},
     )
     experiment = experiment_of(folder / "mine-1.toml", text)
-    report = draw.report_of(experiment)
+    report = report_of(experiment).check()
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, report, store, folder / "mine-1")
+        draw.draw(report, store, folder / "mine-1")
     return folder / "mine-1"
 
 

@@ -10,6 +10,7 @@ from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from benchmark.publish import draw
+from benchmark.studies import report_of
 
 EXPERIMENT: Final = """
 description = "Tables and nets in miniature."
@@ -25,7 +26,6 @@ kind = "comparison"
 omit = ["agents"]
 baseline = ["table, index"]
 contrasts = [["net, one_hot", "table, index"], ["sarsa, index", "table, index"]]
-effects = [["S3", "S1", "feedback"]]
 
 [algorithms]
 table = { algorithm = "q_learning", observations = ["index"], seeds = 12, settings = { epsilon = 0.3 } }
@@ -71,7 +71,7 @@ def results_of(path: Path, text: str) -> Path:
     experiment = experiment_of(path / "mine.toml", text)
     with Store(path / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, draw.report_of(experiment), store, path / "mine")
+        draw.draw(report_of(experiment).check(), store, path / "mine")
     return path / "mine"
 
 
@@ -82,5 +82,5 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Drawn:
     experiment = experiment_of(results / "small.toml")
     with Store(results / "runs.db") as store:
         trained(experiment, store)
-        assert draw.draw(experiment, draw.report_of(experiment), store, results / "small").is_new
+        assert draw.draw(report_of(experiment).check(), store, results / "small").is_new
     return Drawn(experiment, results, results / "small")

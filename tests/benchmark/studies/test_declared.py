@@ -5,15 +5,8 @@ from pathlib import Path
 import pytest
 
 from benchmark.experiments import Experiment
-from benchmark.publish.draw import report_of
-from benchmark.studies.comparison.declared import (
-    contrasts_of,
-    decisive_learners,
-    drawn_learners,
-    effects_of,
-    reporting_of,
-    side_name,
-)
+from benchmark.studies import report_of
+from benchmark.studies.comparison.declared import Plan, plan_of, side_name
 from envs import InputError
 from tests.benchmark.studies.conftest import experiment_of
 
@@ -31,21 +24,17 @@ algorithms.net_sb3 = { reference_for = "net", algorithm = "sb3_dqn", seeds = 20 
 grids.all.axes.noise = { high = {}, low = { settings = { time_limit = 40 } } }
 """
 CONTRAST = '["net, one_hot", "table, index"]'
+TILES = 'algorithms.tiles = { algorithm = "linear_q_lambda", observations = ["coordinates"], seeds = 20 }\n'
 
 
-def declared(tmp_path: Path, reporting: str = "") -> Experiment:
-    return experiment_of(tmp_path / "mine.toml", f'{BASE}\n[report]\nkind = "comparison"\n{reporting}\n')
+def declared(tmp_path: Path, reporting: str = "", more: str = "") -> Experiment:
+    return experiment_of(
+        tmp_path / "mine.toml", f'{BASE}{more}\n[report]\nkind = "comparison"\n{reporting}\n'
+    )
 
 
-NETS_OF_ONE = """
-description = "Nets with and without hidden layers."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 100
-map_every = 100
-settings = { budget = 2048, policy_kwargs.net_arch = LAYERS }
-algorithms.x = { algorithm = "ALGORITHM", observations = FORMS, seeds = 2 }
-"""
+def plan(experiment: Experiment) -> Plan:
+    return plan_of(experiment, report_of(experiment).check().declared)
 
 
 @pytest.mark.parametrize(
@@ -60,69 +49,46 @@ algorithms.x = { algorithm = "ALGORITHM", observations = FORMS, seeds = 2 }
 def test_a_net_without_hidden_layers_over_one_hot_cells_is_a_table(
     tmp_path: Path, algorithm: str, forms: list[str], layers: list[int], family: str
 ) -> None:
-    text = NETS_OF_ONE.replace("LAYERS", str(layers)).replace("ALGORITHM", algorithm)
-    experiment = experiment_of(tmp_path / "nets.toml", text.replace("FORMS", str(forms)))
+    settings = f"budget = 2048, policy_kwargs.net_arch = {layers}"
+    net = f'algorithms.x = {{ algorithm = "{algorithm}", observations = {forms}, seeds = 2 }}\n'
+    text = BASE.partition("algorithms.other")[0].replace("budget = 200", settings) + net
+    experiment = experiment_of(tmp_path / "nets.toml", text)
     assert {learner.family for learner in experiment.learners.values()} == {family}
 
 
-def test_by_default_nets_are_compared_with_all_tables_and_linear_learners(tmp_path: Path) -> None:
-    experiment = experiment_of(
-        tmp_path / "mine.toml", f"{TILES}{BASE}{OTHER}"
-    )  # `mine` does not say of what kind it is
-    nets = ["net, one_hot", "net, coordinates"]  # a reference is no learner of its own
-    reporting, baselines = reporting_of(experiment), ("tiles, coordinates", "other, index", "table, index")
-    assert reporting.baseline == baselines
-    assert decisive_learners(experiment) == nets
-    assert contrasts_of(experiment) == [({"learner": x}, {"learner": y}) for x in nets for y in baselines]
-    assert drawn_learners(experiment) == [*baselines, *nets, "mine, index"]
-    assert experiment.learners["mine, index"].title == "mine on the cells' index"
-    assert (reporting.margins.success, reporting.margins.score) == (0.1, 0.05)
-    assert reporting.pool == "scenarios"
-
-
-OTHER = (
-    'algorithms.mine = { algorithm = "tests.agents.plain:Q_LEARNING", observations = ["index"], seeds = 2 }'
-)
-TILES = """
-algorithms.tiles.algorithm = "tests.benchmark.studies.made:TILES"
-algorithms.tiles.observations = ["coordinates"]
-algorithms.tiles.seeds = 20
-report.kind = "comparison"
-"""
+def test_without_declaration_nets_have_to_beat_all_tables_and_linear_learners(tmp_path: Path) -> None:
+    found = plan(declared(tmp_path, more=TILES))
+    baselines = ["other, index", "table, index", "tiles, coordinates"]
+    nets = ["net, one_hot", "net, coordinates"]  # without their references
+    assert [*found.baseline] == baselines
+    assert found.contrasts == [({"learner": x}, {"learner": y}) for x in nets for y in baselines]
+    assert (found.nets, {*found.drawn}) == (nets, {*baselines, *nets})
 
 
 def test_a_baseline_may_be_of_any_family(tmp_path: Path) -> None:
     net, baselines = "net, one_hot", ["tiles, coordinates", "net, coordinates", "table, index"]
     pairs = [[net, baseline] for baseline in baselines] + [baselines[1:]]
-    reporting = f"report.baseline = {baselines}\nreport.contrasts = {pairs}\n"
-    experiment = experiment_of(tmp_path / "mine.toml", f"{TILES}{reporting}{BASE}")
-    report_of(experiment)  # which checks it
-    assert experiment.learners["tiles, coordinates"].title == "tiles on coordinates"
-    assert decisive_learners(experiment) == [net]  # a baseline need not beat others, even if it is deep
+    found = plan(declared(tmp_path, f"baseline = {baselines}\ncontrasts = {pairs}", TILES))
+    assert found.nets == [net]  # a baseline need not beat others, even if it is deep
+    assert found.drawn == [*baselines, net]
 
 
-@pytest.mark.parametrize("baseline", ['["table, index"]', '["table, index", "other, index"]'])
-def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
+def test_sides_are_columns_with_values(tmp_path: Path) -> None:
     more = f"""
-    baseline = {baseline}
-    contrasts = [{CONTRAST}, ["net, one_hot", "other, index"],
-                 ["S1 @ net, one_hot", "net, one_hot @ S2"],
+    contrasts = [{CONTRAST}, ["S1 @ net, one_hot", "net, one_hot @ S2"],
                  ["default/all/noise=high", "default/all/noise=low"]]
-    effects = [["S1", "S2", "size"]]
     """
-    experiment = declared(tmp_path, more)
-    net = {"learner": "net, one_hot"}
-    contrasts = [
+    found, net = plan(declared(tmp_path, more)), {"learner": "net, one_hot"}
+    assert found.contrasts == [
         (net, {"learner": "table, index"}),
-        (net, {"learner": "other, index"}),
         (net | {"scenario": "S1"}, net | {"scenario": "S2"}),
         ({"condition": "default/all/noise=high"}, {"condition": "default/all/noise=low"}),
     ]
-    assert contrasts_of(experiment) == contrasts
-    assert effects_of(experiment) == [("size", ({"scenario": "S1"}, {"scenario": "S2"}))]
-    assert decisive_learners(experiment) == ["net, one_hot"]
-    assert side_name(contrasts[2][0]) == "net, one_hot @ S1"
-    report_of(experiment)  # which checks it
+    assert (found.nets, found.drawn) == ([], ["table, index", "net, one_hot"])  # those that are compared
+    assert side_name(found.contrasts[1].x) == "net, one_hot @ S1"
+
+
+PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["index"], seeds = 2 }\n'
 
 
 @pytest.mark.parametrize(
@@ -131,53 +97,46 @@ def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
         ('omit = ["summery"]', ["report.omit", "summery", "summary"]),
         ('items = ["nowhere.to:be_found"]', ["nowhere.to:be_found"]),
         ('items = ["envs:ACTIONS"]', ["envs:ACTIONS"]),
+        ("looks = [10, 20]", ["unknown key looks"]),
         ('contrasts = [["net, one-hot", "table, index"]]', ["report.contrasts.0", "net, one-hot", "one_hot"]),
-        ('effects = [["S1", "S4", "noise"]]', ["report.effects.0", "S4"]),
+        ('contrasts = [["S1", "S4"]]', ["report.contrasts.0", "S4"]),
         ('contrasts = [["S1 @ S2", "S2 @ S1"]]', ["report.contrasts.0", "at most one scenario"]),
         ('contrasts = [["net, one_hot", "net, one_hot"]]', ["report.contrasts.0", "net, one_hot"]),
         ('contrasts = [["net, one_hot @ S1", "table, index"]]', ["report.contrasts.0"]),
+        ('contrasts = [["search, index", "table, index"]]', ["report.contrasts.0", "it knows the model"]),
+        ('baseline = ["search, index"]', ["baseline search"]),
         (f'baseline = ["net_sb3, one_hot"]\ncontrasts = [{CONTRAST}]', ["baseline net_sb3, one_hot"]),
-        (
-            f'baseline = ["net, one_hot"]\ncontrasts = [{CONTRAST}]',
-            ["contrasts", '"LEARNER", "net, one_hot"'],
-        ),
+        (f'baseline = ["net, one_hot"]\ncontrasts = [{CONTRAST}]', ['"LEARNER", "net, one_hot"']),
         (f'baseline = ["tables, index"]\ncontrasts = [{CONTRAST}]', ["report.baseline", "table, index"]),
-        (f'baseline = ["other, index"]\ncontrasts = [{CONTRAST}]', ["report.contrasts", "other, index"]),
         ('baseline = ["table, index"]', ["report.contrasts", "table, index"]),
-        ('baseline = ["table, index"]\ncontrasts = [["table, index", "net, one_hot"]]', ["contrasts"]),
-        (f"baseline = 1\ncontrasts = [{CONTRAST}]", ["report.baseline"]),
+        (f"baseline = 1\ncontrasts = [{CONTRAST}]", ["baseline"]),
         (
             f'baseline = ["other, index", "table, index"]\ncontrasts = [{CONTRAST}]',
             ["report.contrasts", "net, one_hot", "other, index"],
         ),
-        ("margins = { success = 0.0 }", ["report.margins.success", "0.0"]),
+        ("margins = { success = 0.0 }", ["margins.success", "0.0"]),
         (
-            'effects = [["net, one_hot @ S1", "table, index @ S1", "a"], '
-            '["S1 @ table, index", "S1 @ net, one_hot", "b"]]',
-            ["report.effects: ", "S1 @ net, one_hot and S1 @ table, index is named twice"],
+            'contrasts = [["net, one_hot @ S1", "table, index @ S1"], '
+            '["S1 @ table, index", "S1 @ net, one_hot"]]',
+            ["report.contrasts: ", " and ", "is named twice"],
         ),
-        ('effects = [["S1", "S2", "a"], ["net, one_hot", "table, index", " a"]]', ["a is named twice"]),
         (f'baseline = ["table, index", "table, index"]\ncontrasts = [{CONTRAST}]', ["index is named twice"]),
     ],
 )
 def test_mistakes_get_one_sentence_before_any_run(tmp_path: Path, reporting: str, names: list[str]) -> None:
     with pytest.raises(InputError) as caught:
-        report_of(declared(tmp_path, reporting))
+        report_of(declared(tmp_path, reporting, PLANNER)).check()
     assert [name for name in ["mine.toml", *names] if name not in str(caught.value)] == []
-
-
-PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["index"], seeds = 2 }'
 
 
 @pytest.mark.parametrize(
     ("text", "word"),
     [
         (BASE.partition("algorithms.other")[0] + f'{PLANNER}\nreport = "comparison"', "planner"),
-        (f'{BASE}{PLANNER}\n[report]\nkind = "comparison"\nbaseline = ["search, index"]', "baseline search"),
         (BASE.replace("200 }", '200, budget_unit = "episodes" }') + 'report = "comparison"', "budget_unit"),
         (BASE, r"report is missing; add a \[report\] table"),
     ],
 )
 def test_experiments_that_cannot_be_compared_are_refused(tmp_path: Path, text: str, word: str) -> None:
     with pytest.raises(InputError, match=word):
-        report_of(experiment_of(tmp_path / "mine.toml", text))
+        report_of(experiment_of(tmp_path / "mine.toml", text)).check()

@@ -20,9 +20,8 @@ from benchmark.experiments.search import Chosen
 from benchmark.folder import SCORES
 from benchmark.publish import document, draw
 from benchmark.publish.document import Document
-from benchmark.studies import load_report
-from benchmark.studies.comparison.declared import drawn_learners
-from benchmark.studies.data import load
+from benchmark.studies import load_study, report_of
+from benchmark.studies.comparison.analysis import ComparisonAnalysis
 from envs import InputError
 from tests.benchmark.execution.test_processes import PATIENCE_S, until
 from tests.benchmark.publish.sentences import check_links
@@ -48,7 +47,13 @@ def without(path: Path, *names: str, text: str = EXPERIMENT, **reporting: object
 
 def omitting_all_but(*names: str) -> list[str]:
     """Lists the other items of a comparison."""
-    return [item.name for item in load_report("comparison").items if item.name not in names]
+    return [item.name for item in load_study("comparison").items if item.name not in names]
+
+
+def analysis_of(experiment: Experiment, store: Store, *, partial: bool = False) -> ComparisonAnalysis:
+    report = report_of(experiment)
+    found: ComparisonAnalysis = report.study.analyse(report.data(store, partial=partial))
+    return found
 
 
 def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) -> None:
@@ -69,7 +74,7 @@ def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) ->
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
     drawn_names = ["contrasts", "summary", "curves", "rliable"]
-    tables = [*drawn_names, "effects", "aggregate", "outcomes", "steps", "cost"]
+    tables = [*drawn_names, "aggregate", "outcomes", "steps", "cost"]
     expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in (*drawn_names, "profiles")}
     assert names == expected | {"README.md", "manifest.json", ".stamp", SCORES}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
@@ -96,13 +101,12 @@ def test_two_learners_with_the_same_title_are_refused(tmp_path: Path) -> None:
 
 
 def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
-    for name, has_checks in (("summary", True), ("aggregate", True), ("curves", True), ("cost", True),
-                             ("effects", False)):  # fmt: skip
-        frame = pd.read_csv(drawn.folder / f"{name}.csv")
-        assert ("check" in set(frame["variant"])) == has_checks, name
+    for name in ("summary", "aggregate", "curves", "cost"):
+        assert "check" in {*pd.read_csv(drawn.folder / f"{name}.csv")["variant"]}, name
     summary = pd.read_csv(drawn.folder / "summary.csv")
     assert [*summary["variant"].unique()] == ["table", "check", "sarsa", "ppo", "net"]
-    assert drawn_learners(drawn.experiment) == ["table, index", "net, one_hot"]
+    with Store(drawn.results / "runs.db", read_only=True) as store:
+        assert analysis_of(drawn.experiment, store).plan.drawn == ["table, index", "net, one_hot"]
 
 
 @pytest.mark.parametrize("folder", ["drawn", *PUBLISHED], ids=str)
@@ -127,10 +131,10 @@ def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -
 
 
 def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> None:
-    report = draw.report_of(drawn.experiment)
+    report = report_of(drawn.experiment).check()
     with Store(drawn.results / "runs.db", read_only=True) as store:
-        assert not draw.draw(drawn.experiment, report, store, drawn.folder).is_new  # it is up to date
-        assert draw.draw(drawn.experiment, report, store, tmp_path / "small").is_new
+        assert not draw.draw(report, store, drawn.folder).is_new  # it is up to date
+        assert draw.draw(report, store, tmp_path / "small").is_new
     for path in drawn.folder.iterdir():
         assert path.read_bytes() == (tmp_path / "small" / path.name).read_bytes(), path.name
     (tmp_path / "small" / "README.md").unlink()
@@ -138,26 +142,14 @@ def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> Non
     assert (tmp_path / "small" / "README.md").read_bytes() == (drawn.folder / "README.md").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["curves", "summary", "contrasts", "aggregate", "outcomes"])
-def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, tmp_path: Path, name: str) -> None:
-    experiment = without(tmp_path, omit=[name])
-    with Store(drawn.results / "runs.db", read_only=True) as store:
-        data = load(experiment, store)
-        items = draw.report_of(experiment).items
-        frames = draw.tables_of(items, data)
-        pictures = [item.picture(data, frames) for item in items]
-    assert len([*filter(None, pictures)]) >= 2
-
-
 def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
     chosen = Chosen(trial=3, settings={}, score=0.7, trials=8, runs=80, steps=32_000, cpu_time_s=1.0)
     learners = dict(drawn.experiment.learners)
     learners["sarsa, index"] = replace(learners["sarsa, index"], chosen=chosen)
     with Store(drawn.results / "runs.db", read_only=True) as store:
-        data = load(replace(drawn.experiment, learners=learners), store)
-        rows = draw.tables_of(draw.report_of(drawn.experiment).items, data)["aggregate"]
-    assert dict(zip(rows["variant"], rows["search_steps"], strict=True)) == {
-        name: 32_000 if name == "sarsa" else 0 for name in rows["variant"]
+        rows = analysis_of(replace(drawn.experiment, learners=learners), store).aggregate
+    assert {row["variant"]: row["search_steps"] for row in rows} == {
+        name: 32_000 if name == "sarsa" else 0 for name in ("table", "check", "sarsa", "ppo", "net")
     }
 
 
@@ -171,16 +163,16 @@ def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> Non
     failed = specifications(small, "default", "S1", "net", "one_hot", [1])[0]
     absent = specifications(small, "default", "S3", "ppo", "one_hot", [0, 1])
     lost = {run.digest for run in (failed, *absent)}
-    report = draw.report_of(small)
+    report = report_of(small).check()
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs if run.digest not in lost]))
         other.add([Record(failed.digest, failed.content, "failed", {}, {}, "RuntimeError: oh")])
         with pytest.raises(InputError) as caught:
-            draw.draw(small, report, other, tmp_path / "whole")
+            draw.draw(report, other, tmp_path / "whole")
         assert f"3 of {len(runs)} runs are missing, 1 of them failed" in str(caught.value)
         assert "net, one_hot in S1 has 11 of 12; ppo, one_hot in S3 has 0 of 2" in str(caught.value)
         assert not (tmp_path / "whole").exists()
-        draw.draw(small, report, other, tmp_path / "partial", partial=True)
+        draw.draw(report, other, tmp_path / "partial", partial=True)
     assert "**Partial: 3 of " in (tmp_path / "partial" / "README.md").read_text()
     shown = pd.read_csv(tmp_path / "partial" / "summary.csv")
     assert set(shown["variant"]) == {"table", "check", "net"}  # ppo has no run in S3
@@ -195,11 +187,10 @@ def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_pat
     ]
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs]))
-        found = load(drawn.experiment, other, partial=True)
+        found = analysis_of(drawn.experiment, other, partial=True)
         assert {*found.runs["variant"]} == {"sarsa", "ppo", "net"}
-        assert "check, index, table, index" in found.note
-        frames = draw.tables_of(draw.report_of(drawn.experiment).items, found)
-        assert frames["outcomes"]["outcome"].tolist() == ["no verdict"]
+        assert "check, index, table, index" in found.data.note
+        assert found.outcomes == [{"outcome": "no verdict"}]
 
 
 def test_divergence_is_shown(tmp_path: Path) -> None:
@@ -207,9 +198,8 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
     experiment = without(tmp_path, "ppo", "check", text=text)
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
-        data = load(experiment, store)
-        summary = draw.tables_of(draw.report_of(experiment).items, data)["summary"]
-    nets = summary[summary["variant"] == "net"]
-    assert nets["diverged"].tolist() == [12, 12]
-    assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
-    assert np.isfinite(data.runs["diverged_at"]).equals(data.runs["variant"] == "net")
+        found = analysis_of(experiment, store)
+        nets = [cell for cell in found.cells if cell["variant"] == "net"]
+        assert [cell["diverged"] for cell in nets] == [12, 12]
+        assert [cell["unbounded_score"] for cell in nets] == pytest.approx([0, 0], abs=1e-9)  # as random
+        assert np.isfinite(found.runs["diverged_at"]).equals(found.runs["variant"] == "net")

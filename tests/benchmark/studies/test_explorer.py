@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.records import Records
 from benchmark.studies import explorer
-from benchmark.studies.explorer import FILE, MOST_MASKS, write
+from benchmark.studies.explorer import FILE, MAX_MASKS, write
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.populations import population as blank
@@ -60,7 +60,7 @@ def test_first_agent_over_training_and_the_final_policies_of_others(tmp_path: Pa
     greedy = masks(agent["greedy"])
     assert (greedy[2, 13], {*np.delete(greedy.ravel(), 2 * 120 + 13)}) == (UP | PING, {RIGHT})
     assert agent["seeds"] == [4, 5, 6, 7]
-    assert MOST_MASKS == 4 * 120
+    assert MAX_MASKS == 4 * 120
     assert agent["others"]["success"] == pytest.approx([1 / 120, 2 / 120, 3 / 120], abs=1e-6)
     assert np.unique(masks(agent["others"]["greedy"])).tolist() == [RIGHT]
 
@@ -89,7 +89,7 @@ def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) ->
     assert (context == model.context).all()
     zones = np.array([[*map(int, view["zone"])] for view in scene["views"]])
     assert (zones[context, model.cell] == model.zone).all()
-    for cell, view in zip(model.scenario.places, scene["views"][:: len(scene["phases"])], strict=True):
+    for cell, view in zip(model.scenario.layout.places, scene["views"][:: len(scene["phases"])], strict=True):
         assert divmod(view["glyphs"][0]["cell"], scene["columns"]) == cell[0]
     assert scene["walls"] == np.flatnonzero(model.scenario.grid.is_wall).tolist()
 
@@ -99,14 +99,14 @@ def test_of_many_places_some_are_shown(
     limit: int, places: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Six places of 600 states."""
-    monkeypatch.setattr(explorer, "MOST_STATES", limit)
+    monkeypatch.setattr(explorer, "MAX_STATES", limit)
     greedy = np.random.default_rng(1).integers(1, 32, (1, 4, 720), dtype=np.uint8)
     data = written(tmp_path, blank("SixPlaces", 1, greedy=greedy))
     model, scene = compile_seen(load_scenario("SixPlaces"), "index"), data["scenes"][0]
     states = np.concatenate([model.states_of(place)[0] + np.arange(600) for place in places])
     assert (scene["shape"], scene["of_places"]) == ([len(places), 1, 1, 5], 6)
     cells = [view["glyphs"][0]["cell"] for view in scene["views"]]
-    assert cells == model.scenario.standing[places, 0, 0].tolist()
+    assert cells == model.scenario.layout.standing[places, 0, 0].tolist()
     assert states[scene["starts"]].tolist() == [start for start in model.starts if start in states]
     change = np.array(scene["kinds"]["change"]).reshape(-1, 5)[scene["kind"]]
     assert (change == (model.next_state[..., 0] - np.arange(3600)[:, None])[states]).all()

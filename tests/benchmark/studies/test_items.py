@@ -1,8 +1,6 @@
 """Tables of a comparison, by hand and by second methods."""
 
 import math
-import tempfile
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -15,13 +13,11 @@ from rliable import metrics
 from scipy import stats
 
 from agents.dynamic_programming import from_starts, solve
-from benchmark.analysis.contrasts import VERDICTS
 from benchmark.analysis.records import Records, anchors
 from benchmark.drawing.tables import plain
-from benchmark.studies.data import Data
+from benchmark.studies.comparison.contrasts import VERDICTS
 from envs import compile_scenario, load_scenario
-from tests.benchmark.publish.sentences import check_links
-from tests.benchmark.studies.made import Cell, Made, compared, data_of, folder_of, item, table
+from tests.benchmark.studies.made import Cell, Made, analysis_of, compared, item, table
 
 NEVER = math.inf
 
@@ -34,7 +30,7 @@ def test_steps_count_from_the_last_evaluation_below_enough() -> None:
         Cell("b", np.array([late] * 3 + [early])),
         Cell("c", np.ones((2, 5))),
     ]
-    a, b, c = table("steps", data_of(cells)).to_dict("records")
+    a, b, c = table("steps", analysis_of(cells)).to_dict("records")
     assert (a["share"], a["median_step"], a["budget"]) == (0.75, 300, 400)
     assert a["step"] == NEVER  # the mean ends at (3 + 0.5) / 4
     assert (b["share"], b["median_step"], b["step"]) == (1, 400, 400)
@@ -43,8 +39,8 @@ def test_steps_count_from_the_last_evaluation_below_enough() -> None:
 
 def test_wrong_pings_are_counted_per_1000_steps_of_training() -> None:
     counts = np.array([[0, 10, 10, 40, 40], [0, 30, 30, 40, 60]])
-    data = data_of([Cell("a", np.zeros(2), wrong_pings=counts), Cell("b", np.zeros(2))])
-    frame, rates = table("summary", data), np.array([40, 60]) / 400 * 1000
+    analysis = analysis_of([Cell("a", np.zeros(2), wrong_pings=counts), Cell("b", np.zeros(2))])
+    frame, rates = table("summary", analysis), np.array([40, 60]) / 400 * 1000
     assert frame["training_wrong_pings"].tolist() == [125, 0]
     reach = stats.t.ppf(0.975, 1) * rates.std(ddof=1) / np.sqrt(2)
     assert frame["training_wrong_pings_high"][0] == pytest.approx(125 + reach)
@@ -53,15 +49,13 @@ def test_wrong_pings_are_counted_per_1000_steps_of_training() -> None:
 
 def test_aggregates_by_a_second_method() -> None:
     rng, sizes = np.random.default_rng(0), {"a": 10, "b": 30, "a_sb3": 10}
-    means = {"a": 0.5, "b": 0.6, "a_sb3": 0.5}
     cells = [
-        Cell(name, np.zeros(size), scenario, score=rng.normal(means[name], 0.3, size),
+        Cell(name, np.zeros(size), scenario, score=rng.normal(0.6 if name == "b" else 0.5, 0.3, size),
              reference_for="a" * (name == "a_sb3"))
         for scenario in ("S1", "S2", "S3")
         for name, size in sizes.items()
     ]  # fmt: skip
-    data = data_of(cells)
-    frame = table("aggregate", data).set_index("variant").to_dict("index")
+    frame = table("aggregate", analysis_of(cells)).set_index("variant").to_dict("index")
     assert list(frame) == ["a", "a_sb3", "b"]  # a reference follows its learner
     for name, row in frame.items():
         unbounded = [np.asarray(cell.score) for cell in cells if cell.name == name]
@@ -82,38 +76,36 @@ def test_usual_measures_by_a_second_method() -> None:
         for i, scenario in enumerate(("S1", "S2", "S3"))
         for name in scores
     ]
-    data = data_of(cells, [("net", "table")], baseline=("table",))
+    analysis = analysis_of(cells, [("net", "table")], baseline=("table",))
     state: Any = np.random.get_state()  # noqa: NPY002
-    frame = table("rliable", data).set_index("variant")
+    frame = table("rliable", analysis).set_index("variant")
     after: Any = np.random.get_state()  # noqa: NPY002
     assert state[2] == after[2]
-    pd.testing.assert_frame_equal(frame, table("rliable", data).set_index("variant"))
+    pd.testing.assert_frame_equal(frame, table("rliable", analysis).set_index("variant"))
     for name, values in scores.items():
         row: Any = frame.loc[name]
         means = values.mean(axis=1)
         expected = [stats.trim_mean(values.ravel(), 0.25), np.median(means), values.mean(), 1 - values.mean()]
         assert row[["iqm", "median", "mean", "optimality_gap"]].tolist() == pytest.approx(expected)
         error = 1.96 * np.sqrt(values.var(axis=1).mean() / 12 / 3)  # of strata with 12 runs each
-        assert [row["mean_low"], row["mean_high"]] == pytest.approx(
-            [row["mean"] - error, row["mean"] + error], abs=0.01
-        )
+        ends = [row["mean"] - error, row["mean"] + error]
+        assert [row["mean_low"], row["mean_high"]] == pytest.approx(ends, abs=0.01)
     x, y = scores["net"].T, scores["table"].T
     assert frame.loc["net", "p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
     assert frame.loc["net", "over"] == "table, index"
     assert frame["p_improvement"].isna().to_dict() == {"table": True, "net": False}
 
 
-def test_effects_are_differences_of_scenarios_by_hand() -> None:
+def test_scenarios_are_compared_by_hand() -> None:
     shares = {("x", "S1"): 1.0, ("x", "S2"): 0.25, ("y", "S1"): 1.0, ("y", "S2"): 1.0}
     cells = []
     for (name, scenario), share in shares.items():
         wrong = np.zeros((20, 5), dtype=int)
         wrong[:, -1] = np.arange(20) % 2 + (4 if scenario == "S2" else 2)
         cells.append(Cell(name, np.arange(20) < 20 * share, scenario, wrong_pings=wrong))
-    data = data_of(cells, effects=[("S2", "S1", "noise"), ("x @ S2", "y @ S2", "nets in S2")])
-    x, y, both = table("effects", data).to_dict("records")
-    assert (x["effect"], x["variant"]) == ("noise", "x")
-    assert (both["effect"], both["x"]) == ("nets in S2", "x, index @ S2")
+    analysis = analysis_of(cells, [("S2", "S1"), ("x @ S2", "y @ S2")])
+    x, y, both = table("contrasts", analysis).to_dict("records")
+    assert (x["x"], x["variant"], both["x"]) == ("S2", "x", "x, index @ S2")
     assert [row["success_difference"] for row in (x, y, both)] == [-0.75, 0, -0.75]
     low, high = (stats.binomtest(k, 20).proportion_ci() for k in (5, 20))
     assert x["success_difference_low"] == pytest.approx(-0.75 - np.hypot(0.25 - low.low, high.high - 1))
@@ -123,39 +115,30 @@ def test_effects_are_differences_of_scenarios_by_hand() -> None:
     assert x["wrong_pings_difference_high"] == pytest.approx(5 + np.hypot(half, half))
 
 
-def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> None:
+def test_readers_see_the_best_first_and_one_precision() -> None:
     shares = {"dqn": {"S2": 0.5, "S1": 0.125}, "q": {"S2": 0.25, "S1": 1.0}, "mine": {"S2": 0.0, "S1": 0.5}}
     cells = [
-        Cell(name, np.arange(8) < 8 * share, scenario, "deep" if name == "dqn" else "tabular")
+        Cell(name, np.arange(8) < 8 * share, scenario)
         for name, by_scenario in shares.items()
         for scenario, share in by_scenario.items()
     ]
-    document = folder_of(tmp_path, data_of(cells, [("dqn", "q")]), "summary", "contrasts")
-    variant = document.folder.manifest["algorithms"]["q"]
-    variant |= {"title": "Q-learning table", "tuned_by": "tuning:q", "settings": {"index": {}, "offset": {}}}
-    shown = document.shown(item("summary")).map(plain)
-    assert {"variant", "observation"} & {*shown} == set()
-    assert shown[["scenario", "learner"]].to_numpy().tolist() == [
-        [scenario, {"q": "Q-learning table", "dqn": "dqn on the cells' index"}.get(name, name)]
-        for scenario in ("S2", "S1")
-        for name in sorted(shares, key=lambda name: -shares[name][scenario])
-    ]
+    frame = table("summary", analysis_of(cells))
+    shown = item("summary").display(frame).map(plain)
+    assert shown["scenario"].tolist() == ["S2"] * 3 + ["S1"] * 3
     success = shown["success probability"].str.extract(r"^(\S+) \[(\S+), (\S+)\]$")
     assert success[0].tolist() == ["0.50", "0.25", "0.00", "1.00", "0.50", "0.12"]
     assert success.map(lambda text: len(text.partition(".")[2])).eq(2).all().all()
-    contrasts = document.shown(item("contrasts"))
-    assert [*contrasts["x"], *contrasts["y"]] == ["dqn on the cells' index", "Q-learning table"]
-    # CSV files keep the order, and short names.
-    assert document.folder.frame("summary")["variant"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
+    # CSV files keep the order.
+    assert frame["variant"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
 
 
 def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:
     learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0, 0.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0, 0.0))}
     scenarios = ["S1", "S2", "S3", "Hall", "Walls"]
     few = compared(learners, [("x", "y")], ["y"], scenarios[:4], pool="none")
-    assert item("verdicts").tabulate(few) is None
-    tables = compared({"y": learners["y"]}, scenarios=scenarios, pool="none")
-    assert item("verdicts").tabulate(tables) is None  # there are no contrasts
+    tables = compared({"y": learners["y"]}, scenarios=scenarios, pool="none")  # without contrasts
+    for analysis in (few, tables):
+        assert item("verdicts").tabulate(analysis, analysis.data) is None
     learners["z"] = Made("deep", 1.0)
     many = compared(learners, [("x", "y"), ("z", "y")], ["y"], scenarios, pool="none")
     frame = table("verdicts", many)
@@ -168,8 +151,8 @@ def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:
 
 def test_a_difference_that_is_shown_within_the_margin_is_said() -> None:
     learners = {"x": Made("deep", 0.93, 900), "y": Made("tabular", 1.0, 900)}
-    data = compared(learners, [("x", "y")], scenarios=["S1"])
-    shown = item("contrasts").display(table("contrasts", data))
+    analysis = compared(learners, [("x", "y")], scenarios=["S1"])
+    shown = item("contrasts").display(table("contrasts", analysis))
     assert shown["verdict on success"].tolist() == ["within 0.1, but measurably worse"]
 
 
@@ -188,7 +171,7 @@ def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
             for score, success in ((0.5, 0.5), (0.25, 0.75))
         ]  # fmt: skip
         records[name] = Records(cast(Any, run), found, range(2), [])
-    frame = table("scenarios", data_of(cells, records=records, pool="none")).set_index("scenario")
+    frame = table("scenarios", analysis_of(cells, records=records, pool="none")).set_index("scenario")
     for name in scenarios:
         model, row = compile_scenario(load_scenario(name)), frame.loc[name]
         optimum = from_starts(model) @ solve(model, 1.0, 200, issuer_rewards=False).value
@@ -196,10 +179,10 @@ def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
         assert row["random_return"] < row["memoryless_return"] < row["optimal_return"]
         # Of the search with the best return, which is not the one that succeeds most often.
         assert (row["memoryless_score"], row["memoryless_success"]) == pytest.approx((0.5, 0.5))
-        assert row["observations"] == model.n_observations
+        assert (row["restarts"], row["observations"]) == (2, model.n_observations)
 
 
-# Verdicts and the answer against the truth
+# Verdicts against the truth
 
 FAMILY = {"table": "tabular", "net": "deep", "other": "deep"}
 PAIRS = [("net", "table"), ("other", "table"), ("net", "other")]
@@ -217,10 +200,10 @@ def test_no_verdict_contradicts_the_truth(truth: dict[str, list[float]], n: int,
     """Runs succeed exactly as often as their true probability says, rounded to whole runs."""
     exact = {name: [round(share * n) / n for share in shares] for name, shares in truth.items()}
     learners = {name: Made(FAMILY[name], shares, n) for name, shares in exact.items()}
-    data: Data = compared(learners, PAIRS, ["table"], ["S1", "S2"], pool=pool)
-    for row in table("contrasts", data).to_dict("records"):
-        verdict = str(row["success_verdict"])
-        x, y = (exact[str(row[side]).split(",")[0]] for side in "xy")
+    analysis = compared(learners, PAIRS, ["table"], ["S1", "S2"], pool=pool)
+    for row in analysis.contrasts:
+        verdict = row["success_verdict"]
+        x, y = (exact[row[side].split(",")[0]] for side in "xy")
         index = {"S1": 0, "S2": 1}.get(row.get("scenario", ""))
         differences = [a - b for a, b in zip(x, y, strict=True)]
         difference = sum(differences) / 2 if index is None else differences[index]
@@ -229,9 +212,7 @@ def test_no_verdict_contradicts_the_truth(truth: dict[str, list[float]], n: int,
         assert verdict != "worse" or difference < -1e-9
         assert verdict != "equivalent" or abs(difference) < 0.1 - 1e-9
         assert (verdict == "no verdict") == (n < 10)
-    found = table("outcomes", data)["outcome"]
-    assert (found == "no verdict").all() == (n < 10)
+    found = [row["outcome"] for row in analysis.outcomes]
+    assert all(outcome == "no verdict" for outcome in found) == (n < 10)
     if pool == "scenarios" and found[0] == "earns":
         assert max(sum(exact[name]) for name in ("net", "other")) > sum(exact["table"])
-    with tempfile.TemporaryDirectory() as directory:
-        check_links(folder_of(Path(directory), data, "contrasts", "outcomes", "summary"), fewest=1)

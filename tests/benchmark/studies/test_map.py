@@ -18,12 +18,12 @@ from agents.policy import mask_policy
 from benchmark.__main__ import main
 from benchmark.analysis.frames import keys_of, learned
 from benchmark.analysis.looks import took
-from benchmark.analysis.stages import runs_of, stages
 from benchmark.execution.job import execute_job
 from benchmark.execution.store import Store
 from benchmark.experiments import Population, load_experiment
 from benchmark.publish.document import Document
 from benchmark.publish.draw import tables_of
+from benchmark.studies import runs_of
 from benchmark.studies.data import Data
 from benchmark.studies.map import REPORT, figures
 from benchmark.studies.map.ceilings import ceilings
@@ -207,7 +207,7 @@ def test_runs_of_a_seed_have_the_same_places_and_permuting_is_nothing_to_a_table
     with Store(made.parent / "runs.db", read_only=True) as store:
         for population in experiment.populations:
             condition, runs = population.condition.name, population.runs(range(2))
-            drawn = [run.drawn_scenario.places for run in runs]
+            drawn = [run.drawn_scenario.layout.places for run in runs]
             assert drawn == places.setdefault(condition, drawn)
             assert drawn[0] != drawn[1] or "unseen" in condition
             stored = store.get([run.digest for run in runs])
@@ -324,7 +324,7 @@ def test_levels_by_hand(tmp_path: Path) -> None:
 
     def curve(population: Population) -> dict[float, float]:
         scenario = population.scenario
-        n_places = len(scenario.places) - scenario.issuer.unseen
+        n_places = len(scenario.layout.places) - scenario.issuer.unseen
         if population.learner.variant == "table":
             return {1000: 1.0}
         if n_places == 16:
@@ -454,7 +454,9 @@ learners = ["shared, offset"]
 
 
 def test_panels_of_other_grids(tmp_path: Path) -> None:
-    data = by_hand(tmp_path, lambda population: {1000.0 * len(population.scenario.places): 1.0}, PEOPLE)
+    data = by_hand(
+        tmp_path, lambda population: {1000.0 * len(population.scenario.layout.places): 1.0}, PEOPLE
+    )
     tables = tables_of(REPORT.items, data)
     one, two = cast("Any", figures.picture.picture(data, tables)).axes
     assert [line.get_xdata().tolist() for line in two.lines[:1]] == [[2, 5]]

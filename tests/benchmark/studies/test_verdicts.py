@@ -1,38 +1,40 @@
 """What a comparison concludes: rules by hand, and outcomes that must not be drawn."""
 
-from collections.abc import Hashable, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
 
-from benchmark.analysis.contrasts import Means, contrast, holm
 from benchmark.drawing.tables import plain
+from benchmark.folder import Folder
 from benchmark.studies import comparison
-from benchmark.studies.comparison.verdicts import FEWEST_RUNS, standings
-from benchmark.studies.data import Data
-from tests.benchmark.studies.made import Cell, Made, compared, data_of, folder_of, item, random_success, table
+from benchmark.studies.comparison.analysis import FEWEST_RUNS, ComparisonAnalysis
+from benchmark.studies.comparison.contrasts import Means, contrast, holm, standings
+from tests.benchmark.studies.made import Cell, Made, analysis_of, compared, item, random_success, table
 
 RANDOM = random_success("S1")
 TABLE, WEAK = Made("tabular", (1.0, 0.6, 1.0)), Made("tabular", 0.3)
 WINNER, EQUAL, LOSER = Made("deep", 1.0), Made("deep", (1.0, 0.6, 1.0)), Made("deep", 0.05)
 
 
-def outcomes(data: Data) -> list[str]:
-    return list(table("outcomes", data)["outcome"])
+def outcomes(analysis: ComparisonAnalysis) -> list[str]:
+    return [row["outcome"] for row in analysis.outcomes]
 
 
-def contrasts(data: Data) -> list[dict[Hashable, Any]]:
-    return table("contrasts", data).to_dict("records")
+class Tables(dict[str, pd.DataFrame]):
+    """A folder of results that has some tables."""
+
+    def frame(self, name: str) -> pd.DataFrame:
+        return self[f"{name}.csv"]
 
 
-def headline(path: Path, data: Data) -> str:
-    found = folder_of(path, data, "contrasts", "outcomes", "summary").headline
-    assert found is not None
-    return plain(found)
+def headline(analysis: ComparisonAnalysis) -> str:
+    names = ["contrasts"] + ["outcomes"] * bool(analysis.outcomes)
+    folder = Tables({f"{name}.csv": table(name, analysis) for name in names})
+    return plain(comparison.STUDY.headline(cast(Folder, folder)) or "")
 
 
 CASES: list[tuple[dict[str, Made], str]] = [
@@ -73,9 +75,8 @@ CASES: list[tuple[dict[str, Made], str]] = [
 
 @pytest.mark.parametrize(("learners", "expected"), CASES)
 def test_outcome_against_one_baseline(learners: dict[str, Made], expected: str) -> None:
-    assert outcomes(compared(learners, baseline=["table"])) == [expected]
-    # It is the same whatever the family of the baseline.
-    for family in ("linear", "deep"):
+    """It is the same whatever the family of the baseline."""
+    for family in ("tabular", "deep"):
         other = learners | {"table": learners["table"]._replace(family=family)}
         assert outcomes(compared(other, baseline=["table"])) == [expected]
 
@@ -104,23 +105,20 @@ TWO: list[tuple[dict[str, Made], str]] = [
 
 @pytest.mark.parametrize(("learners", "expected"), TWO)
 def test_deep_rl_has_to_beat_every_baseline(learners: dict[str, Made], expected: str) -> None:
-    data = compared({"table": WEAK, "soft": SOFT} | learners, baseline=["table", "soft"])
-    assert outcomes(data) == [expected]
+    made = {"table": WEAK, "soft": SOFT} | learners
+    assert outcomes(compared(made, baseline=["table", "soft"])) == [expected]
 
 
 @pytest.mark.parametrize(
     ("tiles", "net", "expected"),
     [
         (0.3, 1.0, "earns"),
-        (0.8, 0.8, "does not earn"),  # the table is beaten, but tile coding does as well
         (0.8, 0.6, "does not earn"),  # the table is beaten, but tile coding does better
-        (1.0, 1.0, "cannot be beaten"),
         (0.0, 1.0, "earns"),  # tile coding has not learned, but the table has
     ],
 )
 def test_tile_coding_has_to_be_beaten_like_a_table(tiles: float, net: float, expected: str) -> None:
     learners = {"table": WEAK, "tiles": Made("linear", tiles), "net": Made("deep", net)}
-    assert outcomes(compared(learners, baseline=["table", "tiles"])) == [expected]
     # What baselines are among each other has no part in it.
     pairs = [("net", "table"), ("net", "tiles"), ("tiles", "table")]
     assert outcomes(compared(learners, pairs, ["table", "tiles"])) == [expected]
@@ -158,22 +156,21 @@ def test_a_net_at_the_random_policy_does_not_earn_its_keep_over_a_greedy_table_a
     random = random_success("TurningHidden")
     assert 0.05 < random < 0.5
     net = Made("deep", random, 100, policy="stochastic", every_run=True)
-    for made in (Made("tabular", 0.0), Made("tabular", 0.0, policy="stochastic")):
-        learners = {"table": made, "net": net}
-        data = compared(learners, baseline=["table"], scenarios=["TurningHidden"])
-        (row,) = contrasts(data)
-        assert row["success_verdict"] == "neither learned"
-        assert row["random_success"] == pytest.approx(random)
-        assert outcomes(data) == ["neither learned"]
-        learners["dqn"] = Made("deep", 1.0, policy="stochastic")
-        data = compared(learners, baseline=["table"], scenarios=["TurningHidden"])
-        assert outcomes(data) == ["no baseline learned"]
+    learners = {"table": Made("tabular", 0.0), "net": net}
+    analysis = compared(learners, baseline=["table"], scenarios=["TurningHidden"])
+    (row,) = analysis.contrasts
+    assert row["success_verdict"] == "neither learned"
+    assert row["random_success"] == pytest.approx(random)
+    assert outcomes(analysis) == ["neither learned"]
+    learners["dqn"] = Made("deep", 1.0, policy="stochastic")
+    analysis = compared(learners, baseline=["table"], scenarios=["TurningHidden"])
+    assert outcomes(analysis) == ["no baseline learned"]
 
 
 def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
     random = random_success("S1")
     learners = {"x": Made("deep", 0.4, 20), "y": Made("tabular", 0.05, 20)}
-    (row,) = contrasts(compared(learners, [("x", "y")], scenarios=["S1"]))
+    (row,) = compared(learners, [("x", "y")], scenarios=["S1"]).contrasts
     for side, count in (("x", 8), ("y", 1)):
         expected = stats.binomtest(count, 20, random, alternative="greater").pvalue
         assert row[f"p_random_{side}"] == pytest.approx(min(expected, 1.0), rel=1e-6)
@@ -187,6 +184,7 @@ def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
     [
         ((1.0, 0.85, 0.85), (0.7, 1.0, 1.0), "mixed", "S1, S2, S3"),  # the same on average
         ((1.0, 0.85, 1.0), (1.0, 1.0, 1.0), "mixed", "S2"),
+        ((0.1, 1.0, 1.0), (0.0, 1.0, 1.0), "mixed", "S1"),  # as large as the margin
         ((1.0, 1.0, 0.7), (0.2, 0.2, 0.9), "mixed", "S3"),  # better on average, and worse in one by 0.2
         ((1.0, 1.0, 0.85), (0.2, 0.2, 0.9), "better", "S3"),  # in S3 it may be worse by more than 0.1
         ((0.2, 0.2, 0.9), (1.0, 1.0, 0.85), "worse", "S3"),
@@ -197,12 +195,12 @@ def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
 def test_scenarios_that_stand_apart_are_named(
     x: Sequence[float], y: Sequence[float], verdict: str, apart: str
 ) -> None:
-    (row,) = contrasts(compared({"x": Made("deep", x), "y": Made("tabular", y)}, baseline=["y"]))
+    (row,) = compared({"x": Made("deep", x), "y": Made("tabular", y)}, baseline=["y"]).contrasts
     assert (row["success_verdict"], row["success_except"]) == (verdict, apart)
     for name, own, other in zip(("S1", "S2", "S3"), x, y, strict=True):
         alone = contrast(Means([own], [100]), Means([other], [100]), 0.1)
-        is_shown = {"better": alone.low_90 > -0.1, "worse": alone.high_90 < 0.1,
-                    "equivalent": alone.low_90 > -0.1 and alone.high_90 < 0.1}  # fmt: skip
+        low, high = alone.difference_low_90, alone.difference_high_90
+        is_shown = {"better": low > -0.1, "worse": high < 0.1, "equivalent": low > -0.1 and high < 0.1}
         if verdict != "mixed":
             assert is_shown[verdict] == (name not in apart), name
 
@@ -211,11 +209,11 @@ def test_contrasts_in_one_scenario_have_no_part_in_the_outcome() -> None:
     learners = {"table": WEAK, "net": WINNER, "other": LOSER}
     pairs = [("net", "table"), ("other @ S1", "table @ S1"), ("net @ S1", "table @ S2")]
     assert outcomes(compared(learners, pairs, ["table"])) == ["earns"]
-    data = compared(learners, pairs, ["table"], pool="none")
-    assert outcomes(data) == ["earns"] * 3
+    analysis = compared(learners, pairs, ["table"], pool="none")
+    assert outcomes(analysis) == ["earns"] * 3
     named = [("net, index", "table, index")] * 3
     named += [("other, index @ S1", "table, index @ S1"), ("net, index @ S1", "table, index @ S2")]
-    assert sorted((row["x"], row["y"]) for row in contrasts(data)) == sorted(named)
+    assert sorted((row["x"], row["y"]) for row in analysis.contrasts) == sorted(named)
 
 
 MIRROR = {"better": "worse", "worse": "better"}
@@ -224,7 +222,7 @@ MIRROR = {"better": "worse", "worse": "better"}
 @pytest.mark.parametrize("y", [(0.2, 0.2, 0.9), (1.0, 0.9, 1.0), (0.9, 1.0, 0.3), (0.0, 0.0, 0.0)])
 def test_exchanging_x_and_y_exchanges_better_and_worse_and_nothing_else(y: tuple[float, ...]) -> None:
     learners = {"x": Made("tabular", (1.0, 1.0, 0.7)), "y": Made("tabular", y)}
-    (one,), (other,) = (contrasts(compared(learners, [pair])) for pair in (("x", "y"), ("y", "x")))
+    (one,), (other,) = (compared(learners, [pair]).contrasts for pair in (("x", "y"), ("y", "x")))
     for endpoint in ("success", "score"):
         verdict = str(one[f"{endpoint}_verdict"])
         assert other[f"{endpoint}_verdict"] == MIRROR.get(verdict, verdict)
@@ -238,7 +236,7 @@ def test_exchanging_x_and_y_exchanges_better_and_worse_and_nothing_else(y: tuple
 
 def test_every_scenario_has_its_own_verdict_and_all_are_adjusted_together() -> None:
     learners = {"x": Made("deep", (1.0, 0.25), 20), "y": Made("tabular", 1.0, 20)}
-    rows = contrasts(compared(learners, baseline=["y"], scenarios=["S1", "S2"], pool="none"))
+    rows = compared(learners, baseline=["y"], scenarios=["S1", "S2"], pool="none").contrasts
     assert [row["scenario"] for row in rows] == ["S1", "S2"]
     assert [row["success_verdict"] for row in rows] == ["undecided", "worse"]
     raw = [contrast(Means([share], [20]), Means([1.0], [20]), 0.1) for share in (1.0, 0.25)]
@@ -247,7 +245,15 @@ def test_every_scenario_has_its_own_verdict_and_all_are_adjusted_together() -> N
         assert [row[f"success_{key}"] for row in rows] == pytest.approx(expected)
 
 
-def test_conditions_have_outcomes_of_their_own(tmp_path: Path) -> None:
+def test_few_runs_have_no_verdict_but_count_in_the_adjustment() -> None:
+    learners = {"few": Made("deep", 0.5, 8), "net": Made("deep", 0.5, 50), "y": Made("tabular", 1.0, 50)}
+    few, net = compared(learners, baseline=["y"], scenarios=["S1"]).contrasts
+    assert (few["success_verdict"], net["success_verdict"]) == ("no verdict", "worse")
+    raw = contrast(Means([0.5], [50]), Means([1.0], [50]), 0.1).p_different  # the smaller one
+    assert net["success_p_different"] == pytest.approx(2 * raw)
+
+
+def test_conditions_have_outcomes_of_their_own() -> None:
     """A net that wins under one condition only does not earn its keep under all."""
     cells = [
         Cell(name, np.full(100, share), family=family, condition=condition)
@@ -255,39 +261,34 @@ def test_conditions_have_outcomes_of_their_own(tmp_path: Path) -> None:
         for name, family, share in (("net", "deep", net), ("table", "tabular", 0.4))
     ]
     for pool in ("scenarios", "none"):
-        data = data_of(cells, [("net", "table")], ["table"], pool=pool)
-        assert [(row["condition"], row["success_verdict"]) for row in contrasts(data)] == [
+        analysis = analysis_of(cells, [("net", "table")], ["table"], pool=pool)
+        assert [(row["condition"], row["success_verdict"]) for row in analysis.contrasts] == [
             ("default/noise=low", "worse"),
             ("default/noise=high", "better"),
         ]
-        found = table("outcomes", data).set_index("condition")["outcome"].to_dict()
+        found = {row["condition"]: row["outcome"] for row in analysis.outcomes}
         assert found == {"default/noise=low": "does not earn", "default/noise=high": "earns"}
-        assert headline(tmp_path / pool, data) == (
-            "Whether deep RL earns its keep: a net beats every baseline in success (1 of 2); "
-            "no net beats every baseline in success (1 of 2)."
-        )
 
 
 def test_missing_runs_and_learners_leave_no_verdict() -> None:
     learners = {"table": WEAK, "net": WINNER, "other": WINNER}
     partial = compared(learners, baseline=["table"], is_partial=True)
-    assert {row["success_verdict"] for row in contrasts(partial)} == {"no verdict"}
-    for gone in (["other, index"], ["net, index", "other, index"]):
-        left = compared(learners, baseline=["table"], pool="none", is_partial=True)
-        left.runs.drop(left.runs.index[left.runs["learner"].isin(gone)], inplace=True)
+    assert {row["success_verdict"] for row in partial.contrasts} == {"no verdict"}
+    for missing in (["other, index"], ["net, index", "other, index"]):
+        left = compared(learners, baseline=["table"], pool="none", is_partial=True, missing=missing)
         assert outcomes(left) == ["no verdict"] * 3
 
 
 # The answer in a sentence
 
 
-def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
+def test_the_answer_counts_scenarios_by_outcome() -> None:
     learners = {
         "table": Made("tabular", (0.3, 0.8, 1.0, 0.0, 0.0)),
         "net": Made("deep", (1.0, 0.1, 1.0, 0.0, 1.0), 50),
     }
-    data = compared(learners, baseline=["table"], scenarios=["S1", "S2", "S3", "Hall", "Walls"], pool="none")
-    assert headline(tmp_path, data) == (
+    scenarios = ["S1", "S2", "S3", "Hall", "Walls"]
+    assert headline(compared(learners, baseline=["table"], scenarios=scenarios, pool="none")) == (
         "Whether deep RL earns its keep: a net beats every baseline in success (1 of 5); only nets are shown "
         "to beat the random policy (1 of 5); no net beats every baseline in success (1 of 5); cannot be "
         "beaten here: a baseline leaves no room (1 of 5); no learner is shown to beat the random policy "
@@ -295,52 +296,50 @@ def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
     )
 
 
-def test_the_answer_counts_verdicts_without_baselines(tmp_path: Path) -> None:
+def test_the_answer_counts_verdicts_without_baselines() -> None:
     learners = {"table": TABLE, "net": LOSER, "other": EQUAL}
-    data = compared(learners, [("net", "table"), ("net", "other")])
-    assert item("outcomes").tabulate(data) is None
-    assert headline(tmp_path, data) == "Verdicts on success: worse (2 of 2)."
+    analysis = compared(learners, [("net", "table"), ("net", "other")])
+    assert item("outcomes").tabulate(analysis, analysis.data) is None
+    assert headline(analysis) == "Verdicts on success: worse (2 of 2)."
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "verdicts", "said"),
+    ("x", "y", "verdicts"),
     [
-        ((0.3, 400, 0.9), (0.3, 400, 0.5), ("equivalent", "better"), " By score, x is better than y."),
-        ((0.9, 400, 0.5), (0.3, 400, 0.9), ("better", "worse"), " By score, x is worse than y."),
-        ((0.9, 400, 0.9), (0.3, 400, 0.5), ("better", "better"), ""),
-        ((0.0, 400), (0.0, 400), ("neither learned", "neither learned"), ""),
+        ((0.3, 400, 0.9), (0.3, 400, 0.5), ("equivalent", "better")),
+        ((0.9, 400, 0.5), (0.3, 400, 0.9), ("better", "worse")),
+        ((0.9, 400, 0.9), (0.3, 400, 0.5), ("better", "better")),
+        ((0.0, 400), (0.0, 400), ("neither learned", "neither learned")),
         # The random policy succeeds as often as x, and more often than y.
-        ((RANDOM, 400, 0.2), (0.0, 400), ("neither learned", "better"), " By score, x is better than y."),
+        ((RANDOM, 400, 0.2), (0.0, 400), ("neither learned", "better")),
     ],
 )
-def test_score_and_success_do_not_hide_each_other(
-    tmp_path: Path, x: tuple[Any, ...], y: tuple[Any, ...], verdicts: tuple[str, str], said: str
+def test_score_and_success_have_verdicts_of_their_own(
+    x: tuple[Any, ...], y: tuple[Any, ...], verdicts: tuple[str, str]
 ) -> None:
     made = {name: Made("tabular", *own)._replace(every_run=True) for name, own in (("x", x), ("y", y))}
-    data = compared(made, [("x", "y")], scenarios=["S1"])
-    assert [contrasts(data)[0][f"{endpoint}_verdict"] for endpoint in ("success", "score")] == [*verdicts]
-    assert headline(tmp_path, data).partition(".")[2] == said
+    (row,) = compared(made, [("x", "y")], scenarios=["S1"]).contrasts
+    assert (row["success_verdict"], row["score_verdict"]) == verdicts
 
 
 def test_nothing_is_to_be_learned_where_the_random_policy_succeeds() -> None:
-    data = compared({"table": TABLE, "net": WINNER}, baseline=["table"])
     for random, outcome in ((0.9, "nothing to learn"), (0.89, "no baseline learned")):
-        data.runs["random_success"] = random
-        assert outcomes(data) == [outcome]
+        analysis = compared({"table": TABLE, "net": WINNER}, baseline=["table"], random=random)
+        assert outcomes(analysis) == [outcome]
 
 
 def test_nets_are_contrasted_with_learners_of_the_same_input_beside_the_declared_ones() -> None:
     beside = {"near": WEAK._replace(observation="offset"), "tiles": Made("linear", 0.3), "net": WINNER}
     beside |= {"long": WEAK._replace(budget=800), "check": WEAK._replace(reference_for="table")}
-    data = compared({"table": WEAK, **beside}, [("net", "near")], ["near"])
-    rows = table("same_input", data)
-    assert rows["y"].tolist() == ["table, index", "tiles, index"]  # nor another budget, nor a reference
+    analysis = compared({"table": WEAK, **beside}, [("net", "near")], ["near"])
+    rows = analysis.same_input
+    assert [row["y"] for row in rows] == ["table, index", "tiles, index"]  # same budget, no reference
     raw = contrast(Means([1.0] * 3, [100] * 3), Means([0.3] * 3, [100] * 3), 0.1).p_different
-    assert rows["success_p_different"].tolist() == pytest.approx(holm([raw, raw]))
-    assert outcomes(data) == ["another input"]
-    assert item("same_input").tabulate(compared({"table": WEAK, **beside}, baseline=["table"])) is None
+    assert [row["success_p_different"] for row in rows] == pytest.approx(holm([raw, raw]))
+    assert outcomes(analysis) == ["another input"]
+    assert compared({"table": WEAK, **beside}, baseline=["table"]).same_input == []
 
 
 def test_the_document_names_the_fewest_runs() -> None:
-    rules = comparison.REPORT.document.read_text(encoding="utf-8")
+    rules = comparison.STUDY.document.read_text(encoding="utf-8")
     assert f"fewer than {FEWEST_RUNS} runs" in rules

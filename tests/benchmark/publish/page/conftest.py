@@ -19,13 +19,12 @@ from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.publish import document
 from benchmark.publish.page import build
-from benchmark.studies import REPORTS
-from benchmark.studies.data import load
+from benchmark.studies import STUDIES, report_of
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.publish.page.made import TEXT
 from tests.support import ROOT, reseal
 
-REPORTS["made"] = "tests.benchmark.publish.page.made:REPORT"  # as if it were this project's
+STUDIES["made"] = "tests.benchmark.publish.page.made:STUDY"  # as if it were this project's
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -141,22 +140,19 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def learners(made: Path) -> Learners:
     """The stored runs of the experiment, by scenario, algorithm and observation."""
     with Store(made.parent / "runs.db", read_only=True) as store:
-        data = load(load_experiment(made.parent / "mine.toml"), store)
+        data = report_of(load_experiment(made.parent / "mine.toml")).data(store)
         records = [data.records(population) for population in data.experiment.populations]
     return {(each.scenario, each.run.variant, each.run.observation): each for each in records}
 
 
 @pytest.fixture(scope="session")
 def results(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """These results as if they were two published experiments and a measurement, with their page."""
+    """These results as if they were two published experiments, beside measured speed, with their page."""
     results = tmp_path_factory.mktemp("page") / "results"
-    for name in ("compare_deep", "reproduce", "speed"):
+    shutil.copytree(ROOT / "results" / "speed", results / "speed")
+    for name in ("compare_deep", "reproduce"):
         shutil.copytree(made, results / name, ignore=shutil.ignore_patterns("index.html", ".*"))
         reseal(results / name, experiment=name)
-    for file in ("agents.json.gz", "curves.csv", "curves.svg"):
-        (results / "speed" / file).unlink()
-    reseal(results / "speed", digest=None)
-    for name in ("compare_deep", "reproduce", "speed"):
         document.write(results / name)
     assert build.write(results) == results / "index.html"
     return results

@@ -11,8 +11,8 @@ from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.folder import Folder
-from benchmark.studies import explorer
-from benchmark.studies.item import Estimate, Frames, Report, drawing, item
+from benchmark.studies import Declared, Study, explorer
+from benchmark.studies.item import Estimate, Frames, drawing, item
 
 # HTML, an entity, a script's link, a picture of somebody else's, and blocks of Markdown.
 TEXT = r"""<script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1)) <img src=x onerror=alert(1)>
@@ -74,10 +74,12 @@ def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
     explorer.write([records(population) for population in experiment.populations], path)
 
 
-REPORT = Report(
+STUDY = Study(
     name="tested",
     question="Is the page right?",
-    check=lambda _: None,
+    declared=Declared,
+    check=lambda _, __: None,
+    analyse=lambda data: data,
     items=(summary, mean_curves, highest, agents),
     document=Path(__file__).parent / "made.md.jinja",
     headline=_headline,

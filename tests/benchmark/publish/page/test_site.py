@@ -1,21 +1,19 @@
-"""The site: every key and column is described, every link leads somewhere, and what readers can run runs."""
+"""The site: every column is described, every link leads somewhere, and what readers can run runs."""
 
 import doctest
 import re
 import shutil
 import tomllib
 from pathlib import Path
-from unittest.mock import Mock
 from urllib.parse import unquote
 
 import pytest
 from playwright.sync_api import Browser
 
-from benchmark.folder import MANIFEST
-from benchmark.publish.page import build, reference, site
-from envs import InputError, scenario_names
+from benchmark.publish.page import build, site
+from envs import scenario_names
 from envs.scenario import SCENARIO_DIRECTORY, load_scenario
-from tests.support import ROOT, make
+from tests.support import ROOT
 
 RESULTS = ROOT / "results"
 GUIDE = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
@@ -31,15 +29,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "results" / "reproduce" / "other.html").touch()
     (folder / "results" / "mine").mkdir()
     (folder / "results" / "mine" / "manifest.json").write_text("{}", encoding="utf-8")
-    (folder / "site").mkdir()
-    for name in ("search.js", "old.html"):  # a site made before
-        (folder / "site" / name).touch()
-    done = make("docs", "PACKAGES=envs", f"RESULTS={folder}/results", f"SITE={folder}/site")
-    assert done.returncode == 0, done.stderr
+    site.write(folder / "results", folder / "site", ["envs"])
     return folder / "site"
 
 
-# References
+# Columns
 
 
 def rows_of(text: str) -> list[list[str]]:
@@ -51,24 +45,8 @@ def rows_of(text: str) -> list[list[str]]:
     ]
 
 
-@pytest.mark.parametrize("text", [reference.scenarios(), reference.experiments()])
-def test_every_key_has_a_meaning(text: str) -> None:
-    for table in re.findall(r"^\| key .*?(?=\n\n|\Z)", text, re.DOTALL | re.MULTILINE):
-        assert all(meaning.endswith(".") for *_, meaning in rows_of(table))
-    assert {*re.findall(r"#(table-\w+)", text)} <= {*re.findall(r'id="(table-\w+)"', text)}
-
-
-def test_reference_says_what_is_accepted() -> None:
-    rows = {key: others for key, *others in rows_of(reference.scenarios())}
-    assert rows["rows"][:2] == ["whole number, at least 1, at most 1,000", "required"]
-    assert rows["unit"][:2] == ['"cells" or "metres"', '"cells"']
-    assert rows["noise"][0] == "number, above 0, at most 1,000,000.0"
-    assert rows["others"][0] == "list of [Person](#table-Person), length at most 20"
-    assert rows["next"][0] == "for each name: number, above 0, at most 1"
-
-
 def test_every_published_column_has_a_short_meaning() -> None:
-    described = dict(rows_of(reference.columns(RESULTS)))
+    described = dict(rows_of(site.columns(RESULTS)))
     for name, meaning in described.items():
         assert re.fullmatch(r"[^{]{1,249}[^.{]", meaning), name
     for folder in build.published(RESULTS):
@@ -93,46 +71,23 @@ def test_every_link_of_the_site_leads_to_a_file(built: Path) -> None:
 def test_site_has_page_documents_and_api(built: Path) -> None:
     names = {path.relative_to(built).as_posix() for path in built.rglob("*") if path.is_file()}
     guides = ("agents", "benchmark/commands", "benchmark/experiments", "benchmark/studies", "envs/scenarios")
-    pages = "CONTRIBUTING benchmark/glossary benchmark/guide columns envs envs/model index results/index"
+    pages = (
+        "CONTRIBUTING benchmark/glossary benchmark/guide columns api/envs api/envs/model index results/index"
+    )
     assert names >= {*(f"{name}/README.html" for name in guides), *(f"{name}.html" for name in pages.split())}
-    assert names >= {"results/reproduce/claims.csv", "results/scenes.svg", "search.js", "CITATION.cff"}
-    assert not {"old.html", "results/reproduce/other.html"} & names
+    assert names >= {"results/reproduce/claims.csv", "results/scenes.svg", "CITATION.cff"}
+    assert "results/reproduce/other.html" not in names
     assert "by hand" not in (built / "results" / "reproduce" / "README.html").read_text(encoding="utf-8")
     assert not any(name.startswith("results/mine") for name in names)
-    assert "load_scenario" in (built / "envs.html").read_text(encoding="utf-8")
+    assert "load_scenario" in (built / "api" / "envs.html").read_text(encoding="utf-8")
     guide = (built / "envs" / "scenarios" / "README.html").read_text(encoding="utf-8")
-    assert "The largest distance that belongs to" in guide
+    assert "api/envs/scenario.html" in guide
     assert 'href="CONTRIBUTING.html"' in (built / "index.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("place", [".", "results", "results/reproduce", "notes"])
-def test_site_deletes_nothing_else(place: str, tmp_path: Path) -> None:
-    for file in ("results/reproduce/manifest.json", "notes/mine.txt"):
-        (tmp_path / file).parent.mkdir(parents=True)
-        (tmp_path / file).touch()
-    with pytest.raises(InputError, match=r"SITE=.*accepted: "):
-        site.write(tmp_path / "results", tmp_path / place)
-    assert (tmp_path / "results" / "reproduce" / "manifest.json").exists()
-    assert (tmp_path / "notes" / "mine.txt").exists()
-
-
-def test_interrupted_site_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copytree(RESULTS / "reproduce", tmp_path / "results" / "reproduce")
-    (tmp_path / "site").mkdir()
-    monkeypatch.setattr(build, "write", Mock())
-    for place, name in ((shutil, "copytree"), (shutil, "copy"), (Path, "touch"), (shutil, "rmtree")) * 2:
-        with monkeypatch.context() as patch:
-            patch.setattr(place, name, Mock(side_effect=KeyboardInterrupt))
-            with pytest.raises(KeyboardInterrupt):
-                site.write(tmp_path / "results", tmp_path / "site", ["envs.words"])
-        if name == "copy":
-            (tmp_path / "site" / "link").symlink_to(tmp_path / "results")  # which is not followed
-    assert (tmp_path / "results" / "reproduce" / MANIFEST).exists()
 
 
 def test_pages_of_the_site_fit_a_phone(built: Path, browser: Browser) -> None:
     page = browser.new_page(viewport={"width": 390, "height": 844})
-    for name in ("columns", "benchmark/experiments/README"):
+    for name in ("columns", "CONTRIBUTING"):
         page.goto((built / f"{name}.html").as_uri())
         assert page.evaluate("document.documentElement.scrollWidth") == 390, name
         of = "[...document.querySelectorAll('table')].some(table => table.scrollWidth > table.clientWidth)"
@@ -162,4 +117,4 @@ def test_examples_of_the_guide_to_scenarios_are_right() -> None:
         load_scenario("ThreeTalking").group,
         load_scenario("ThreeTalking").regions,
     )
-    assert load_scenario("S1", tomllib.loads(others)).others_at[4][0].position == (2, 6)
+    assert load_scenario("S1", tomllib.loads(others)).layout.others[4][0].position == (2, 6)

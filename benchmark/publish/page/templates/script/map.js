@@ -52,8 +52,8 @@ if (box) {
       const from = kind === "cpu_time_s" ? seconds.get(`${row.grid}/${row.point}/${learner(row)}`) : row;
       return from ? Number(from[kind] === "inf" ? Infinity : from[kind]) : NaN;
     };
-    const here = (row) => whereOf(row) === menu.value;
-    const offered = () => numbers(cells.filter(here).map((row) => row.places));
+    const isShown = (row) => whereOf(row) === menu.value;
+    const offered = () => numbers(cells.filter(isShown).map((row) => row.places));
 
     // Where nothing was trained with so many places, it is the nearest number, and the page says so.
     function settle() {
@@ -71,12 +71,12 @@ if (box) {
       const text = places + (slider.disabled ? ", the only number here" : note);
       slider.nextElementSibling.textContent = text;
       slider.setAttribute("aria-valuetext", text);
-      box.querySelector(".chart").replaceChildren(chart(cells.filter(here), names, value, currency(), places));
+      box.querySelector(".chart").replaceChildren(chart(cells.filter(isShown), names, value, currency(), places));
       byId("map-verdicts").replaceChildren(...verdicts());
       byId("map-table").replaceChildren(...learned());
     }
 
-    const isChosen = (row) => here(row) && Number(row.places) === places;
+    const isChosen = (row) => isShown(row) && Number(row.places) === places;
 
     // How the contrasts ended here, if there are any.
     function verdicts() {
@@ -96,11 +96,11 @@ if (box) {
     // The runs of every learner here; those of a contrast may be more than of others.
     function learned() {
       const parts = cells.filter(isChosen)
-        .map((row) => ({ name: learner(row), row, solved: row.n_solved, n: row.n, took: value(row, currency()) }));
-      parts.sort((a, b) => b.solved / b.n - a.solved / a.n || a.took - b.took);
+        .map((row) => ({ name: learner(row), row, solved: row.n_solved, n: row.n, cost: value(row, currency()) }));
+      parts.sort((a, b) => b.solved / b.n - a.solved / a.n || a.cost - b.cost);
       const line = (kind, texts) => element("tr", {}, ...texts.map((text, i) => element(kind, i ? { class: "number" } : {}, ...[text].flat())));
-      const body = parts.map(({ name, row, solved, n, took }) =>
-        line("td", [looks[name].name, sourced(row.file, row.line, `${solved} of ${n}`), short(took)]));
+      const body = parts.map(({ name, row, solved, n, cost }) =>
+        line("td", [looks[name].name, sourced(row.file, row.line, `${solved} of ${n}`), short(cost)]));
       const head = line("th", ["learner", `runs that learned within ${grouped(Number(first.budget))} steps`, `median ${UNITS[currency()]}`]);
       return [element("thead", {}, head), element("tbody", {}, ...body)];
     }

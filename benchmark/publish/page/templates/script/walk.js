@@ -1,4 +1,4 @@
-// The walk: an agent takes greedy actions, and the room says what follows. `benchmark/analysis/walk.py` has the rule.
+// The walk: an agent takes greedy actions, and the room says what follows. `benchmark/drawing/film.py` has the rule.
 //
 // It ends when the episode ends, at the horizon, or when the agent returns to a state in which it has been since
 // it last had a choice between several greedy actions or outcomes: from there it would go in circles.
@@ -30,7 +30,7 @@ export class Walk {
     this.state = start;
     this.steps = [];
     this.end = agent.room.isOver(start) ? "The episode has ended in this cell." : ""; // why the walk is over
-    this.visits = new Map(); // number of steps taken when a state was left, since the last choice
+    this.visits = new Map(); // number of steps when a state was left, since the last choice
     this.random = mulberry32(SEED + number);
   }
   get path() {
@@ -77,8 +77,8 @@ export class Walk {
     const [phaseHead, phaseCell] = room.hasNamedPhases ? [["phase"], (phase) => [room.phases[phase]]] : [[], () => []];
     const line = (kind, attributes, cells) => element("tr", {}, ...cells.map((text) => element(kind, attributes, text)));
     const lines = this.steps.map(({ cell, phase, action, choice, event, grid, issuer }, i) => {
-      const taken = explorer.actions[action] + (choice > 1 ? ` (tie of ${choice})` : "");
-      return line("td", {}, [String(i + 1), placeOf(room, cell), ...phaseCell(phase), taken, event.replaceAll("_", " ").replace("issuer", "person"), show(grid), show(issuer)]);
+      const chosen = explorer.actions[action] + (choice > 1 ? ` (tie of ${choice})` : "");
+      return line("td", {}, [String(i + 1), placeOf(room, cell), ...phaseCell(phase), chosen, event.replaceAll("_", " ").replace("issuer", "person"), show(grid), show(issuer)]);
     });
     const head = line("th", { scope: "col" }, ["#", "from", ...phaseHead, "action", "event", "grid", "person"]);
     const note = `The person's rewards are means: each PING adds noise of up to \u00b1${show(room.issuer_noise)}.`;

@@ -1,0 +1,177 @@
+"""Contrasts: whether one learner does better than another, by a rule that is fixed before the runs.
+
+Learners are compared by their mean over equally weighted scenarios of numbers in [0, 1]. P-values are
+adjusted by Holm's method (1979, Scandinavian Journal of Statistics 6:65-70), so that for each endpoint the
+probability of any wrong claim of a difference is at most about 5 %, and so is that of any wrong claim of
+equivalence. Equivalence takes two one-sided tests (Schuirmann 1987). The outcome, whether deep RL earns its
+keep, follows from contrasts with baselines; `document.md.jinja` has its rules, too.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from benchmark.analysis.intervals import LEVEL, TAIL, combined, p_above
+from benchmark.studies.comparison.declared import knowledge
+
+VERDICTS: Final = (
+    "better",
+    "worse",
+    "equivalent",
+    "neither learned",  # neither is shown to beat the random policy
+    "mixed",  # on a mean over scenarios: some contradict the others
+    "undecided",
+    "no verdict",  # too few runs, or runs are missing
+)
+ALPHA: Final = 1 - LEVEL
+
+
+class Means(NamedTuple):
+    """A learner's means of numbers in [0, 1], one per scenario, and the number of runs of each."""
+
+    means: Sequence[float]
+    sizes: Sequence[int]
+
+    @property
+    def mean(self) -> float:
+        """The mean over scenarios."""
+        return float(np.mean(self.means))
+
+    @property
+    def weights(self) -> list[float]:
+        """The weights of the scenarios, which are equal."""
+        return [1 / len(self.means)] * len(self.means)
+
+
+class Contrast(NamedTuple):
+    """A difference, x - y, with p-values before adjustment."""
+
+    difference: float
+    difference_low: float  # of the 95 % interval
+    difference_high: float
+    difference_low_90: float  # of the 90 % interval: within the margin if two one-sided tests reject at 5 %
+    difference_high_90: float
+    p_different: float
+    p_equivalent: float
+
+
+def contrast(x: Means, y: Means, margin: float) -> Contrast:
+    """Compares two learners in the same scenarios; a difference below the margin is equivalence."""
+    weights = x.weights + [-weight for weight in y.weights]
+    means, sizes = [*x.means, *y.means], [*x.sizes, *y.sizes]
+    signs = weights, [-weight for weight in weights]
+    return Contrast(
+        x.mean - y.mean,
+        *combined(weights, means, sizes),
+        *combined(weights, means, sizes, 2 * TAIL),
+        p_different=min(1.0, *(2 * p_above(signed, means, sizes, 0.0) for signed in signs)),
+        p_equivalent=max(p_above(signed, means, sizes, -margin) for signed in signs),
+    )
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Returns p-values adjusted by Holm's method, in the same order."""
+    adjusted = np.array(p_values, dtype=float)
+    order = np.argsort(adjusted, kind="stable")
+    factors = np.arange(len(order), 0, -1)
+    adjusted[order] = np.maximum.accumulate(np.minimum(factors * adjusted[order], 1.0))
+    return [float(p) for p in adjusted]
+
+
+def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
+    """Returns the verdict on x against y, by their difference, x - y, and adjusted p-values."""
+    if p_equivalent <= ALPHA:
+        return "equivalent"  # even if a difference is significant, too
+    if p_different <= ALPHA:
+        return "better" if difference > 0 else "worse"
+    return "undecided"
+
+
+def over_scenarios(decided: str, x: Means, y: Means, margin: float) -> tuple[str, list[int]]:
+    """Returns a verdict on a mean over scenarios as these allow, and the indices of those that stand out.
+
+    Scenarios contradict a verdict if their difference does by the margin or more; they make it *mixed*, since
+    opposite differences must not cancel. If there is none, those stand out whose 90 % interval alone does not
+    rule out such a difference.
+    """
+    if len(x.means) == 1 or decided not in ("better", "worse", "equivalent"):
+        return decided, []
+    alone = [
+        contrast(Means([a], [n]), Means([b], [m]), margin)
+        for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
+    ]
+
+    def contradicting(low: str, high: str) -> list[int]:
+        return [
+            i
+            for i, one in enumerate(alone)
+            if (decided != "worse" and getattr(one, low) <= -margin)
+            or (decided != "better" and getattr(one, high) >= margin)
+        ]
+
+    if found := contradicting("difference", "difference"):
+        return "mixed", found
+    return decided, contradicting("difference_low_90", "difference_high_90")
+
+
+def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
+    """Returns each learner's verdict on success against all baselines, by its name.
+
+    The rows are contrasts in one scenario, or of means over all. A learner is better only if it is better
+    than all baselines, worse if it is worse than at least one, and equivalent if it is equivalent to at least
+    one and worse than none. Learners that are not compared with all are left out.
+    """
+    every = {*baselines}
+    order = (
+        "no verdict",
+        "worse",
+        "equivalent",
+        "mixed",
+        "neither learned",
+        "undecided",
+        "better",
+    )  # the first that there is
+    against = rows[rows["y"].isin(every)].groupby("x", sort=False)
+    found = {x: min(own["success_verdict"], key=order.index) for x, own in against if {*own["y"]} == every}
+    return pd.Series(found, dtype=str)
+
+
+def outcome(rows: pd.DataFrame, baselines: Sequence[str], n_nets: int, n_budgets: int) -> str:
+    """Returns the outcome of the contrasts of nets with baselines, in one scenario or of means over all.
+
+    It depends on how many nets there should be, and how many budgets the learners have.
+    """
+    verdicts, net, success = standings(rows, baselines), rows["x"], rows["success_verdict"]
+    if "no verdict" in set(verdicts) or len(verdicts) < n_nets:
+        return "no verdict"
+    x_has_learned, y_has_learned = rows["p_random_x"] <= ALPHA, rows["p_random_y"] <= ALPHA
+    has_same_input = net.map(knowledge) == rows["y"].map(knowledge)
+    # Winners are better in all of their contrasts: in success, than random, not worse in score
+    is_better = (success == "better") & x_has_learned
+    is_won = (is_better & ~rows["score_verdict"].isin(["worse", "mixed"])).groupby(net).transform("all")
+    is_shown = is_won & y_has_learned
+    has_same_policy = rows["policy_x"] == rows["policy_y"]
+    # A net that is better in some scenario has room there
+    is_larger = rows["success_largest"] >= rows["success_margin"]
+    is_beaten = (is_larger | (success == "better")).groupby(rows["y"]).transform("any")
+    has_room = 1 - rows["success_y_low"] >= rows["success_margin"]
+    # Mixed although x is nowhere better by the margin: it is worse in some scenario
+    is_worse = (success == "mixed") & ~is_larger & (rows["success_difference"] <= 0)
+    is_lost = verdicts.isin(["worse", "equivalent"]) | is_worse.groupby(net).any()
+    has_better = ((verdicts == "better") & x_has_learned.groupby(net).all()).any()
+    rules = [
+        ("nothing to learn", (rows["random_success"] >= 1 - rows["success_margin"]).all()),
+        ("neither learned", not (x_has_learned | y_has_learned).any()),
+        ("unequal budgets", n_budgets > 1),
+        ("earns", (is_shown & has_same_policy & has_same_input).any()),
+        ("another input", (is_shown & has_same_policy).any()),
+        ("another policy", is_shown.any()),
+        ("no baseline learned", (is_won & has_same_input).any()),
+        ("another input", is_won.any()),
+        ("cannot be beaten", (y_has_learned & ~has_room & ~is_beaten).any()),
+        ("mixed", has_better or ("mixed" in set(verdicts) and not is_lost.all())),
+        ("does not earn", is_lost.all()),
+    ]
+    return next((name for name, holds in rules if holds), "undecided")

@@ -1,0 +1,305 @@
+"""The tables of a comparison, and the sentence that says what it found."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from agents.memoryless import SEARCH
+from benchmark.analysis.frames import ENDPOINTS as RESULTS
+from benchmark.analysis.frames import KEYS, Floats, by_population, by_step, learned
+from benchmark.analysis.intervals import Estimate, proportion
+from benchmark.analysis.records import anchors
+from benchmark.drawing.maps import in_words
+from benchmark.drawing.tables import link, write_csv
+from benchmark.execution.store import evaluated
+from benchmark.folder import SCORES, Folder
+from benchmark.studies import explorer
+from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis, Row, effort
+from benchmark.studies.comparison.contrasts import VERDICTS
+from benchmark.studies.item import COLUMNS, Item, expanded, labelled_columns, no_rows, writing
+from envs import Model
+from envs.observations import compile_seen
+
+ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
+FEW: Final = 4  # scenarios whose learners are listed, and drawn over training
+OUTCOMES: Final = COLUMNS["comparison_outcomes"]  # what they mean, in the order of scenarios in a figure
+WORDS: Final = {verdict: COLUMNS["comparison_labels"].get(verdict, verdict) for verdict in VERDICTS}
+AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")
+_DRAWS: Final = 1_000  # of a bootstrap
+
+
+def _item(name: str, description: str, shown: str = "", **more: Any) -> Item[ComparisonAnalysis]:
+    """Makes an item of what the analysis has of its name; readers see the columns `shown`, by default all."""
+    meanings = {**COLUMNS["comparison"], **COLUMNS.get(f"comparison_{name}", {})}
+    columns = labelled_columns(COLUMNS["comparison_labels"], shown) or None
+    found = Item[ComparisonAnalysis](name, description, columns, meanings=meanings, **more)
+    return found(lambda analysis: getattr(analysis, name))
+
+
+def _measured(frame: pd.DataFrame) -> pd.DataFrame:
+    """Marks equivalences whose difference is significant."""
+    is_shown = (frame["success_verdict"] == "equivalent") & (frame["success_p_different"] <= 0.05)
+    texts = frame["success_margin"].map("within {:g}, but measurably ".format)
+    texts += np.where(frame["success_difference"] > 0, "better", "worse")
+    success, score = (frame[f"{endpoint}_verdict"].map(WORDS) for endpoint in ENDPOINTS)
+    return frame.assign(success_verdict=np.where(is_shown, texts, success), score_verdict=score)
+
+
+contrasts = _item(
+    "contrasts",
+    "the declared contrasts, x against y: differences, p-values and verdicts",
+    "scenario condition x y success_verdict score_verdict success_except n success_difference "
+    "success_p_different success_p_equivalent score_difference wrong_pings_difference",
+    where=_measured,
+)
+
+
+same_input = replace(
+    contrasts,
+    name="same_input",
+    description="exploratory: nets against tables and linear learners of the same input",
+    compute=lambda analysis: analysis.same_input,
+)
+
+
+outcomes = _item(
+    "outcomes",
+    "whether deep RL earns its keep over the baselines",
+    where=lambda frame: frame.assign(outcome=frame["outcome"].map(OUTCOMES)),
+)
+
+
+@_item(
+    "summary",
+    "each scenario and learner after training",
+    "scenario condition learner policy n success greedy_success score unbounded_score steps wrong_pings "
+    "training_wrong_pings every_cell_success",
+    where=lambda frame: frame if frame["scenario"].nunique() <= FEW else no_rows(frame),
+    best="success",
+)
+def summary(analysis: ComparisonAnalysis) -> list[Row]:
+    """Returns the cells, without columns that name the same in all tables."""
+    hidden = {*KEYS}.difference(analysis.names)
+    return [{key: value for key, value in cell.items() if key not in hidden} for cell in analysis.cells]
+
+
+aggregate = _item(
+    "aggregate",
+    "every learner over all scenarios, after training",
+    "condition learner policy runs success score every_cell_success",
+    best="success",
+)
+
+
+@_item(
+    "rliable",
+    "the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
+    f"condition learner n {' '.join(AGGREGATES)} p_improvement",
+    best="iqm",
+)
+def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
+    """Computes aggregates, and of drawn learners the probability of improvement over the first baseline."""
+    from rliable import metrics
+
+    plan, measures = analysis.plan, [getattr(metrics, f"aggregate_{key}") for key in AGGREGATES]
+    baselines = {name: scores for _, name, scores in analysis.scores if name in plan.baseline[:1]}
+    for names, name, scores in analysis.scores:
+        row: Row = {**names, "n": len(scores)}
+        points, (low, high) = estimated(scores, lambda x: np.array([measure(x) for measure in measures]))
+        row |= {key: Estimate(points[i], low[i], high[i]) for i, key in enumerate(AGGREGATES)}
+        if name in plan.drawn and name not in baselines:
+            for baseline, others in baselines.items():
+                (point,), ((low,), (high,)) = estimated((scores, others), _improvement)
+                row |= {"p_improvement": Estimate(point, low, high), "over": baseline}
+        yield row
+
+
+def _improvement(x: Floats, y: Floats) -> float:
+    """Returns what `rliable.metrics.probability_of_improvement` does, a hundred times as fast."""
+    return float(np.mean(x[:, None] > y) + np.mean(x[:, None] == y) / 2)
+
+
+def estimated(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats]:
+    """Returns what a measure is of scores, (K,), and its 95 % interval, (2, K).
+
+    The interval has percentiles of a bootstrap that draws runs anew within each scenario (Agarwal et al.
+    2021). Since rliable draws from NumPy's global generator, this is seeded and restored.
+    """
+    from rliable.library import get_interval_estimates
+
+    state = np.random.get_state()  # noqa: NPY002
+    np.random.seed(0)  # noqa: NPY002
+    try:
+        points, intervals = get_interval_estimates({"": scores}, measure, reps=_DRAWS)
+    finally:
+        np.random.set_state(state)  # noqa: NPY002
+    return np.atleast_1d(points[""]), intervals[""]
+
+
+@_item("curves", "success and score over training, against environment steps", where=no_rows)
+def curves(analysis: ComparisonAnalysis) -> pd.DataFrame:
+    """Computes means over runs at every evaluation."""
+    frames = []
+    for names, _, rows in analysis.populations(analysis.curves):
+        means = {name: proportion(by_step(rows, name)) for name in ENDPOINTS}
+        frames.append(pd.DataFrame(expanded({**names, "step": rows["step"].unique(), **means})))
+    return pd.concat(frames, ignore_index=True)
+
+
+@_item(
+    "steps",
+    f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
+    "scenario condition learner n budget share median_step step final_success",
+    best="-step",
+)
+def steps(analysis: ComparisonAnalysis) -> Iterator[Row]:
+    """Computes when runs, and the mean over runs, have learned."""
+    for names, _, rows in analysis.populations(analysis.curves):
+        success, evaluations = by_step(rows, "success"), rows["step"].unique().tolist()
+        mean, indices = success.mean(axis=0), learned(success, evaluations, ENOUGH)
+        first, when = int(learned(mean[None], evaluations, ENOUGH)[0]), np.array([*evaluations, np.inf])
+        yield {
+            **names,
+            "n": len(success),
+            "budget": rows["step"].max(),
+            "share": proportion(indices < len(mean)),
+            "median_step": float(np.median(when[indices])),
+            "step": float(when[first]),
+            "final_success": float(mean[-1]),
+        }
+
+
+@_item(
+    "cost",
+    "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
+    "learner cpu_time_s steps_per_cpu_s updates parameters peak_memory_mb settings_tried search_steps "
+    "search_cpu_s",
+    is_measured=True,
+    best="-cpu_time_s",
+)
+def cost(analysis: ComparisonAnalysis) -> Iterator[Row]:
+    """Computes medians over all scenarios and conditions, and the range of CPU time."""
+    for names, learner, rows in analysis.populations(analysis.runs, "scenario", "condition"):
+        seconds = rows["cpu_time_s"].to_numpy()
+        yield {
+            **names,
+            "runs": len(rows),
+            "cpu_time_s": np.median(seconds),
+            "cpu_time_s_min": seconds.min(),
+            "cpu_time_s_max": seconds.max(),
+            "steps_per_cpu_s": rows["budget"].iloc[0] / np.median(seconds),
+            "updates": np.median(rows["updates"].to_numpy()),
+            "parameters": rows["parameters"].iloc[0],
+            "peak_memory_mb": rows["peak_memory_mb"].median(),
+            **effort(learner),
+        }
+
+
+@_item(
+    "scenarios",
+    "what each scenario is, and what is possible in it",
+    "scenario description observed hidden cells states observations random_return random_success "
+    "optimal_return memoryless_return memoryless_success",
+)
+def scenarios(analysis: ComparisonAnalysis) -> Iterator[Row]:
+    """Describes scenarios, unless they are pooled, by the first learner's view of them."""
+    experiment, runs = analysis.experiment, analysis.data.runs
+    if len(experiment.scenarios) <= 1 or analysis.is_pooled:
+        return
+    models = models_of(analysis)
+    for name in experiment.scenarios:
+        model = models[name]
+        random, optimal = anchors(model, experiment.declared.horizon, "start")
+        own = runs[runs["scenario"] == name]
+        yield {
+            "scenario": name,
+            "description": model.scenario.description,
+            "cells": len(model.position),
+            "states": len(model.observation),
+            "observations": model.n_observations,
+            "observed": in_words(model.scenario.observe),
+            "hidden": in_words(model.scenario.hidden) or "nothing",
+            "random_return": random,
+            "random_success": own["random_success"].iloc[0],
+            "optimal_return": optimal,
+            **_memoryless(analysis, name, own),
+        }
+
+
+def models_of(analysis: ComparisonAnalysis) -> dict[str, Model]:
+    """Returns each scenario, compiled as its first learner sees it."""
+    models = dict[str, Model]()
+    for population in analysis.experiment.populations:
+        scenario, learner = population.scenario, population.learner
+        if learner.family != "planner" and scenario.name not in models:
+            models[scenario.name] = compile_seen(scenario, learner.observation)
+    return models
+
+
+def _memoryless(analysis: ComparisonAnalysis, scenario: str, runs: pd.DataFrame) -> Row:
+    """Returns the best policy that planners have found for a scenario; empty without planners."""
+    experiment, policies = analysis.experiment, []  # return, success and score of each
+    for keys, _ in by_population(runs):
+        learner = experiment.learners[keys["learner"]]
+        if learner.algorithm is SEARCH:
+            found = analysis.data.records(experiment.population(keys["condition"], scenario, learner.name))
+            policy = learner.declared.policy
+            names = [evaluated(result, policy, "start") for result in ("grid_return", "success")]
+            scores = found.unbounded_scores(policy)
+            policies.append(np.stack([*(found.arrays[name] for name in names), scores])[:, :, -1])
+    if not policies:
+        return {}
+    every = np.concatenate(policies, axis=1)
+    best = dict(zip(("return", "success", "score"), every[:, every[0].argmax()], strict=True))
+    return {"restarts": every.shape[1]} | {f"memoryless_{name}": value for name, value in best.items()}
+
+
+@writing("scores", "every run at the end of training, compressed", SCORES)
+def scores(analysis: ComparisonAnalysis, path: Path) -> None:
+    """Writes `runs`; `every_cell_` marks episodes that start in any cell, `diverged_at` may be infinite."""
+    runs = analysis.runs
+    names = [*analysis.names, "policy", "seed", *RESULTS, *(f"every_cell_{name}" for name in RESULTS)]
+    names += ["greedy_success", *runs.loc[:, "target_cells_marked":"diverged_at"]]
+    write_csv(runs[[name for name in names if name in runs]], path)
+
+
+scores.meanings = {**COLUMNS["comparison"], "training_wrong_pings": "wrong PINGs of the whole training"}
+
+
+@explorer.explorer_item
+def agents(analysis: ComparisonAnalysis, path: Path) -> None:
+    """Writes what all learners know, but for reference implementations."""
+    drawn = [
+        analysis.experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
+        for names, learner, rows in analysis.populations(analysis.runs)
+        if not learner.reference_for
+    ]
+    explorer.write([analysis.data.records(population) for population in drawn], path)
+
+
+def labelled(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns a table with "SCENARIO under CONDITION" for its scenarios, and a column of learners."""
+    table = table.copy()
+    names = [table[key].fillna("") for key in ("scenario", "condition") if key in table]
+    table["scenario"] = [" under ".join(filter(None, parts)) for parts in zip(*names, strict=True)] or ""
+    if "variant" in table:
+        table["learner"] = table["variant"] + ", " + table["observation"]
+    return table
+
+
+def headline(folder: Folder) -> str | None:
+    """Returns how often each outcome came up, or else each verdict on success."""
+    if "contrasts.csv" not in folder:
+        return None
+    has_outcomes = "outcomes.csv" in folder
+    name, column = ("outcomes", "outcome") if has_outcomes else ("contrasts", "success_verdict")
+    start = "Whether deep RL earns its keep" if has_outcomes else "Verdicts on success"
+    table, parts = folder.frame(name), []
+    for ending, text in (OUTCOMES if has_outcomes else WORDS).items():
+        if len(rows := table[table[column] == ending]):
+            parts.append(f"{text} ({link(str(len(rows)), name, rows)} of {len(table)})")
+    return f"{start}: {'; '.join(parts)}."

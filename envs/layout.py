@@ -1,0 +1,267 @@
+"""Where people stand in a scenario, the zones around them, and where episodes may start.
+
+An episode has one of J places of the person, drawn at its start. It goes through P phases, which pass by the
+ticks of a clock: a phase of three steps has three ticks, one with `next` a single tick. J = P = 1 unless the
+scenario says otherwise.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.inputs import require
+from envs.people import Group, Issuer, Person, Phase, Walk
+from envs.regions import TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
+
+MAX_ZONES: Final = 100_000_000  # cells, over all phases and all ways in which people may stand
+_AT_ONCE: Final = 1_000_000  # cells, to save memory
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Places of the person with its group, (J,), in each of P phases; C cells."""
+
+    grid: Grid
+    stages: tuple[Phase, ...]  # (P,) those of walks are where people are; a single one without any
+    others: tuple[tuple[Person, ...], ...]  # (P, others) the other people
+    ways: NDArray[np.int_]  # (J, people) cells of the person and the group when an episode starts; rising
+    first_phases: NDArray[np.int_]  # phases of the ticks in which episodes may start
+    zone: NDArray[np.int8]  # (J, P, C) index into `envs.regions.ZONES`
+    is_start: NDArray[np.bool_]  # (J, first ticks, C) where episodes may start
+    is_seen: NDArray[np.bool_]  # (J,) whether episodes with the person in a place are trained
+
+    @cached_property
+    def ticks(self) -> NDArray[np.int_]:
+        """(ticks,) the phase of each tick of the clock."""
+        return _ticks(self.stages)
+
+    @cached_property
+    def following(self) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
+        """The K ticks that may follow each tick, (ticks, K), and their probabilities."""
+        n, stages = len(self.ticks), self.stages
+        if stages[0].next is None:
+            return (np.arange(n)[:, None] + 1) % n, np.ones((n, 1))
+        index = {stage.name: i for i, stage in enumerate(stages)}
+        n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
+        ticks, probability = np.arange(n)[:, None].repeat(n_outcomes, axis=1), np.zeros((n, n_outcomes))
+        for i, stage in enumerate(stages):
+            chances = stage.next or {}
+            for k, (name, chance) in enumerate(chances.items(), start=1):
+                ticks[i, k], probability[i, k] = index[name], chance
+            probability[i, 0] = max(1.0 - math.fsum(chances.values()), 0.0)
+        return ticks, probability
+
+    @property
+    def moves(self) -> bool:
+        """Whether someone moves during an episode."""
+        is_other = any(people != self.others[0] for people in self.others)
+        return is_other or any(stage.position is not None for stage in self.stages)
+
+    @cached_property
+    def places(self) -> tuple[tuple[Cell, ...], ...]:
+        """(J,) the cells of the person and the group when an episode starts."""
+        cells = self.grid.position[self.ways]
+        return tuple(tuple(map(tuple, place)) for place in cells.tolist())
+
+    @cached_property
+    def standing(self) -> NDArray[np.int_]:
+        """(J, P, people) the cells of the person and the group, in each place and phase."""
+        standing = np.repeat(self.ways[:, None], len(self.stages), axis=1)
+        for p, stage in enumerate(self.stages):
+            if stage.position is not None:
+                standing[:, p] = self.grid.index(stage.position)
+        return standing
+
+    @cached_property
+    def issuer_cells(self) -> tuple[Cell, ...]:
+        """(I,) where the person or someone of the group may stand at some time, by row and then by column."""
+        return tuple(divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist())
+
+    def shown_cells(self, fraction: float, draw: int) -> tuple[Cell, ...]:
+        """Returns the coordinates shown for each cell, (I,); for a fraction, those of the next one drawn."""
+        n_permuted = round(fraction * len(self.issuer_cells))
+        order = sorted(self.issuer_cells, key=lambda cell: _rank([cell], draw))[:n_permuted]
+        following = dict(zip(order, [*order[1:], *order[:1]], strict=True))
+        return tuple(following.get(cell, cell) for cell in self.issuer_cells)
+
+    @cached_property
+    def starts(self) -> NDArray[np.int_]:
+        """(starts, 3) place, tick and cell of every start of an episode, also in unseen places."""
+        return np.column_stack(np.nonzero(self.is_start))
+
+    @cached_property
+    def has_start(self) -> NDArray[np.bool_]:
+        """(J,) whether an episode may start in a place."""
+        return np.asarray(self.is_start.any(axis=(1, 2)))
+
+
+@lru_cache(maxsize=64)
+def draw_places(layout: Layout, n: int | None, unseen: int, draw: int) -> Layout:
+    """Returns a layout with n of the places that have a start, and further unseen ones; None takes them all.
+
+    The first places are the same for every n.
+    """
+    order = np.flatnonzero(layout.has_start)
+    if n is not None:
+        ranks = [_rank(place, draw) for place in layout.grid.position[layout.ways[order]].tolist()]
+        order = order[sorted(range(len(order)), key=ranks.__getitem__)[: n + unseen]]
+    chosen, is_seen = np.sort(order), np.isin(np.sort(order), order[:n])
+    ways, zone, is_start = layout.ways[chosen], layout.zone[chosen], layout.is_start[chosen]
+    return replace(layout, ways=ways, zone=zone, is_start=is_start, is_seen=is_seen)
+
+
+def _ticks(stages: Sequence[Phase]) -> NDArray[np.int_]:
+    return np.repeat(np.arange(len(stages)), [stage.steps or 1 for stage in stages])
+
+
+def _rank(place: Sequence[object], draw: int) -> bytes:
+    """Returns what a cell, or a group's cells, are drawn by; the same in all rooms."""
+    parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
+    return hashlib.sha256(json.dumps([draw, *parts]).encode()).digest()
+
+
+def walkers(issuer: Issuer, others: Sequence[Person]) -> dict[str, tuple[Cell, Walk]]:
+    """Returns where each person who walks starts, and the walk, by the person's key in the file."""
+    people = {"issuer": issuer} | {f"others.{i}": person for i, person in enumerate(others)}
+    return {key: (cast("Cell", who.position), who.walk) for key, who in people.items() if who.walk}
+
+
+@lru_cache(maxsize=64)
+def timeline(
+    issuer: Issuer, others: tuple[Person, ...], phases: tuple[Phase, ...]
+) -> tuple[tuple[Phase, ...], tuple[tuple[Person, ...], ...]]:
+    """Returns the P phases, and the other people in each, (P, others).
+
+    If people walk, a phase is the time in which nobody leaves a cell, and all last until everybody is back.
+    """
+    walking = walkers(issuer, others)
+    if not walking:
+        stages = phases or (Phase(name="always"),)
+        return stages, (others,) * len(stages)
+    beat = math.gcd(*(walk.steps for _, walk in walking.values()))
+    routes = {
+        key: [spot for spot in walk.route(position) for _ in range(walk.steps // beat)]
+        for key, (position, walk) in walking.items()
+    }
+
+    def spot(key: str, i: int) -> dict[str, object]:
+        route = routes.get(key)
+        return dict(zip(("position", "heading"), route[i % len(route)], strict=True)) if route else {}
+
+    n = math.lcm(*map(len, routes.values()))
+    stages = tuple(Phase(name=f"{i + 1}", steps=beat).model_copy(update=spot("issuer", i)) for i in range(n))
+    people = (
+        tuple(person.model_copy(update=spot(f"others.{k}", i)) for k, person in enumerate(others))
+        for i in range(n)
+    )
+    return stages, tuple(people)
+
+
+@lru_cache(maxsize=64)
+def resolve(
+    grid: Grid,
+    issuer: Issuer,
+    group: Group | None,
+    regions: Regions,
+    others: tuple[Person, ...],
+    phases: tuple[Phase, ...],
+    first_phase: str,
+) -> Layout:
+    """Returns all ways in which people may stand, with or without a start; too many are a ValueError."""
+    stages, others_at = timeline(issuer, others, phases)
+    ticks = _ticks(stages)
+    first = ticks if first_phase == "any" else ticks[:1]
+    most = MAX_ZONES // (len(grid.position) * max(len(stages), len(first)))
+    occupied = [grid.index(person.position) for people in others_at for person in people]
+    cells = grid.cells_of(issuer.position)
+    cells = cells[~(grid.is_wall[cells] | np.isin(cells, occupied))]
+    _check_ways(len(cells), most, 1, group)
+    ways = _ways_of_group(grid, cells, group, regions, most) if group else cells[:, None]
+    zone = _find_zones(grid, issuer, regions, ways, stages, others_at)
+    is_start = _find_starts(grid, zone, first)
+    return Layout(grid, stages, others_at, ways, first, zone, is_start, np.ones(len(ways), dtype=np.bool_))
+
+
+def _check_ways(n: int, most: int, n_placed: int, group: Group | None) -> None:
+    who = f"{n_placed} of the {group.people} people of the group" if group else "the person"
+    ways = f"{n:,} ways{' or more' * (n_placed > 1)}"  # all of them are not counted then
+    narrower = ", or a narrower range of group.apart" if group else ""
+    accepted = f"at most {most:,} with so many cells and phases; list fewer cells{narrower}"
+    require(n <= most, f"issuer.position: {who} can stand in {ways}", accepted)
+
+
+def _ways_of_group(
+    grid: Grid, cells: NDArray[np.int_], group: Group, regions: Regions, most: int
+) -> NDArray[np.int_]:
+    """Returns all ways in which a group may stand in some cells, (G, people)."""
+    cells = np.sort(cells)
+    # The difference of two of these numbers says how many rows and columns two cells are apart.
+    number = grid.position[cells] @ (2 * grid.columns - 1, 1)
+    apart = np.hypot(*np.ix_(*(np.arange(1 - n, n) for n in grid.size))).ravel() * regions.cell_width(grid)
+    # As in regions, rounding must not decide.
+    may_join = (apart >= group.apart[0] - TOLERANCE) & (apart <= group.apart[1] + TOLERANCE)
+    groups = np.arange(len(cells))[:, None]
+    for n_placed in range(2, group.people + 1):
+        found: list[NDArray[np.int_]] = []
+        for some in np.array_split(groups, 1 + groups.size * len(cells) // _AT_ONCE):
+            is_next = may_join[number - number[some][:, :, None] + len(apart) // 2].all(axis=1)
+            before, joining = np.nonzero(is_next & (np.arange(len(cells)) > some[:, -1:]))
+            found.append(np.column_stack([some[before], joining]))
+            _check_ways(sum(map(len, found)), most, n_placed, group)
+        groups = np.concatenate(found)
+    return np.asarray(cells[groups])
+
+
+def _find_zones(
+    grid: Grid,
+    issuer: Issuer,
+    regions: Regions,
+    ways: NDArray[np.int_],
+    stages: Sequence[Phase],
+    others: Sequence[Sequence[Person]],
+) -> NDArray[np.int8]:
+    """Returns the zone of every cell in each phase, for all ways to stand, (G, P, C)."""
+    zone = np.zeros((len(ways), len(stages), len(grid.position)), dtype=np.int8)
+    for p, stage in enumerate(stages):
+        around, heading = stage.regions or regions, stage.heading or issuer.heading
+        cells, member = np.unique(ways, return_inverse=True)
+        spots = [stage.position] if stage.position else [*map(tuple, grid.position[cells].tolist())]
+        windows = [zones(around, heading, spot, grid) for spot in spots]
+        window = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
+        member = member.reshape(ways.shape) if stage.position is None else 0 * ways
+        for some in np.array_split(np.arange(len(ways)), 1 + zone.size // _AT_ONCE):
+            for column in member[some].T:  # uncomfortable if it is so to anyone
+                zone[some, p] = np.maximum(zone[some, p], window[column])
+            if isinstance(around.target, Ring):
+                ring = ring_zones(
+                    around.target, grid.position[ways[some]], grid.position, around.cell_width(grid)
+                )
+                zone[some, p] = np.maximum(zone[some, p], ring)
+        for person in others[p]:
+            zone[:, p, grid.index(person.position)] = ZONES.index("issuer")
+            if person.regions is not None:
+                its = zones(person.regions, person.heading, person.position, grid)
+                zone[:, p] = np.maximum(zone[:, p], its)
+    zone[:, :, grid.is_wall] = ZONES.index("outside")
+    return zone
+
+
+def _find_starts(grid: Grid, zone: NDArray[np.int8], first: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Returns where episodes may start, (G, first ticks, C): outside, with a way to a target region."""
+    allowed = np.isin(np.arange(len(grid.position)), grid.cells_of(grid.start))
+    is_start = np.zeros((len(zone), len(first), len(allowed)), dtype=np.bool_)
+    for some in np.array_split(np.arange(len(zone)), 1 + zone.size // _AT_ONCE):
+        # In some phase. Nobody passes walls, or someone who never moves.
+        is_target = (zone[some] == ZONES.index("target")).any(axis=1)
+        is_free = (zone[some] != ZONES.index("issuer")).any(axis=1) & ~grid.is_wall
+        has_way = connected(*(cells.reshape(-1, *grid.size) for cells in (is_target, is_free)))
+        is_allowed = (has_way.reshape(is_free.shape) & allowed)[:, None]
+        is_start[some] = (zone[some][:, first] == ZONES.index("outside")) & is_allowed
+    return is_start
