@@ -82,7 +82,10 @@ def test_files_that_are_too_much(
 
 
 def test_module_that_exits_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    places = ({"report": "exiting:a"}, {"algorithms": {"table": variant("exiting:a")}})
+    places: list[dict[str, object]] = [
+        {"report": "exiting:a"},
+        {"algorithms": {"table": variant("exiting:a")}},
+    ]
     for ending, place in product(("SystemExit(None)", "GeneratorExit()", "SystemExit('bye')"), places):
         (tmp_path / "exiting.py").write_text(f"raise {ending}\n")
         (tmp_path / "mine.toml").write_text(small_experiment(**place))
