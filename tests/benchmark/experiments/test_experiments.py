@@ -214,7 +214,7 @@ def test_mistakes_get_one_line(tmp_path: Path, experiment: str, old: str, new: s
     path = tmp_path / "mine.toml"
     path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=re.escape(expected)):
-        load_experiment(path)
+        report_of(load_experiment(path))
 
 
 NOT_NAMES = [
@@ -263,7 +263,7 @@ def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
 @pytest.mark.parametrize("key", ["description", "report__question", "readings__ties__answer", "note"])
 def test_blank_and_endless_texts_are_refused(tmp_path: Path, key: str, text: str) -> None:
     with pytest.raises(InputError, match=r"visible text|at most (200|10000) characters"):
-        extended(tmp_path, "mine", **{key: text})
+        report_of(extended(tmp_path, "mine", **{key: text}))
 
 
 @pytest.mark.parametrize(
