@@ -17,7 +17,7 @@ from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from benchmark.experiments.search import Search, Space, trials
 from envs import InputError, inputs
@@ -134,13 +134,13 @@ def is_number(value: str) -> bool:
     return _NUMBER.fullmatch(value) is not None
 
 
-def _is_value(value: str) -> str:
-    if not (inputs.is_name(value) or is_number(value)):
-        raise ValueError("accepted: a name or a number of at most 15 characters, such as high, 0.5 or 5x6")
-    return value
-
-
-Value = Annotated[str, AfterValidator(_is_value)]
+Value = Annotated[
+    str,
+    inputs.accepted_if(
+        lambda value: inputs.is_name(value) or is_number(value),
+        "a name or a number of at most 15 characters, such as high, 0.5 or 5x6",
+    ),
+]
 
 
 def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
