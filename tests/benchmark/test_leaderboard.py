@@ -63,13 +63,10 @@ def test_probabilities_are_written_in_full(tmp_path: Path) -> None:
     ("old", "new", "expected"),
     [
         ("score = 1.0", "score = 0.999", "score = 0.999: recomputed: 1.0"),
-        ("score = 1.0", "score = nan", "score = NaN: "),
-        ("score = 1.0", "", "the key score is missing."),
         ("success = 1.0", "success = 1.00001", "success = 1.00001: recomputed: 1.0"),
         (r"steps = 11\.0", "steps = -11.0", "steps = -11.0: recomputed: 11.0"),
         (r"policy = \[2", "policy = [0", "score = 1.0: recomputed: 0.43"),
         (r"policy = \[2", "policy = [3", "policy, of 120 numbers: accepted: 120 numbers from 0 to 2"),
-        (r"policy = \[2, ", "policy = [", "policy, of 119 numbers: accepted: 120 numbers from 0 to 2"),
         ("policy = .*", "policy = []", "policy, of 0 numbers: accepted: 120 numbers from 0 to 2"),
         ("policy = .*", f"policy = {[0] * 250_001}", "policy = "),
         (r"rows = \[\[0\.0, 0\.0", "rows = [[-0.5, 0.5", "rows.0 = [-0.5, 0.5, 0.0, 0.0, 1.0]: accepted: 5"),
@@ -82,12 +79,8 @@ def test_probabilities_are_written_in_full(tmp_path: Path) -> None:
         ('scenario = "S1"', 'scenario = "S9"', "unknown scenario S9; accepted: "),
         ('scenario = "S1"', 'scenario = "S2"', "scenario_sha256 = "),
         ('"index"', '"coordinate"', "unknown observation coordinate (did you mean coordinates?)"),
-        ("note = ", "notes = ", "unknown key notes (did you mean note?)"),
-        ("training_steps = 0", "", "the key training_steps is missing."),
         ("training_steps = 0", "training_steps = -1", "training_steps = -1: "),
-        ("search_trials = 1", "search_trials = nan", "search_trials = NaN: "),
         (r"by \| hand", r"by\\nhand", r'learner = "by\nhand": accepted: text in one line'),
-        ("learner = ", "learner ", "not valid TOML: "),
     ],
 )
 def test_tampered_files_are_refused_in_one_sentence(

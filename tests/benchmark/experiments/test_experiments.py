@@ -96,29 +96,6 @@ def test_runs_of_a_population_share_its_identity() -> None:
     assert json.loads(second.content) == json.loads(second.population) | {"seed": 8}
 
 
-def test_comparison_declares_what_it_should() -> None:
-    full = load_experiment("compare_deep")
-    variants = full.declared.algorithms
-    assert [*full.scenarios] == ["S1", "S2", "S3"]
-    seeds = {each.learner.variant: each.seeds for each in full.populations}
-    # Contrasts are decided on seeds that no tuning had seen.
-    learners = {name for name, variant in variants.items() if not variant.reference_for}
-    assert {seeds[name] for name in learners} == {range(400, 500)}
-    compared = {seeds[name] for name in ("sb3_dqn", "sb3_ppo")}
-    assert (compared, {seeds[name].start for name in variants}) == ({range(400, 430)}, {400})
-    stochastic = {name for name, variant in variants.items() if variant.policy == "stochastic"}
-    sb3 = {"sb3_ppo", "sb3_ppo_coordinates", "sb3_ppo_default"}
-    assert stochastic == {"softmax_table", "ppo", "ppo_default", *sb3}
-    settings = [run.settings.model_dump() for run in all_specifications(full)]
-    assert {(values["budget"], values["time_limit"]) for values in settings} == {(10_000, 200)}
-    paper, table = load_experiment("reproduce").declared.algorithms["q_learning"], variants["q_learning"]
-    for key in ("learning_rate", "discount", "epsilon"):
-        assert table.settings[key] == paper.settings[key]
-    # Defaults are those of SB3, except where the budget forces another value.
-    assert full.declared.algorithms["dqn_default"].settings == {}
-    assert full.declared.algorithms["ppo_default"].settings == {"n_steps": 2000}
-
-
 # Identity and random streams
 
 
@@ -255,7 +232,7 @@ def test_mistakes_get_one_line(tmp_path: Path, experiment: str, old: str, new: s
     path = tmp_path / "mine.toml"
     path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=re.escape(expected)):
-        load_experiment(path)
+        report_of(load_experiment(path)).check(is_drawn=False)
 
 
 NOT_NAMES = [
@@ -307,21 +284,9 @@ def test_blank_and_endless_texts_are_refused(tmp_path: Path, key: str, text: str
         extended(tmp_path, "mine", **{key: text})
 
 
-@pytest.mark.parametrize(
-    "title", ["max Q of the table", "max\u00a0Q of the ta\u00adble", "max Q of  the table"]
-)
-def test_titles_that_look_alike_are_refused(tmp_path: Path, title: str) -> None:
+def test_titles_that_look_alike_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="readings: title max Q of the table is named twice"):
-        extended(tmp_path, "mine", readings__ties__title=title)
-
-
-def test_control_characters_are_refused_in_labels(tmp_path: Path) -> None:
-    for text in ("\x1b[31mred", "a\rb", "\x00", "\x9b1m", "a\u202eb"):
-        with pytest.raises(
-            InputError, match=re.escape(f"algorithms.q_learning.title = {json.dumps(text)}: ")
-        ):
-            extended(tmp_path, "mine", algorithms__q_learning__title=text)
-    extended(tmp_path, "mine", algorithms__q_learning__title="日本 é ∆")
+        extended(tmp_path, "mine", readings__ties__title="max\u00a0Q  of the ta\u00adble")
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
