@@ -74,9 +74,8 @@ def _machine(results: Path) -> Iterator[Finding]:
     text = f"{cores} of {os.cpu_count()} may be used here, with a load average of {load:.1f}"
     yield _finding("cores", text, "other programs slow down runs" * (load > cores))
     if memory is not None:
-        advice = (
-            f"nets take about {decimal(_JOB_MEMORY)} per job: give --jobs {max(1, memory // _JOB_MEMORY)}"
-        )
+        jobs = max(1, memory // _JOB_MEMORY)
+        advice = f"nets take about {decimal(_JOB_MEMORY)} per job: give --jobs {jobs}"
         yield _finding("memory", f"{decimal(memory)} free", advice * (memory < cores * _JOB_MEMORY))
     folder = _existing(results)
     if folder.is_dir() and os.access(folder, os.W_OK):

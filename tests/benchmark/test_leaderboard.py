@@ -111,9 +111,8 @@ def test_highest_success_is_first_and_text_stays_text(made: Path, tmp_path: Path
     assert texts(tmp_path, pytest.fail) == {}
     shutil.copy(made, folder / "z.toml")
     for name, scenario in (("a", "S1"), ("b", "Hall")):
-        submit(
-            assess(lambda _: 0, scenario=scenario, observation="index"), folder / f"{name}.toml", **DECLARED
-        )
+        up = assess(lambda _: 0, scenario=scenario, observation="index")
+        submit(up, folder / f"{name}.toml", **DECLARED)
     other = assess(lambda o: walk(int(o.argmax())), scenario="S1", observation="one_hot")
     other.policy[-1] = np.eye(5)[0]  # in the last corner, where no walk leads
     submit(other, folder / "zz.toml", **DECLARED)
@@ -165,9 +164,8 @@ def test_bad_files_are_left_out_by_name_without_waiting(
     refused = list[str]()
     text = texts(tmp_path, refused.append)[folder / "README.md"]
     assert re.findall(r"^\| \[(.*?)\]", text, re.MULTILINE) == ["good"]
-    lines = [
-        re.fullmatch(rf"left out of the leaderboard: {folder}/(.*?\.toml): .*\.", line) for line in refused
-    ]
+    pattern = re.compile(rf"left out of the leaderboard: {folder}/(.*?\.toml): .*\.")
+    lines = map(pattern.fullmatch, refused)
     assert sorted(line[1] for line in lines if line) == sorted(bad)
     assert main(["report", "--results", str(tmp_path)]) == 0
     assert capsys.readouterr().err.splitlines() == refused
