@@ -27,7 +27,7 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 try:
     from envs.inputs import InputError
-    from envs.packages import contained, keep_running, needed_by
+    from envs.packages import contained, needed_by
 except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)
@@ -42,13 +42,8 @@ _EPILOG = """\
 examples:
   python -m benchmark list                         experiments and their stored runs, scenarios, algorithms
   python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
-  python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
-  python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
-  python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
-  python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --learner dqn --save film.webp  a film of an agent that learns
-  python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip  a trained agent, for SB3
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
   python -m benchmark doctor compare_deep          what is missing here; estimate time and disk
 
@@ -69,7 +64,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _open_streams()
     if arguments is None:  # this process, and those that it starts, are the command's alone
         os.environ["MPLBACKEND"] = "agg"  # one of a notebook might not be there
-        keep_running()
     command = ""
     try:
         options = _parser().parse_args(arguments)
@@ -165,7 +159,7 @@ def _parser() -> argparse.ArgumentParser:
     run = command("run", "execute the missing runs of an experiment")
     _add(run, "experiment", "EXPERIMENT", named)
     _add(run, "--seeds", "A-B", seeds)
-    _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
+    _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)")
     _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
     _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
     about = "log runs in folders below DIR: progress.csv, which is overwritten, and events of TensorBoard"
@@ -183,7 +177,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(verify, "experiment", "EXPERIMENT", f"{named}; by default all that 'list' shows", nargs="?")
     _add(verify, "--runs", "N", "how many runs to repeat, drawn at random (default: 20)", int, default=20)
     _add(verify, "--seed", "N", "seed that selects the runs to repeat (default: random)", int)
-    _add(verify, "--jobs", "N", f"{jobs})", int)
+    _add(verify, "--jobs", "N", f"{jobs})")
 
     watch = command("watch", "make a film of an agent that learns")
     _add(watch, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
@@ -230,7 +224,7 @@ def _parser() -> argparse.ArgumentParser:
     doctor = command("doctor", "say which packages are missing, and what this machine and the store have")
     about = f"{named}; then its time and disk are estimated, from published results"
     _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
-    _add(doctor, "--jobs", "N", f"{jobs})", int)
+    _add(doctor, "--jobs", "N", f"{jobs})")
 
     speed = command("speed", "measure speed, relative to common alternatives in the same process")
     _add(speed, "--smoke", "", "measure very little, into speed_smoke; the numbers mean nothing")

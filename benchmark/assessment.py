@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from envs import ACTIONS, ZONES, InputError, Model, Scenario, load_scenario
 from envs.inputs import shortened
-from envs.model import PING
 from envs.observations import compile_seen, observation_table
 from envs.packages import contained, needed_by
 from envs.scenario import ScenarioLike
@@ -28,7 +27,7 @@ with needed_by("benchmark.assessment"):
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
     from agents.sb3.imported import is_sb3_class
-    from benchmark.analysis.records import anchors, check_anchors, overlap, unbounded_scores
+    from benchmark.analysis.records import anchors, check_anchors, unbounded_scores
     from benchmark.drawing.maps import draw_policy, policy_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.experiments import experiment_names
@@ -42,7 +41,6 @@ PICTURES: Final = (".png", ".svg")  # endings of files
 _TOLERANCE: Final = 1e-5  # for probabilities, which may be of single precision
 _RANKED: Final = ["success", "score"]  # columns, in order of precedence
 _DECIMALS: Final = 5  # compared in these columns, since files have six significant digits
-_MAX_ANSWER: Final = 100  # characters that a message repeats
 
 
 class Standing(NamedTuple):
@@ -81,13 +79,6 @@ class Assessment:
         """The probability that an episode ends with a PING in the target region."""
         return float(self.evaluation.success)
 
-    @property
-    def region_overlap(self) -> float:
-        """Intersection over union of the target region and the cells where no move is as likely as PING."""
-        observed = self.model.observation[self.model.fresh_state]
-        is_marked = np.asarray(self.policy.argmax(axis=1) == PING)[observed]
-        return float(overlap(is_marked, self.model.zone_of_cell == ZONES.index("target")))
-
     @cached_property
     def standing(self) -> Standing | None:
         """The rank among the published learners; None if nothing is published for this scenario."""
@@ -107,7 +98,6 @@ class Assessment:
             "steps": f"{float(exact.steps):g}",
             "wrong PINGs": f"{float(exact.wrong_pings):g}",
             "uncomfortable steps": f"{float(exact.zone_steps[ZONES.index('uncomfortable')]):g}",
-            "region overlap": f"{self.region_overlap:<10g} (of where it PINGs with the target region)",
         }
         lines = [f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over "]
         lines[0] += f"episodes of at most {HORIZON} steps"
@@ -284,7 +274,7 @@ def _row(answer: object) -> NDArray[np.float64] | None:
 
 
 def _shown(answer: object) -> str:
-    return shortened(" ".join(repr(answer).split()), _MAX_ANSWER)
+    return shortened(" ".join(repr(answer).split()), 100)
 
 
 def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:

@@ -95,9 +95,8 @@ def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
 
     The first turn of a side, which compiles, imports and fills caches, does not count.
     """
-    sides = {
-        (row, column): row.ours if column == "per_second" else row.other for row in rows for column in _SIDES
-    }
+    pairs = ((row, zip(_SIDES, (row.ours, row.other), strict=True)) for row in rows)
+    sides = {(row, column): side for row, pair in pairs for column, side in pair}
     turns = {
         f"{row.name.replace('_', ' ')}, {_SIDES[column]}, turn {turn + 1}": (row, column)
         for turn in range(n_turns)

@@ -19,8 +19,6 @@ from pydantic_core import ErrorDetails
 
 _MAX_LENGTH: Final = 300  # characters
 _MAX_MESSAGES: Final = 10
-_MAX_VALUE: Final = 80  # characters of a value that a message repeats
-_MIN_LIST: Final = 40  # characters of accepted names that a message has room for
 _MAX_NAME: Final = 60  # characters of a name that is compared with others
 
 _NAME_RULE: Final = (
@@ -118,11 +116,7 @@ def check_all(*checks: Callable[[], object]) -> None:
     if len(errors) == 1:
         raise errors[0]
     if errors:
-        raise InputError(*(line for error in errors for line in _lines_of(error)))
-
-
-def _lines_of(error: ValueError) -> list[str]:
-    return [*error.args] if isinstance(error, InputError) else [str(error)]
+        raise InputError(*(line for error in errors for line in error.args))
 
 
 def is_name(text: str) -> bool:
@@ -134,16 +128,15 @@ def is_name(text: str) -> bool:
     return _NAME.fullmatch(text) is not None and not _VALUE.fullmatch(text)
 
 
-def _named(text: str) -> str:
-    if not is_name(text):
-        raise ValueError(f"accepted: {_NAME_RULE}")
-    return text
+def accepted_if(is_accepted: Callable[[str], bool], accepted: str) -> AfterValidator:
+    """Returns a validator that refuses texts by a ValueError, unless a condition is met."""
 
+    def validate(text: str) -> str:
+        if not is_accepted(text):
+            raise ValueError(f"accepted: {accepted}")
+        return text
 
-def _in_one_line(text: str) -> str:
-    if _CONTROL.search(text):
-        raise ValueError("accepted: text in one line, without tabs and other control characters")
-    return text
+    return AfterValidator(validate)
 
 
 def seen(text: str) -> str:
@@ -161,18 +154,19 @@ def distinct(values: ValuesT, where: str = "") -> ValuesT:
     return values
 
 
-def _visible(text: str) -> str:
-    if (text and not seen(text)) or _CONTROL.search(" ".join(text.split())):
-        raise ValueError("accepted: visible text, without control characters")
-    return text
-
-
-Name = Annotated[str, AfterValidator(_named)]
+_VISIBLE: Final = accepted_if(
+    lambda text: bool(seen(text) or not text) and not _CONTROL.search(" ".join(text.split())),
+    "visible text, without control characters",
+)
+_IN_ONE_LINE: Final = accepted_if(
+    lambda text: not _CONTROL.search(text), "text in one line, without tabs and other control characters"
+)
+Name = Annotated[str, accepted_if(is_name, _NAME_RULE)]
 Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
-Line = Annotated[str, AfterValidator(_in_one_line)]
+Line = Annotated[str, _IN_ONE_LINE]
 # What readers see: something that labels, and paragraphs. Empty ones say that there is none.
-Label = Annotated[str, Field(max_length=200), AfterValidator(_in_one_line), AfterValidator(_visible)]
-Text = Annotated[str, Field(max_length=10_000), AfterValidator(_visible)]
+Label = Annotated[str, Field(max_length=200), _IN_ONE_LINE, _VISIBLE]
+Text = Annotated[str, Field(max_length=10_000), _VISIBLE]
 
 
 def check_file_name(path: Path, what: str) -> None:
@@ -204,7 +198,7 @@ def whole_number(text: str, option: str, low: int, high: int) -> int:
     return int(text)
 
 
-def shortened(text: str, longest: int = _MAX_VALUE) -> str:
+def shortened(text: str, longest: int = 80) -> str:
     r"""Returns a text as messages repeat it: cut if it is long, quoted if it is not printable.
 
     >>> shortened("abc"), shortened("abcdef", longest=5), shortened("a\tb")
@@ -279,7 +273,7 @@ def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwi
     accepted = sorted(accepted)
     message = f"{source}: unknown {kind} {shortened(name, _MAX_NAME)}{guess(name, accepted)}; accepted: "
     last = f", or {otherwise}" if otherwise else ""
-    room = max(_MAX_LENGTH - len(message) - len(last) - 1, _MIN_LIST)
+    room = max(_MAX_LENGTH - len(message) - len(last) - 1, 40)  # characters
     return f"{message}{shortened(', '.join(accepted), room)}{last}."
 
 
@@ -297,7 +291,7 @@ def _reasons(error: ErrorDetails) -> list[str]:
         case "model_type" | "model_attributes_type" | "dict_type":
             return ["accepted: a table"]
         case "value_error":
-            messages = _lines_of(error["ctx"]["error"])
+            messages = [*error["ctx"]["error"].args]
         case "union_tag_invalid":
             messages = [f"unknown kind; accepted: {error['ctx']['expected_tags']}"]
         case _:

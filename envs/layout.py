@@ -240,9 +240,8 @@ def _find_zones(
             for column in member[some].T:  # uncomfortable if it is so to anyone
                 zone[some, p] = np.maximum(zone[some, p], window[column])
             if isinstance(around.target, Ring):
-                ring = ring_zones(
-                    around.target, grid.position[ways[some]], grid.position, around.cell_width(grid)
-                )
+                people, width = grid.position[ways[some]], around.cell_width(grid)
+                ring = ring_zones(around.target, people, grid.position, width)
                 zone[some, p] = np.maximum(zone[some, p], ring)
         for person in others[p]:
             zone[:, p, grid.index(person.position)] = ZONES.index("issuer")

@@ -86,9 +86,7 @@ class Model:
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
     zone: NDArray[np.int8]  # (S,) index into ZONES
-    derived: dict[Hashable, Any] = field(
-        default_factory=dict, init=False, repr=False
-    )  # what is derived from the model and kept with it
+    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)  # kept with it
 
     def __reduce__(self) -> tuple[Callable[[Scenario], "Model"], tuple[Scenario]]:
         """Pickles only the scenario, from which the model is compiled again."""
@@ -336,9 +334,8 @@ def _components(
         groups, group = np.arange(len(cells))[:, None], spots[:, 0]
     else:
         groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
-    shown = np.array(scenario.layout.shown_cells(scenario.issuer.permuted, scenario.draw))[
-        groups
-    ]  # (places, people, 2)
+    coordinates = scenario.layout.shown_cells(scenario.issuer.permuted, scenario.draw)
+    shown = np.array(coordinates)[groups]  # (places, people, 2)
 
     def component(name: str) -> Component:
         match name:

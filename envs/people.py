@@ -86,9 +86,8 @@ class OwnFeedback(Table):
         """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
         function = contained()(self.function(source))
         try:
-            answers, again = (
-                np.array([np.broadcast_to(function(ping), 2) for ping in pings]) for _ in range(2)
-            )
+            both = [[np.broadcast_to(function(ping), 2) for ping in pings] for _ in range(2)]
+            answers, again = map(np.array, both)
         except Exception as error:  # whatever the function raises
             reason = f"{type(error).__name__}: {error}".removesuffix(".")
         else:

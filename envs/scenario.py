@@ -30,7 +30,6 @@ RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 # What can be observed, in the order of an observation.
 COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
 
-_TOLERANCE: Final = 1e-9  # rounding in a sum of probabilities
 Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
 
 
@@ -245,7 +244,7 @@ class Scenario(Table):
                 accepted = ", ".join(others) or "no phase"
                 require(name in others, f"{where}.next: {name} is not another phase", accepted)
             total = math.fsum(chances.values())
-            require(total <= 1 + _TOLERANCE, f"{where}.next: the sum {total:g}", "at most 1")
+            require(total <= 1 + 1e-9, f"{where}.next: the sum {total:g}", "at most 1")
 
     def _check_walks(self) -> None:
         walking = walkers(self.issuer, self.others)
@@ -321,12 +320,11 @@ class Scenario(Table):
             n_positions = int(self._every_way.has_start.sum())
         if issuer.places is not None:
             n_positions = min(n_positions, issuer.places + issuer.unseen)
-        n_states *= n_positions
-        factors = f"cells x ping_limit x positions of {whose} x ticks of the phases{twice}"
-        require(n_states <= MAX_STATES, f"{factors} = {n_states} states", f"at most {MAX_STATES}")
-        n = n_states * (1 + max(len(stage.next or {}) for stage in stages))
-        where = f"phases: {n_states} states, with phases that may follow: {n}"
-        require(n <= MAX_STATES, where, f"at most {MAX_STATES}")
+        n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
+        times = f" x {n_outcomes} phases that may follow" * (n_outcomes > 1)
+        where = f"cells x ping_limit x positions of {whose} x ticks of the phases{twice}{times}"
+        n = n_states * n_positions * n_outcomes
+        require(n <= MAX_STATES, f"{where} = {n} states", f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
         every, group, position = self._every_way, self.group, json.dumps(self.issuer.position)

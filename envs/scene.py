@@ -48,9 +48,8 @@ _ASIDE: Final = MOVES[:, ::-1]
 # Of each move, (row, column) from the cell's centre: corners of its triangle, the third of which is the
 # centre, and of its arrow head, the first of which is the tip.
 TRIANGLES: Final = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES], axis=1) / 2
-ARROWHEADS: Final = np.stack(
-    [0.46 * MOVES, 0.27 * MOVES + 0.13 * _ASIDE, 0.27 * MOVES - 0.13 * _ASIDE], axis=1
-)
+_BASE: Final = 0.27 * MOVES
+ARROWHEADS: Final = np.stack([0.46 * MOVES, _BASE + 0.13 * _ASIDE, _BASE - 0.13 * _ASIDE], axis=1)
 NOSE: Final = 0.5, 0.2, 0.25  # distances of the nose's tip and base from a person's centre, and half its base
 
 
@@ -102,9 +101,7 @@ class Scene:
         return circle | {
             "zone": "".join(str(ZONES.index(zone)) for zone in self.zone),
             "outlines": [*self.outlines.values()],
-            "glyphs": [
-                {"kind": glyph.kind, "cell": glyph.cell, "nose": glyph.nose.tolist()} for glyph in self.glyphs
-            ],
+            "glyphs": [{"kind": it.kind, "cell": it.cell, "nose": it.nose.tolist()} for it in self.glyphs],
         }
 
 

@@ -31,6 +31,8 @@ _INFO: Final = {
 Info = dict[str, Any]
 Actions = NDArray[np.integer]
 Observations = NDArray[Any]  # (N, ...)
+Rewards = NDArray[np.float64]  # (N,)
+Ends = NDArray[np.bool_]  # (N,)
 Draw = Callable[[], NDArray[np.float64]]  # draws numbers from [0, 1)
 
 
@@ -140,9 +142,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._begin(chosen, info)
         return self.observe(), _with_masks(info, mask)
 
-    def step(
-        self, actions: Actions
-    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
+    def step(self, actions: Actions) -> tuple[Observations, Rewards, Ends, Ends, Info]:
         """Takes an action in every env, of (N,) integers, 0 to 4; others are an InputError.
 
         Returns:
@@ -188,11 +188,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             frames.append(self._single.render())
         return tuple(frames)
 
-    def advance(
-        self, actions: Actions, draw: Draw
-    ) -> tuple[
-        NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
-    ]:
+    def advance(self, actions: Actions, draw: Draw) -> tuple[NDArray[np.intp], Rewards, Rewards, Ends, Ends]:
         """Moves every env by one action: the core of `step`, without checks, resets and info.
 
         It draws (N,) numbers for noisy rewards, and then for outcomes if there are several. It returns (N,)

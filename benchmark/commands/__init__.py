@@ -7,16 +7,11 @@ from benchmark.experiments import Experiment, RunSpecification
 from envs.inputs import InputError, shortened, unknown_name, whole_number
 
 MAX_SEEDS: Final = 1_000_000
-MAX_JOBS: Final = 1024
 
 
-def parse_jobs(jobs: int | None) -> int:
+def parse_jobs(jobs: str | None) -> int:
     """Returns the number that `--jobs` gives, by default that of usable cores; may raise an `InputError`."""
-    if jobs is None:
-        return usable_cores()
-    if not 1 <= jobs <= MAX_JOBS:
-        raise InputError(f"--jobs {shortened(str(jobs))}: accepted: a whole number from 1 to {MAX_JOBS}.")
-    return jobs
+    return usable_cores() if jobs is None else whole_number(jobs, "--jobs", 1, 1024)
 
 
 def parse_seeds(text: str | None) -> range | None:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from rich.filesize import decimal
 
@@ -35,17 +35,12 @@ _JOB_MEMORY: Final = 500_000_000  # bytes that a job with nets takes, about
 _MIN_DISK: Final = 1_000_000_000  # bytes
 
 
-class Finding(NamedTuple):
-    """A finding about one subject; if it is not "ok", the text says what to do."""
-
-    state: str  # ok, note or problem
-    subject: str
-    text: str
+Finding = tuple[str, str, str]  # ok, note or problem; its subject; and a text, which says what to do about it
 
 
 def _finding(subject: str, text: str, advice: str = "", state: str = "note") -> Finding:
     """Returns a finding that is "ok" without advice, else in the given state."""
-    return Finding(state, subject, f"{text}; {advice}") if advice else Finding("ok", subject, text)
+    return (state, subject, f"{text}; {advice}") if advice else ("ok", subject, text)
 
 
 def main(options: argparse.Namespace) -> int:
@@ -53,11 +48,11 @@ def main(options: argparse.Namespace) -> int:
     options.jobs = parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment) if options.experiment is not None else None
     findings = chain(_packages(), _machine(options.results), _store(options.results / "runs.db"))
-    states = set()
-    for finding in chain(findings, _experiment(experiment, options) if experiment else ()):
-        print(f"{finding.state:8}{finding.subject:10} {finding.text}")
-        states.add(finding.state)
-    return 1 if "problem" in states else 0
+    code = 0
+    for state, subject, text in chain(findings, _experiment(experiment, options) if experiment else ()):
+        print(f"{state:8}{subject:10} {text}")
+        code |= state == "problem"
+    return code
 
 
 def _packages() -> Iterator[Finding]:
@@ -100,7 +95,7 @@ def _store(path: Path) -> Iterator[Finding]:
     try:
         with Store(path, read_only=True) as store:
             if structure := store.problem():
-                yield Finding("problem", "store", f"{path} is damaged: {structure}; {REPAIR_ADVICE}")
+                yield _finding("store", f"{path} is damaged: {structure}", REPAIR_ADVICE, "problem")
                 return
             counts = Counter(store.statuses().values())
             runs = ", ".join(f"{n:,} {status}" for status, n in sorted(counts.items())) or "none"
@@ -109,7 +104,7 @@ def _store(path: Path) -> Iterator[Finding]:
     except NoRunsError:
         yield _finding("store", f"{path}: there are no runs yet")
     except InputError as error:
-        yield Finding("problem", "store", str(error).removesuffix("."))
+        yield "problem", "store", str(error).removesuffix(".")
 
 
 def _experiment(experiment: Experiment, options: argparse.Namespace) -> Iterator[Finding]:

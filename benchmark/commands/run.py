@@ -70,7 +70,7 @@ def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options:
                 from benchmark.execution.executors.cluster import Cluster
             cluster = Cluster(options.cluster, {run.algorithm for run in todo})
             stack.callback(cluster.cancel)
-            jobs = options.jobs or 2 * cluster.workers  # a worker finds its next job waiting
+            jobs = jobs if options.jobs else 2 * cluster.workers  # a worker finds its next job waiting
         folder = options.results / Path(options.experiment).stem
         workers = cluster.workers if cluster else min(jobs, usable_cores())
         how_long, costs = estimate(todo, folder, workers)

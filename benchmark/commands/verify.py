@@ -20,7 +20,6 @@ from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.folder import README, Folder, digests
 from benchmark.publish import document, draw, files, front, sameness
 from benchmark.publish.page import build as page
-from benchmark.publish.sameness import differing
 from benchmark.studies import Report, Study, report_of, runs_of
 from envs import InputError
 
@@ -124,13 +123,13 @@ def difference_of(before: Record, after: Record) -> str:
         {name: (array.dtype, array.shape, array.tobytes()) for name, array in record.arrays.items()}
         for record in (before, after)
     )
-    if not (names := differing(old, new)):
+    if not (names := sameness.differing(old, new)):
         return ""
     recorded, now = (
         {**record.provenance["versions"], "machine": record.provenance["machine"]}
         for record in (before, after)
     )
-    changed = [f"{key} {recorded.get(key)}, here {now.get(key)}" for key in differing(recorded, now)]
+    changed = [f"{key} {recorded.get(key)}, here {now.get(key)}" for key in sameness.differing(recorded, now)]
     return f"differs in {', '.join(names)}" + f" (recorded with {'; '.join(changed)})" * bool(changed)
 
 
@@ -142,7 +141,7 @@ def _redrawn(report: Report[Any, Any], store: Store, folder: Path, scratch: Path
     again, listed = digests(made), sameness.listed(folder)
     there = {file: digest for file, digest in digests(folder).items() if file in again or file in listed}
     n = len({*again, *there})
-    if other := differing(again, there):
+    if other := sameness.differing(again, there):
         yield (
             f"{name}: different from the files in {folder}: {len(other)} of {n} files: {', '.join(other)}.\n"
             f"{name}: 'report {experiment.argument}' makes them from the stored runs."
@@ -187,6 +186,6 @@ def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator
     yield from dict.fromkeys(problems)
     again = {str(path): text.encode() for path, text in texts.items()}
     there = {str(path): path.read_bytes() if path.is_file() else b"" for path in texts if path.exists()}
-    for path in map(Path, differing(again, there)):
+    for path in map(Path, sameness.differing(again, there)):
         if path.exists() or (path.name == README and Folder(path.parent).is_there):
             yield f"{path}: different from what the tables make; 'report' writes it again."

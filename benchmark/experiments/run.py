@@ -5,7 +5,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -74,9 +74,8 @@ class RunSpecification:
 
     def with_seed(self, seed: int) -> "RunSpecification":
         """Returns another run of the same population."""
-        run = object.__new__(RunSpecification)  # nothing is checked again: there may be 100,000 runs
-        run.__dict__.update(self.__dict__, seed=seed, population=self.population)
-        run.__dict__.pop("digest", None)
+        run = replace(self, seed=seed)
+        run.__dict__["population"] = self.population  # cached
         return run
 
     @property

@@ -17,7 +17,7 @@ from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from benchmark.experiments.search import Search, Space, trials
 from envs import InputError, inputs
@@ -134,13 +134,13 @@ def is_number(value: str) -> bool:
     return _NUMBER.fullmatch(value) is not None
 
 
-def _is_value(value: str) -> str:
-    if not (inputs.is_name(value) or is_number(value)):
-        raise ValueError("accepted: a name or a number of at most 15 characters, such as high, 0.5 or 5x6")
-    return value
-
-
-Value = Annotated[str, AfterValidator(_is_value)]
+Value = Annotated[
+    str,
+    inputs.accepted_if(
+        lambda value: inputs.is_name(value) or is_number(value),
+        "a name or a number of at most 15 characters, such as high, 0.5 or 5x6",
+    ),
+]
 
 
 def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
@@ -249,18 +249,14 @@ class Condition:
 
     def scenario_changes(self, scenario: str) -> dict[str, object]:
         """Returns what it changes of a scenario, by dotted key."""
-        changed: dict[str, object] = {}
-        for change in self.changes.values():
-            if change.scenarios is None or scenario in change.scenarios:
-                changed |= change.scenario
-        return changed
+        changes = self.changes.values()
+        applied = (each for each in changes if each.scenarios is None or scenario in each.scenarios)
+        return {key: value for change in applied for key, value in change.scenario.items()}
 
     def settings_changes(self, variant: str) -> dict[str, object]:
         """Returns what it changes of a variant's settings, by dotted key."""
-        changed: dict[str, object] = {}
-        for change in self.changes.values():
-            changed |= change.settings
-        return changed | dict(self.of_variants.get(variant, {}))
+        changes = (*(change.settings for change in self.changes.values()), self.of_variants.get(variant, {}))
+        return {key: value for changed in changes for key, value in changed.items()}
 
 
 class Declaration(Table):
@@ -351,9 +347,8 @@ class Declaration(Table):
             require(is_used, f"grids.{name}.tuned_by = {grid.tuned_by}", "variants with a key tuned_by, too")
 
     def _check_report(self) -> None:
-        """Refuses labels that readers see as the same, and pairs declared twice, either way round."""
-        names = tuple(Path(name).stem for name in self.scenarios), self._learners, self.readings
-        inputs.distinct(names[0], "scenarios: ")
+        """Refuses labels that readers see as the same."""
+        inputs.distinct(tuple(Path(name).stem for name in self.scenarios), "scenarios: ")
         inputs.distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
         inputs.distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
 

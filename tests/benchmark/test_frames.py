@@ -28,9 +28,8 @@ def test_frames_are_of_all_runs_stored_or_else_published(
     assert main(["run", "mine.toml", "--report"]) == 0
     capsys.readouterr()
     stored, learned = runs(file), curves("mine.toml", "results")
-    assert stored.groupby("learner")["seed"].agg(list).to_dict() == {
-        f"{n}, index": [0, 1, 2] for n in ("one", "two")
-    }
+    seeds = stored.groupby("learner")["seed"].agg(list).to_dict()
+    assert seeds == {"one, index": [0, 1, 2], "two, index": [0, 1, 2]}
     assert stored.attrs["source"].startswith("stored")
     last = learned[learned["step"] == 300].reset_index()
     assert len(learned) == 4 * len(stored)

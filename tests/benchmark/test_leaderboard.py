@@ -63,13 +63,10 @@ def test_probabilities_are_written_in_full(tmp_path: Path) -> None:
     ("old", "new", "expected"),
     [
         ("score = 1.0", "score = 0.999", "score = 0.999: recomputed: 1.0"),
-        ("score = 1.0", "score = nan", "score = NaN: "),
-        ("score = 1.0", "", "the key score is missing."),
         ("success = 1.0", "success = 1.00001", "success = 1.00001: recomputed: 1.0"),
         (r"steps = 11\.0", "steps = -11.0", "steps = -11.0: recomputed: 11.0"),
         (r"policy = \[2", "policy = [0", "score = 1.0: recomputed: 0.43"),
         (r"policy = \[2", "policy = [3", "policy, of 120 numbers: accepted: 120 numbers from 0 to 2"),
-        (r"policy = \[2, ", "policy = [", "policy, of 119 numbers: accepted: 120 numbers from 0 to 2"),
         ("policy = .*", "policy = []", "policy, of 0 numbers: accepted: 120 numbers from 0 to 2"),
         ("policy = .*", f"policy = {[0] * 250_001}", "policy = "),
         (r"rows = \[\[0\.0, 0\.0", "rows = [[-0.5, 0.5", "rows.0 = [-0.5, 0.5, 0.0, 0.0, 1.0]: accepted: 5"),
@@ -82,12 +79,8 @@ def test_probabilities_are_written_in_full(tmp_path: Path) -> None:
         ('scenario = "S1"', 'scenario = "S9"', "unknown scenario S9; accepted: "),
         ('scenario = "S1"', 'scenario = "S2"', "scenario_sha256 = "),
         ('"index"', '"coordinate"', "unknown observation coordinate (did you mean coordinates?)"),
-        ("note = ", "notes = ", "unknown key notes (did you mean note?)"),
-        ("training_steps = 0", "", "the key training_steps is missing."),
         ("training_steps = 0", "training_steps = -1", "training_steps = -1: "),
-        ("search_trials = 1", "search_trials = nan", "search_trials = NaN: "),
         (r"by \| hand", r"by\\nhand", r'learner = "by\nhand": accepted: text in one line'),
-        ("learner = ", "learner ", "not valid TOML: "),
     ],
 )
 def test_tampered_files_are_refused_in_one_sentence(
@@ -118,9 +111,8 @@ def test_highest_success_is_first_and_text_stays_text(made: Path, tmp_path: Path
     assert texts(tmp_path, pytest.fail) == {}
     shutil.copy(made, folder / "z.toml")
     for name, scenario in (("a", "S1"), ("b", "Hall")):
-        submit(
-            assess(lambda _: 0, scenario=scenario, observation="index"), folder / f"{name}.toml", **DECLARED
-        )
+        up = assess(lambda _: 0, scenario=scenario, observation="index")
+        submit(up, folder / f"{name}.toml", **DECLARED)
     other = assess(lambda o: walk(int(o.argmax())), scenario="S1", observation="one_hot")
     other.policy[-1] = np.eye(5)[0]  # in the last corner, where no walk leads
     submit(other, folder / "zz.toml", **DECLARED)
@@ -172,9 +164,8 @@ def test_bad_files_are_left_out_by_name_without_waiting(
     refused = list[str]()
     text = texts(tmp_path, refused.append)[folder / "README.md"]
     assert re.findall(r"^\| \[(.*?)\]", text, re.MULTILINE) == ["good"]
-    lines = [
-        re.fullmatch(rf"left out of the leaderboard: {folder}/(.*?\.toml): .*\.", line) for line in refused
-    ]
+    pattern = re.compile(rf"left out of the leaderboard: {folder}/(.*?\.toml): .*\.")
+    lines = map(pattern.fullmatch, refused)
     assert sorted(line[1] for line in lines if line) == sorted(bad)
     assert main(["report", "--results", str(tmp_path)]) == 0
     assert capsys.readouterr().err.splitlines() == refused

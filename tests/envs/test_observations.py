@@ -22,9 +22,8 @@ def seen(form: str, changes: dict[str, Any], agent: tuple[int, int], *people: tu
     """Returns what is observed in a cell with people in others: columns that are 1, and coordinates."""
     model = compile_seen(load_scenario("Anywhere", changes), form)
     is_here = model.cell == agent[0] * 6 + agent[1]
-    (o,) = {
-        *model.observation[is_here & (model.context == model.scenario.layout.places.index(people))].tolist()
-    }
+    is_there = model.context == model.scenario.layout.places.index(people)
+    (o,) = {*model.observation[is_here & is_there].tolist()}
     table = observation_table(model, f"{form}_one_hot")
     assert np.flatnonzero(table[o]).tolist() == sorted(observation_blocks(model)[o].tolist())
     if form in ("nearest", "centre"):
@@ -122,9 +121,8 @@ def test_sizes_are_known_before_a_scenario_is_compiled(scenario: str, form: str)
 def test_six_people_in_a_large_room_have_no_larger_numbers_than_integers_hold() -> None:
     position = [[9, column] for column in range(4, 18, 2)]
     large = {"grid.rows": 30, "grid.columns": 30, "issuer.position": position}
-    model = compile_seen(
-        load_scenario("Anywhere", large | {"group": {"people": 6, "apart": [1, 20]}}), "offset"
-    )
+    group = {"group": {"people": 6, "apart": [1, 20]}}
+    model = compile_seen(load_scenario("Anywhere", large | group), "offset")
     assert model.n_places == 7
     rows = observation_table(model, "offset_coordinates")
     assert len(np.unique(rows, axis=0)) == len(rows) == model.n_observations

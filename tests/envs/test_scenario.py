@@ -12,8 +12,6 @@ from envs.scenario import SCENARIO_DIRECTORY
 S1 = read_toml(SCENARIO_DIRECTORY / "S1.toml") | {"name": "S1"}
 FLOOR = "\n".join(["............"] * 10)
 WALL = "\n".join(["...#........"] * 10)
-DOOR = "\n".join(["...#........"] * 6 + ["............"] + ["...#........"] * 3)
-IN_DOOR = {"grid.walls": DOOR, "issuer.position": [6, 3], "issuer.heading": "right"}
 CIRCLE = {"kind": "circle", "radius": 1}
 
 
@@ -69,12 +67,8 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"grid.walls": FLOOR.replace(".", "x")}, "walls"),
     ({"grid.walls": "#" + FLOOR[1:]}, "grid.start = [0, 0] is a wall"),
     ({"grid.walls": ".#" + FLOOR[2:13] + "#" + FLOOR[14:]}, "grid.start = [0, 0]: no way leads from there"),
-    ({"grid.walls": DOOR, "others": [bystander([6, 3])]}, "grid.start = [0, 0]: no way leads from there"),
-    (IN_DOOR | {"regions": shapes(CIRCLE, {"kind": "egg", "front": 2})}, "grid.start = [0, 0]: no way leads"),
     ({"grid.walls": WALL, "grid.start": [[0, 11], [0, 0]]}, "grid.start = [0, 0]: no way leads from there"),
     ({"grid.walls": WALL, "issuer.position": [[6, 0], [6, 8]]}, "issuer.position = [6, 8] leaves no start"),
-    ({"grid.walls": WALL, "phases": [phase("a", steps=1), phase("b", steps=1, position=[9, 8])]}, "no way"),
-    ({"grid.walls": WALL, "issuer.walk": {"corners": [[6, 11]]}}, "grid.start = [0, 0]: no way leads"),
     # Places
     ({"grid.start": []}, "grid.start = []"),
     ({"issuer.position": [[6, 8], [1, 1]]}, "issuer.position = [1, 1]"),
@@ -140,7 +134,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
             "issuer.position": [[r, c] for r in (3, 5, 7, 9) for c in (3, 5, 7, 9, 11)],
             "phases": [phase(n, next={o: 0.05 for o in NAMES if o != n}) for n in NAMES],
         },
-        "phases: 252000 states, with phases that may follow: 5292000",
+        " x 21 phases that may follow = 5292000 states",
     ),
     (PAIR | {"ping_limit": 50}, "positions of the group x ticks of the phases = "),
     ({"regions": shapes(CIRCLE, RING)}, 'target.kind = "ring": accepted: a ring around a [group]'),
@@ -157,6 +151,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     # Texts that could take over a terminal
     ({"phases": [phase("\x1b]0;x", steps=1)]}, 'phases.0.name = "\\u001b]0;x"'),
     ({"phases": [phase("a\nb", steps=1)]}, 'phases.0.name = "a\\nb"'),
+    ({"phases": [phase("a\u202eb\x9b1m", steps=1)]}, 'phases.0.name = "a\\u202eb\\u009b1m"'),
 ]
 
 
@@ -192,13 +187,6 @@ def test_files_that_cannot_be_used_get_one_sentence(
         load_scenario(tmp_path / name)
 
 
-@pytest.mark.parametrize("name", ["my scene", "a.b", "..", "_x", "é", "a/b", "1", "NA", "x" * 61, ""])
-def test_a_mapping_is_named_by_the_same_rule(name: str) -> None:
-    with pytest.raises(InputError, match=r"name = "):
-        load_scenario(S1 | {"name": name})
-    assert load_scenario(S1 | {"name": "my-scene_2"}).name == "my-scene_2"
-
-
 def test_mapping_and_file_are_accepted_and_checked(tmp_path: Path) -> None:
     (tmp_path / "corridor.toml").write_text(SHIPPED.replace("rows = 10", "rows = 20"))
     corridor = load_scenario(tmp_path / "corridor.toml")
@@ -206,6 +194,8 @@ def test_mapping_and_file_are_accepted_and_checked(tmp_path: Path) -> None:
     scenario = load_scenario("S2", {"ping_limit": 3})
     assert load_scenario(scenario.model_dump()) == scenario
     assert load_scenario(S1, {"grid.rows": 20}) == load_scenario("S1", {"grid.rows": 20})
+    with pytest.raises(InputError, match=r'^my scene: name = "my scene"'):
+        load_scenario(S1 | {"name": "my scene"})
     with pytest.raises(InputError, match=r"^S1: grid.rows = 0"):
         load_scenario(S1, {"grid.rows": 0})
     with pytest.raises(InputError, match=r"^scenario: the key name is missing"):

@@ -102,9 +102,8 @@ def test_damaged_store_is_a_problem_and_runs_are_counted_without_it(tmp_path: Pa
     assert code == 1
     assert any(line.startswith("problem") and "runs.db" in line for line in about("store", lines))
     assert about("runs", lines) == ["ok 156 of 156 are missing"]
-    assert about("time", lines) == [
-        f"ok for an unknown time: {tmp_path}/reproduce_smoke has no results of these learners"
-    ]
+    unknown = f"ok for an unknown time: {tmp_path}/reproduce_smoke has no results of these learners"
+    assert about("time", lines) == [unknown]
 
 
 # The experiment

@@ -16,7 +16,6 @@ def wrong(observation):
 
 nothing = None
 """
-EXTENDED = 'extends = "reproduce_smoke"\ndescription = ""\n[changes]\n'
 FILES = {
     "mistaken_agent.py": AGENT,
     "file": "",  # which nobody can make a folder, not even root
@@ -28,7 +27,6 @@ FILES = {
     ("arguments", "expected"),
     [
         ("run reproduct", "reproduct (did you mean reproduce?)"),
-        ("run reproduct", ", or the path of a .toml file."),
         ("run FOLDER/mistaken_agent", "unknown experiment"),
         ("run FOLDER/reproduce", "FOLDER/reproduce; accepted: the file FOLDER/reproduce.toml."),
         ("run FOLDER/reproduce.toml", "reproduce"),  # its results would be those of the shipped one
@@ -42,18 +40,14 @@ FILES = {
         ("report nothing.toml", "nothing.toml"),
         ("report reproduce", "runs.db"),
         ("doctor no_such", "no_such"),
-        ("watch --save a.gif --scenario S9", "S9"),
-        ("watch --save a.gif --scenario anywhere", "anywhere (did you mean Anywhere?)"),
         ("watch --save a.gif --scenario s1", "s1 (did you mean S1?)"),
         ("watch --save a.gif --scenario nowhere.toml", "nowhere.toml: "),
-        ("watch --save a.gif --learner dqm", "dqn"),
         ("watch --save a.gif --learner dqn --observation index", "unknown learner dqn, index"),
         ("watch --save a.gif --seed -1", "--seed -1"),
         ("watch --save film.mp4", "film.mp4"),
         ("watch --save nowhere/film.gif", "nowhere"),
         ("assess --observation index --agent mistaken_agent:wrong", "observation 0"),
         ("assess --observation index --agent mistaken_agent:nothing", "agent = None: "),
-        ("assess --observation index --agent mistaken_agent:act --scenario S7", "S7"),
         ("assess --observation index --agent mistaken_agent:act --save map.gif", "map.gif"),
         ("assess --observation index --agent a:b --model c.zip", "--agent"),
     ],

@@ -43,11 +43,17 @@ def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", experiment_names())
-def test_shipped_experiments_are_sound(name: str) -> None:
-    experiment = load_experiment(name)
-    report_of(experiment).check(is_drawn=False)
-    runs = all_specifications(experiment)
-    assert len({run.digest for run in runs}) == len(runs)
+def test_shipped_experiments_are_sound_and_published_runs_are_theirs(name: str) -> None:
+    experiment, manifest = load_experiment(name), ROOT / "results" / name / "manifest.json"
+    report = report_of(experiment).check(is_drawn=False)
+    digests = sorted(run.digest for run in all_specifications(experiment))
+    assert len({*digests}) == len(digests)
+    published = json.loads(manifest.read_text(encoding="utf-8")) if manifest.exists() else None
+    if published and report.study.stages is not None:
+        assert published["runs"] >= len(digests)  # of which these are the first
+    elif published:
+        digest = hashlib.sha256("".join(digests).encode()).hexdigest()
+        assert (published["runs"], published["digest"]) == (len(digests), digest)
 
 
 def test_reproduce_declares_what_the_paper_says() -> None:
@@ -79,21 +85,6 @@ def test_runs_of_a_population_share_its_identity() -> None:
 
 
 # Identity and random streams
-
-
-MANIFESTS = {name: ROOT / "results" / name / "manifest.json" for name in experiment_names()}
-
-
-@pytest.mark.parametrize("name", [name for name, path in MANIFESTS.items() if path.exists()])
-def test_published_runs_are_the_declared_ones(name: str) -> None:
-    published = json.loads(MANIFESTS[name].read_text(encoding="utf-8"))
-    experiment = load_experiment(name)
-    runs = all_specifications(experiment)
-    if report_of(experiment).study.stages is not None:
-        assert published["runs"] >= len(runs)  # of which these are the first
-        return
-    digest = hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
-    assert (published["runs"], published["digest"]) == (len(runs), digest)
 
 
 def test_identity_is_content_and_streams_have_names() -> None:
@@ -147,9 +138,7 @@ def test_a_reference_has_its_share_of_given_seeds_or_two(given: int, of_30: int,
 def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
     runs = all_specifications(COMPARED)
     first = runs[: len(COMPARED.populations)]
-    assert {(run.scenario.name, run.variant, run.observation) for run in first} == {
-        (each.scenario.name, each.learner.variant, each.learner.observation) for each in COMPARED.populations
-    }
+    assert {run.population for run in first} == {each.first.population for each in COMPARED.populations}
     assert {run.seed for run in first} == {400}
     assert len({run.folder for run in runs}) == len(runs)
     assert first[0].folder == "compare_deep_smoke/S1/q_learning_index/seed_400"
@@ -251,9 +240,7 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
     assert run.folder == f"{name}/S1/{name}_index/{condition}/seed_0"
 
 
-@pytest.mark.parametrize(
-    "stem", ["..", "a.b", "2024", "reproduce", "speed", "mine_partial", "mine_seeds_0-9"]
-)
+@pytest.mark.parametrize("stem", ["..", "a.b", "2024", "reproduce", "speed", "a_partial", "a_seeds_0-9"])
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     with pytest.raises(InputError, match="results are named after the"):
         extended(tmp_path, stem)
@@ -266,21 +253,9 @@ def test_blank_and_endless_texts_are_refused(tmp_path: Path, key: str, text: str
         report_of(extended(tmp_path, "mine", **{key: text}))
 
 
-@pytest.mark.parametrize(
-    "title", ["max Q of the table", "max\u00a0Q of the ta\u00adble", "max Q of  the table"]
-)
-def test_titles_that_look_alike_are_refused(tmp_path: Path, title: str) -> None:
+def test_titles_that_look_alike_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="readings: title max Q of the table is named twice"):
-        extended(tmp_path, "mine", readings__ties__title=title)
-
-
-def test_control_characters_are_refused_in_labels(tmp_path: Path) -> None:
-    for text in ("\x1b[31mred", "a\rb", "\x00", "\x9b1m", "a\u202eb"):
-        with pytest.raises(
-            InputError, match=re.escape(f"algorithms.q_learning.title = {json.dumps(text)}: ")
-        ):
-            extended(tmp_path, "mine", algorithms__q_learning__title=text)
-    extended(tmp_path, "mine", algorithms__q_learning__title="日本 é ∆")
+        extended(tmp_path, "mine", readings__ties__title="max\u00a0Q  of the ta\u00adble")
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
