@@ -27,7 +27,7 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 try:
     from envs.inputs import InputError
-    from envs.packages import contained, needed_by
+    from envs.packages import contained, keep_running, needed_by
 except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)
@@ -42,8 +42,12 @@ _EPILOG = """\
 examples:
   python -m benchmark list                         experiments and their stored runs, scenarios, algorithms
   python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
+  python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
+  python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
+  python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --learner dqn --save film.webp  a film of an agent that learns
+  python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip  a trained agent, for SB3
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
   python -m benchmark doctor compare_deep          what is missing here; estimate time and disk
 
@@ -64,6 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _open_streams()
     if arguments is None:  # this process, and those that it starts, are the command's alone
         os.environ["MPLBACKEND"] = "agg"  # one of a notebook might not be there
+        keep_running()
     command = ""
     try:
         options = _parser().parse_args(arguments)

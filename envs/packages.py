@@ -1,10 +1,12 @@
 """Packages that this project may need: which extra brings each, and what is said if one is not installed."""
 
+import os
+import posix
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires
 from importlib.util import find_spec
@@ -87,6 +89,20 @@ def contained() -> Iterator[None]:
         where = [place for place in places if not place.startswith(("<", __file__))][-1:]
         what = f"{shortened(repr(error))} would end this process"
         raise InputError(f"{': '.join([*where, what])}.") from error
+
+
+def keep_running() -> None:
+    """Makes functions such as `os._exit` raise SystemExit in this process, though not in its children."""
+    for name in ("_exit", "abort", "execv", "execve"):
+        replacement = partial(_end, os.getpid(), name, getattr(os, name))
+        setattr(os, name, replacement)
+        setattr(posix, name, replacement)
+
+
+def _end(process: int, name: str, function: Callable[..., object], *arguments: object) -> None:
+    if os.getpid() == process:
+        raise SystemExit(f"os.{name}")
+    function(*arguments)
 
 
 @contextmanager
