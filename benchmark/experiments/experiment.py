@@ -21,8 +21,8 @@ from envs.inputs import check_all, override, parse, seen, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
 from envs.sources import digest_of_source
 
-MOST_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
-LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
+MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
+MAX_RECORD: Final = 100_000_000  # bytes, before compression
 
 
 @dataclass(frozen=True)
@@ -355,11 +355,11 @@ def check_size(run: RunSpecification) -> None:
         widths = [width for _, width in scenario.observed_sizes.values()]
         check_one_hot(scenario.n_observations, sum(widths))
     check_tiles(scenario.n_observations, getattr(run.settings, "n_tilings", 0))
-    if run.record_size > LARGEST_RECORD:
+    if run.record_size > MAX_RECORD:
         found = f"evaluation_every = {run.evaluation_every} and map_every = {run.map_every} with "
         found += f"budget = {run.settings.budget} and {scenario.n_observations:,} observations in "
         found += f"{scenario.name}: records of {run.record_size / 1e6:,.0f} MB"
-        raise InputError(f"{found}; accepted: at most {LARGEST_RECORD / 1e6:,.0f} MB.")
+        raise InputError(f"{found}; accepted: at most {MAX_RECORD / 1e6:,.0f} MB.")
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
@@ -372,9 +372,9 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
 
 def check_number(n_runs: int, where: str) -> None:
     """Refuses, by an InputError that begins with `where`, more runs than an experiment may have."""
-    if n_runs > MOST_RUNS:
+    if n_runs > MAX_RUNS:
         found = f"up to {n_runs:,} runs, which take {n_runs / 86_400:,.1f} days at a second each"
-        raise InputError(f"{where}: {found}; accepted: at most {MOST_RUNS:,}.")
+        raise InputError(f"{where}: {found}; accepted: at most {MAX_RUNS:,}.")
 
 
 def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]]) -> list[RunSpecification]:

@@ -26,7 +26,7 @@ from envs.sources import find_modules_in
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
-MOST_POINTS: Final = 10_000  # of a grid
+MAX_POINTS: Final = 10_000  # of a grid
 
 # Columns of the tables of runs, see `benchmark.analysis.frames`; there, an axis is a further one.
 _COLUMN: Final = re.compile(
@@ -187,8 +187,8 @@ class Grid(Changes):
             for key in chain(*(changes.keys for changes in values.values())):
                 other = axis_of_key.setdefault(key, axis)
                 require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
-        n_points, few = math.prod(map(len, self.axes.values())), f"{MOST_POINTS:,} points"
-        require(n_points <= MOST_POINTS, f"axes: more than {few}", f"at most {few}")
+        n_points, few = math.prod(map(len, self.axes.values())), f"{MAX_POINTS:,} points"
+        require(n_points <= MAX_POINTS, f"axes: more than {few}", f"at most {few}")
         names = [*_points_of(self.axes)]
         for name in self.without:
             require(name in names, f"without: {name}", f"points such as {names[0]}")
@@ -337,7 +337,7 @@ class Declaration(Table):
 
     def _check_grids(self) -> None:
         n = len(self.readings) * sum(len(grid.points) for grid in self.grids.values())
-        require(n <= 10 * MOST_POINTS, f"grids: {n:,} conditions", f"at most {10 * MOST_POINTS:,}")
+        require(n <= 10 * MAX_POINTS, f"grids: {n:,} conditions", f"at most {10 * MAX_POINTS:,}")
         known = {*self.algorithms, *self._learners}
         for name, grid in self.grids.items():
             for learner in grid.learners:
