@@ -52,7 +52,7 @@ def test_a_claim_that_tables_do_not_show_is_not_published(tmp_path: Path) -> Non
 
 def test_a_number_that_tables_do_not_have_is_refused(tmp_path: Path) -> None:
     folder = copied(tmp_path / "missing", "S2/S1,1000 -> S2/S9,1000")
-    with pytest.raises(InputError, match=r"reproduce\.md\.jinja, line \d+: claims.csv has 0 rows with"):
+    with pytest.raises(InputError, match=r"reproduce\.py, line \d+: claims.csv has 0 rows with"):
         prose.written(folder)
 
 
