@@ -28,8 +28,9 @@ Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
 A = TypeVar("A")
 # What columns mean: in any table, and in those of single studies.
-_FILE: Final = Path(__file__).with_name("columns.toml")
-COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(
+    Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
+)
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
@@ -75,16 +76,12 @@ class Item(Generic[A]):
         flat = [expanded(row) for row in rows]
         return pd.DataFrame(flat) if flat else None
 
-    def picture(self, analysis: A, tables: Frames) -> Figure | None:
-        """Draws the figure; None if there is nothing to draw."""
-        if self.draw is None or (self.compute is not None and self.name not in tables):
-            return None
-        return called(self.draw, analysis, tables.get(self.name, pd.DataFrame()))
-
     def save(self, analysis: A, tables: Frames, directory: Path, *, is_partial: bool = False) -> None:
         """Writes the figure, marked if runs are missing, or the other file."""
         with settings():
-            if (figure := self.picture(analysis, tables)) is not None:
+            table = tables.get(self.name, pd.DataFrame() if self.compute is None else None)
+            figure = called(self.draw, analysis, table) if self.draw and table is not None else None
+            if figure is not None:
                 if is_partial:
                     figure.suptitle("PARTIAL: runs are missing", color="firebrick")
                 save_figure(figure, directory / f"{self.name}.svg")
