@@ -8,9 +8,9 @@ from typing import Any, Generic, TypeVar
 import pandas as pd
 
 from benchmark.analysis.frames import Group, tables
-from benchmark.analysis.records import Provenance, Records, load_records
+from benchmark.analysis.records import Records, load_records
 from benchmark.drawing.style import learner_style
-from benchmark.execution.store import Store
+from benchmark.execution.store import Provenance, Store
 from benchmark.experiments import Experiment, Population, RunSpecification, interleaved
 
 D = TypeVar("D")  # what the experiment declares of its report

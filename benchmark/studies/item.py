@@ -28,7 +28,7 @@ Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
 A = TypeVar("A")
 # What columns mean: in any table, and in those of single studies.
-COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(
+COLUMNS: Final[Mapping[str, dict[str, str]]] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared

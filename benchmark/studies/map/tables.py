@@ -80,9 +80,8 @@ def verdicts(analysis: MapAnalysis) -> Iterator[Row]:
         for unit, decision in contrast.decisions.items():
             key = *(contrast.names[name] for name in ("grid", "x", "y")), UNITS[unit]
             ended.setdefault(key, []).append(decision.verdict)
-    for key, found in ended.items():
-        names = dict(zip(("grid", "x", "y", "unit"), key, strict=True))
-        yield {**names, "n": len(found), **_counted(found)}
+    for (grid, x, y, unit), found in ended.items():
+        yield {"grid": grid, "x": x, "y": y, "unit": unit, "n": len(found), **_counted(found)}
 
 
 @item(
@@ -106,7 +105,7 @@ def _kept(verdict: str, others: Sequence[str]) -> str:
     winners, n = {FASTER, SLOWER}, others.count(verdict)
     if verdict not in winners:
         return ""
-    if {*others} & winners - {verdict}:
+    if ({*others} & winners) - {verdict}:
         return "reversed"
     return "at_no_other_level" if n == 0 else "at_all_levels" if n == len(others) else "at_some_levels"
 

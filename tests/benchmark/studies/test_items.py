@@ -132,23 +132,6 @@ def test_readers_see_the_best_first_and_one_precision() -> None:
     assert frame["variant"].tolist() == ["dqn", "dqn", "q", "q", "mine", "mine"]
 
 
-def test_contrasts_in_many_scenarios_are_counted_in_a_table() -> None:
-    learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0, 0.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0, 0.0))}
-    scenarios = ["S1", "S2", "S3", "Hall", "Walls"]
-    few = compared(learners, [("x", "y")], ["y"], scenarios[:4], pool="none")
-    tables = compared({"y": learners["y"]}, scenarios=scenarios, pool="none")  # without contrasts
-    for analysis in (few, tables):
-        assert item("verdicts").tabulate(analysis) is None
-    learners["z"] = Made("deep", 1.0)
-    many = compared(learners, [("x", "y"), ("z", "y")], ["y"], scenarios, pool="none")
-    frame = table("verdicts", many)
-    assert [*frame] == ["x", "y", "n", "better", "worse", "equivalent", "neither learned"]
-    assert frame.to_numpy().tolist() == [
-        ["x, index", "y, index", 5, 1, 1, 2, 1],
-        ["z, index", "y, index", 5, 2, 0, 3, 0],
-    ]
-
-
 def test_a_difference_that_is_shown_within_the_margin_is_said() -> None:
     learners = {"x": Made("deep", 0.93, 900), "y": Made("tabular", 1.0, 900)}
     analysis = compared(learners, [("x", "y")], scenarios=["S1"])

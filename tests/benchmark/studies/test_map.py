@@ -462,7 +462,6 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ('"shared, offset", "t', '"mesh, offset", "t', "contrasts: mesh, offset: accepted: shared, offset"),
         ("horizon = 60", "horizon = 2", "in Anywhere at places/places=1 no policy succeeds more"),
         ("seeds = 12", "seeds = 12, first_seed = 5", "accepted: the same first_seed"),
-        ('kind = "map"', 'kind = "comparison"', "solved with report.kind = comparison: accepted: "),
         ('["Anywhere"]', '["Anywhere", "AnywhereHidden"]', "scenarios: 2: accepted: exactly one"),
         ('{ "issuer.places" = 2', '{ "grid.rows" = 5, "issuer.places" = 2', "grid.rows: accepted: different"),
         ("axes.permuted.100", "axes.permuted.all", "grids.code.axes.permuted: all: accepted: a number"),
