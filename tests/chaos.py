@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
@@ -29,24 +29,18 @@ from benchmark.execution.store import NoRunsError, Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_cluster import Machines
 from tests.benchmark.execution.test_processes import arrays_of, children
-from tests.support import ROOT
+from tests.support import ROOT, small_experiment, variant
 
-# Tables, which are trained in the driver, compiled nets, and nets of Stable-Baselines3.
-NETS: Final = """
-description = "Runs to be interrupted."
-scenarios = ["S1", "S2", "S3"]
-horizon = 200
-evaluation_every = 500
-map_every = 1000
-settings = { budget = 2000, time_limit = 200 }
-
-[algorithms]
-q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 150 }
-plain = { algorithm = "tests.agents.plain:Q_LEARNING", observations = ["index"], seeds = 12 }
-dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 3 }
-sb3_dqn = { algorithm = "sb3_dqn", observations = ["one_hot"], seeds = 2, settings.learning_starts = 1900 }
-"""
-TABLES: Final = re.sub(r"(sb3_)?dqn.*\n", "", NETS)  # without nets, whose workers take seconds to start
+# Tables, which are trained in the driver, and in a worker
+TABLES: Final = {
+    "q_learning": variant(seeds=150),
+    "plain": variant("tests.agents.plain:Q_LEARNING", seeds=12),
+}
+# Nets, which are compiled or of Stable-Baselines3, and whose workers take seconds to start
+NETS: Final = {
+    "dqn": variant("compiled_dqn", "one_hot", seeds=3),
+    "sb3_dqn": variant("sb3_dqn", "one_hot", settings={"learning_starts": 1900}),
+}
 
 
 class Broken(Exception):  # noqa: N818
@@ -59,17 +53,24 @@ class Chaos:
     machines: Machines  # if there is a cluster
     workers: list[subprocess.Popen[bytes]]
 
-    def __init__(self, folder: Path, text: str, seed: int) -> None:
-        """Executes the experiment undisturbed in threads, to know its results; the seed draws moments."""
+    def __init__(self, folder: Path, algorithms: Mapping[str, object], seed: int) -> None:
+        """Executes an experiment undisturbed in threads, to know its results; the seed draws moments."""
         self.experiment, self.results = folder / "chaos.toml", folder / "results"
+        text = small_experiment(
+            scenarios=["S1", "S2", "S3"],
+            horizon=200,
+            evaluation_every=500,
+            map_every=1000,
+            settings={"budget": 2000, "time_limit": 200},
+            algorithms=algorithms,
+        )
         self.experiment.write_text(text, encoding="utf-8")
         self.rng = np.random.default_rng(seed)
         self.happened: Counter[str] = Counter()
         self._kept: set[str] = set()  # digests that must not be lost
         with Store(folder / "expected.db") as store:
-            assert (
-                run(all_specifications(load_experiment(self.experiment)), store, 1, executor=Threads(1)) == []
-            )
+            runs = all_specifications(load_experiment(self.experiment))
+            assert run(runs, store, 1, executor=Threads(1)) == []
             self.expected = arrays_of(store.get(sorted(store.ended())))
         started = time.monotonic()
         self.finish()
@@ -78,7 +79,7 @@ class Chaos:
     def start(self, *arguments: str, largest_file: int = resource.RLIM_INFINITY) -> subprocess.Popen[str]:
         """Starts a driver in a session of its own, which may write files of so many bytes."""
         options = ["--jobs", "2", "--results", str(self.results), *arguments]
-        limits = largest_file, largest_file
+        limits = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (largest_file, largest_file))
         return subprocess.Popen(
             [sys.executable, "-m", "benchmark", "run", str(self.experiment), *options],
             cwd=ROOT,
@@ -86,7 +87,7 @@ class Chaos:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
-            preexec_fn=partial(resource.setrlimit, resource.RLIMIT_FSIZE, limits),
+            preexec_fn=limits,
         )
 
     def check(self) -> int:
@@ -128,9 +129,9 @@ class Chaos:
 
     # What can happen; each returns how many processes were killed
 
-    def driver_killed(self, number: int = signal.SIGKILL) -> int:
-        """A driver is killed at some moment, with all it has started, or by itself."""
-        process = self.start()
+    def driver_killed(self) -> int:
+        """A driver is killed or interrupted at some moment, with all it has started, or by itself."""
+        process, number = self.start(), int(self.rng.choice([signal.SIGKILL, signal.SIGINT]))
         is_running = self._wait(process)
         if self.rng.random() < 0.5:
             os.killpg(process.pid, number) if is_running else None
@@ -143,12 +144,14 @@ class Chaos:
         return is_running
 
     def worker_killed(self) -> int:
+        """A worker is killed; the driver starts another one."""
         process = self.start()
         self._wait(process)
-        n_killed, workers = 0, list[int]()
+        workers: list[int] = []
         while process.poll() is None and not workers:
             workers = _workers(process.pid)
             time.sleep(0.01)
+        n_killed = 0
         with suppress(ProcessLookupError):
             if workers:
                 os.kill(int(self.rng.choice(workers)), signal.SIGKILL)
@@ -156,41 +159,30 @@ class Chaos:
         process.communicate(timeout=600)
         return n_killed
 
-    def driver_interrupted(self) -> int:
-        """A driver is interrupted at some moment, with all it has started, or by itself."""
-        return self.driver_killed(signal.SIGINT)
-
     def cluster_worker_killed(self) -> int:
         """One of two workers of a Dask cluster is killed at some moment, and replaced; the driver goes on."""
         machines = self.machines
         process = self.start("--cluster", machines.address)
         is_running = self._wait(process)
-        victim = self.workers.pop(int(self.rng.integers(len(self.workers))))
-        victim.kill()
+        self.workers.pop(int(self.rng.integers(len(self.workers)))).kill()
         self.workers.append(machines.add(f"worker{self.rng.integers(2**31)}", preload=""))
-        _, errors = process.communicate(timeout=600)
-        if process.returncode != 0:
-            raise Broken(f"the driver ended with {process.returncode}: {errors[-500:]}")
+        _end(process, "a worker was killed", codes=(0,))
         return is_running
 
     def one_of_two_drivers_killed(self) -> int:
+        """One of two drivers of the same experiment is killed at some moment; the other goes on."""
         first, second = self.start(), self.start()
         if is_running := self._wait(first):
             os.killpg(first.pid, signal.SIGKILL)
         first.communicate()
         _wait_for_end(first.pid)
-        _, errors = second.communicate(timeout=600)
-        if second.returncode != 0:
-            raise Broken(f"the other driver ended with {second.returncode}: {errors[-500:]}")
+        _end(second, "the other driver was killed", codes=(0,))
         return is_running
 
     def disk_full(self) -> int:
         """A file may not become larger from some moment on."""
         process = self.start(largest_file=int(self.rng.uniform(20_000, 3_000_000)))
-        _, errors = process.communicate(timeout=600)
-        is_explained = process.returncode == 0 or (process.returncode in (1, 2) and "error: " in errors)
-        if "Traceback" in errors or not is_explained:
-            raise Broken(f"a full disk: exit code {process.returncode}: {errors[-2000:]}")
+        _end(process, "a full disk", codes=(0, 1, 2), message="error: ")
         return 0
 
     def store_vanished(self) -> int:
@@ -207,10 +199,7 @@ class Chaos:
                 store.rename(moved)
                 if way == "replaced":
                     store.write_text("another file")
-        _, errors = process.communicate(timeout=600)
-        is_explained = process.returncode == 0 or (process.returncode == 2 and f"error: {store}: " in errors)
-        if "Traceback" in errors or not is_explained:
-            raise Broken(f"a store {way}: exit code {process.returncode}: {errors[-2000:]}")
+        _end(process, f"a store {way}", codes=(0, 2), message=f"error: {store}: ")
         self.results.mkdir(exist_ok=True)
         self.results.chmod(0o700)
         if moved.exists() and self.rng.random() < 0.5:
@@ -230,15 +219,16 @@ def main(arguments: list[str] | None = None) -> int:
     total: Counter[str] = Counter()
     with tempfile.TemporaryDirectory(prefix="chaos-") as folder, ExitStack() as stack:
         n_nets, n_cluster = options.kills // 5, options.kills // 10
-        n_tables = options.kills - n_nets - n_cluster
-        for name, text, n_kills in (
-            ("tables", TABLES, n_tables), ("nets", NETS, n_nets), ("cluster", TABLES, n_cluster),
-        ):  # fmt: skip
+        for name, algorithms, n_kills in (
+            ("tables", TABLES, options.kills - n_nets - n_cluster),
+            ("nets", TABLES | NETS, n_nets),
+            ("cluster", TABLES, n_cluster),
+        ):
             if not n_kills:
                 continue
             (Path(folder) / name).mkdir()
-            chaos = Chaos(Path(folder) / name, text, options.seed)
-            ways = [chaos.disk_full, chaos.store_vanished, chaos.driver_killed, chaos.driver_interrupted]
+            chaos = Chaos(Path(folder) / name, algorithms, options.seed)
+            ways = [chaos.disk_full, chaos.store_vanished, chaos.driver_killed]
             ways += [chaos.one_of_two_drivers_killed, chaos.driver_killed]
             if name == "nets":
                 ways = [chaos.worker_killed] * 3 + ways
@@ -270,6 +260,14 @@ def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> No
             if chaos.check() == len(chaos.expected) or chaos.rng.random() < 0.1:
                 chaos.finish()
     chaos.finish()
+
+
+def _end(process: subprocess.Popen[str], what: str, *, codes: Sequence[int], message: str = "") -> None:
+    """Waits for the end of a driver, which must be a success, or explained by an error message."""
+    _, errors = process.communicate(timeout=600)
+    is_explained = process.returncode == 0 or message in errors
+    if process.returncode not in codes or not is_explained or (message and "Traceback" in errors):
+        raise Broken(f"{what}: exit code {process.returncode}: {errors[-2000:]}")
 
 
 def _workers(pid: int) -> list[int]:

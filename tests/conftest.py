@@ -3,6 +3,7 @@
 import os
 import signal
 
+import pytest
 from hypothesis import settings
 
 from agents.sb3 import use_same_instructions
@@ -18,3 +19,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # No test depends on timing.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begins with two long files: one worker compiles nets for the other, which compiles tables meanwhile."""
+    first = ["test_nets.py", "test_reproduce.py"]
+    items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))

@@ -18,15 +18,18 @@ import tempfile
 import tomllib
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 from unittest import mock
 
-import numpy as np
+import hypothesis
+from hypothesis import HealthCheck, Phase
+from hypothesis import strategies as st
 from rich.progress import track
 
 from benchmark.__main__ import main as benchmark
@@ -39,117 +42,51 @@ from benchmark.sealed import sealed
 from envs import OBSERVATIONS, scenario_names
 from envs.inputs import InputError, read_toml
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.support import ROOT
+from tests.support import ROOT, small_experiment, toml, variant
 
-LONGEST_LINE: Final = 300 + len("error: \n")
-MOST_LINES: Final = 11  # ten mistakes, and how many more there are
-LONGEST_S: Final = 30.0
-MOST_MEMORY_MB: Final = 1000
+MAX_LINE: Final = 300 + len("error: \n")
+MAX_LINES: Final = 11  # ten mistakes, and how many more there are
+MAX_CPU_S: Final = 30.0
+MAX_MEMORY_MB: Final = 1000
 CHUNK: Final = 500
+MINE: Final = "@FOLDER@/mine.toml"
+RESULTS: Final = ("--results", "@FOLDER@/results")
 
-# Every key of an experiment, on scenarios that are quick to load.
-EXPERIMENT: Final = """
-description = "A table and nets."
-note = "For tests."
-stream = "fuzz"
-scenarios = ["S1", "S2"]
-horizon = 200
-evaluation_every = 100
-map_every = 200
-evaluated_from = ["start", "every_cell"]
-settings = { budget = 400, time_limit = 200 }
-[algorithms.table]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 12
-first_seed = 3
-evaluation_every = 50
-map_every = 100
-policy = "greedy"
-group = "tables"
-settings = { learning_rate = 0.2, epsilon = 0.1, record_every = 10 }
-[algorithms.dqn]
-algorithm = "compiled_dqn"
-observations = ["one_hot", "coordinates"]
-seeds = 10
-settings = { gamma = 0.9 }
-[algorithms.dqn_check]
-algorithm = "sb3_dqn"
-reference_for = "dqn"
-seeds = 10
-[report]
-kind = "comparison"
-question = "Which?"
-items = []
-omit = ["maps"]
-baseline = ["table, index"]
-pool = "none"
-margins = { success = 0.1, score = 0.05 }
-contrasts = [["dqn, one_hot", "table, index"]]
-[readings.default]
-question = "How?"
-answer = "So."
-[readings.other]
-question = "How else?"
-answer = "Like this."
-seeds = 11
-scenario = { "issuer.position" = [5, 5] }
-scenarios = ["S1"]
-settings = { time_limit = 100 }
-curve = "table"
-[grids.all.axes.size.small]
-scenario = { "grid.rows" = 11 }
-[grids.all.axes.size.large]
-scenario = { "grid.rows" = 12 }
-"""
-# What is left out of it, since a report takes some of it alone, or none.
-WITHOUT: Final = (("readings", "grids"), ("readings",), ("report",), ("report", "readings"))
-SHIPPED: Final = ("when", "when_smoke", "reproduce", "tuning_smoke")  # maps, a replication, a search
-TUNED: Final = """
-description = "With settings from a search."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 100
-map_every = 100
-settings = { budget = 100 }
-algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2, first_seed = 900, \
-tuned_by = "@FOLDER@/search.toml:q_learning" }
-"""
-EXTENSION: Final = """
-extends = "reproduce_smoke"
-description = "Another budget."
-[changes]
-horizon = 100
-"algorithms.q_learning.seeds" = 4
-"algorithms.q_learning.settings.budget" = 300
-"readings.default.seeds" = 4
-"""
-COMMANDS: Final[dict[str, list[str]]] = {
-    "run": ["--seeds", "--jobs", "--report", "--results"],
-    "report": ["--seeds", "--partial", "--results"],
-    "verify": ["--runs", "--seed", "--jobs", "--results"],
+# A comparison, an extension, maps, a replication and searches.
+EXPERIMENTS: Final = ("compare_deep", "reproduce_smoke", "when", "groups_smoke", "reproduce", "tuning_smoke")
+OPTIONS: Final = {
+    "run": ["--seeds", "--jobs", "--report"],
+    "report": ["--seeds", "--partial"],
+    "verify": ["--runs", "--seed", "--jobs"],
     "watch": ["--scenario", "--learner", "--observation", "--seed", "--experiment", "--save"],
     "assess": ["--agent", "--model", "--algorithm", "--stochastic", "--scenario", "--observation", "--save"],
     "growl": ["--loud"],
 }
+# Each leaves a folder `marker.ran`, if it is run: a module, its name, or a template.
+MODULE: Final = b"import os; os.mkdir('@FOLDER@/marker.ran')"
+TEMPLATE: Final = "{{ cycler.__init__.__globals__.os.mkdir('@FOLDER@/marker.ran') }}"
+HOSTILE: Final = ("marker:x", "../marker", "@FOLDER@/marker", "@FOLDER@/marker.toml", TEMPLATE)
+PLAIN: Final = """
+- -- = .. ~ con 0 7 0-9 9-0 -1 1.5 0x10 a.b S1 S9 index one_hot coordinates anywhere first kind seeds settings
+observe phases others walk group q_learning reproduce_smoke film.webp film.txt /nowhere/film.gif /dev/null
+math:sqrt math:pi json: :dumps nowhere:x a:b:c =1+1 $x$ a|b %s {}
+"""
 WORDS: Final = (
-    "reproduce_smoke", "equivalence_smoke", "nothing", "S1", "S9", "index", "one_hot", "coordinates",
-    "q_learning", "0", "7", "0-9", "9-0", "1", "-1", "1.5", "0x10", "--", "-", "", "=", "module:attribute",
-    "math:sqrt", "math:pi", "json:", ":dumps", "film.webp", "film.txt", "/nowhere/film.gif", "/dev/null",
-    "..", "~",
-)  # fmt: skip
-MARKING: Final = b"{{ cycler.__init__.__globals__.os.mkdir('@FOLDER@/marker.ran') }}"  # a template
-HOSTILE: Final = ("marker:x", "../marker", "@FOLDER@/marker", "@FOLDER@/marker.toml", MARKING.decode())
-NASTY: Final[tuple[Any, ...]] = (
-    0, 1, -1, 2, 3, 7, 50, 1000, 99_999, 100_001, 10**6, 10**9, 10**9 + 1, 2**31, 2**63, -(2**63), 10**400,
-    10**4300, 0.5, -0.0, 1e-300, 5e-324, 1e9, 1e308, -1e308, float("inf"), float("nan"), True, False,
-    "", " ", "S1", "index", "anywhere", "any", "first", "x" * 5000, "../../x", "/etc/passwd", "...", "con",
-    "=1+1", "$x$", "a|b", "a\nb", "\t", "\u0000", "\u001b[31m", "\u202e", "é", "🙂", "a, b", "<script>",
-    "{{ 7 * 7 }}", *HOSTILE, "%s", "{}", "json:dumps",
-    "math:pi", "nowhere:x", ":", "a:b:c", [], {}, [[]], [[], []],
-    [1, 2], [-1, 5], [1.5, 2], [[1, 2], [3, 4]], ["a", "b"], [1, "a"], {"kind": "none"}, {"kind": "x"},
-    {"a": {"b": {"c": 1}}}, {"": 1}, {"a.b": 1}, [[[[[[[[1]]]]]]]], list(range(1000)),
-)  # fmt: skip
+    *PLAIN.split(),
+    *("", " ", "a, b", "a\nb", "\t", "\0", "\x1b[31m", "\u202e", "<script>", "{{ 7 * 7 }}", "x" * 5000),
+    *HOSTILE,
+)
+PIECES: Final = (
+    *(b"", b"\n", b"=", b"#", b"[x]\n" * 3, b'"""', b"'''", b"\xff\xfe", b"\x00", b"1979-05-27", b"1e999"),
+    *(b"[" * 500, b"{a=" * 400, b"9" * 5000, b"0x" + b"f" * 400, b"a." * 2000 + b"a = 1\n"),
+)
+texts = st.sampled_from(WORDS) | st.text(st.characters(codec="utf-8"), max_size=9)
+numbers = st.integers(-3, 1001) | st.integers() | st.floats() | st.sampled_from([10**6, 10**9 + 1, 10**400])
+values = st.recursive(
+    st.booleans() | numbers | texts,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=6,
+) | st.just([*range(1000)])
 
 
 class TooLongError(BaseException):
@@ -166,111 +103,178 @@ class AcceptedError(InputError):
 class Input(NamedTuple):
     """A command line, and the files that it is about."""
 
-    arguments: list[str]  # with {} for the folder of the files
-    files: dict[str, bytes] = {}  # noqa: RUF012
+    arguments: Sequence[str]  # with @FOLDER@ for the folder of the files
+    files: Mapping[str, bytes] = {}
+    changed: Sequence[str] = ()  # files of which one or two are changed
     is_data: bool = False  # whether the files may not name code that is run
 
 
+# What is drawn
+
+
 def draw(seed: int, number: int) -> Input:
-    rng = np.random.default_rng([seed, number])
-    kinds = (_command_line, _scenario, _experiment, _chosen, _published)
-    kind = kinds[int(rng.choice(len(kinds), p=(0.1, 0.42, 0.38, 0.05, 0.05)))]
-    return kind(rng)
+    """Draws an input. The first example of hypothesis is always the simplest, so it is the second."""
+    drawn: list[Input] = []
+    given = (shipped_scenarios(), shipped_experiments(), copied_search(), published_results())
+    kinds = [(command_lines(), 2), *zip(map(changed_inputs, given), (8, 7, 1, 1), strict=True)]
+    weighted = st.sampled_from([kind for kind, weight in kinds for _ in range(weight)])
+
+    @hypothesis.seed(f"{seed} {number}")
+    @hypothesis.settings(
+        max_examples=2, phases=[Phase.generate], database=None, suppress_health_check=[*HealthCheck]
+    )
+    @hypothesis.given(weighted.flatmap(lambda kind: kind))
+    def collect(given: Input) -> None:
+        drawn.append(given)
+
+    collect()
+    return drawn[-1]
 
 
-def _scenario(rng: np.random.Generator) -> Input:
-    data = read_toml(SCENARIO_DIRECTORY / f"{_one(rng, scenario_names())}.toml")
-    if "group" in data:
-        data["issuer"]["places"] = 6  # of thousands
-    arguments = ["assess", "--agent", "tests.fuzz:up", "--observation", _one(rng, OBSERVATIONS)]
-    arguments += ["--scenario", "{}/mine.toml", "--results", "{}/results"]
-    return Input(arguments, {"mine.toml": _mutated_toml(rng, data)})
-
-
-def _experiment(rng: np.random.Generator) -> Input:
-    path = EXPERIMENT_DIRECTORY / f"{_one(rng, SHIPPED)}.toml"
-    texts = (EXPERIMENT, EXPERIMENT, EXTENSION, path.read_text(encoding="utf-8"))
-    data = tomllib.loads(_one(rng, texts))
-    for key in _one(rng, WITHOUT) if "readings" in data and "grids" in data else ():
-        data.pop(key, None)
-    arguments = [*_one(rng, (["run"], ["run", "--report"], ["report"], ["run", "--seeds", "0-12"]))]
-    arguments += ["{}/mine.toml", "--results", "{}/results"]
-    return Input(arguments, {"mine.toml": _mutated_toml(rng, data)})
-
-
-def _chosen(rng: np.random.Generator) -> Input:
-    """An experiment that takes its settings from a search whose file of chosen settings is mutated."""
-    name, shipped = "search.chosen.json", EXPERIMENT_DIRECTORY / "tuning"
-    files = {f"search{end}": Path(f"{shipped}{end}").read_bytes() for end in (".toml", ".chosen.json")}
-    chosen = json.loads(files[name]) | {"search": _search_digest()}
-    files["mine.toml"] = TUNED.encode()
-    files[name] = _mutated_file(rng, name, sealed(chosen, indent=1).encode())
-    with contextlib.suppress(ValueError, TypeError, RecursionError):
-        if rng.random() < 0.8:
-            files[name] = sealed(json.loads(files[name]), indent=1).encode()
-    return Input(["run", "{}/mine.toml", "--results", "{}/results"], files, is_data=True)
+@st.composite
+def command_lines(draw: st.DrawFn) -> Input:
+    """Draws options and their values, or others."""
+    command = draw(st.sampled_from([*OPTIONS]))
+    arguments = [command]
+    for _ in range(draw(st.integers(0, 4))):
+        option, value = draw(st.sampled_from(OPTIONS[command])), draw(texts | numbers.map(str))
+        value = value.replace("\0", "0")  # no argument can have it
+        arguments += draw(st.sampled_from([[option, value], [f"{option}={value}"], [value], [option]]))
+    return Input(arguments if "--results" in " ".join(arguments) else [*arguments, *RESULTS])
 
 
 @cache
-def _search_digest() -> str:
-    """Returns the digest of the shipped search under the name of its copy."""
-    declared = load_experiment("tuning").declared
-    return digest_of_search(declared.model_copy(update={"name": "search"}))
+def shipped_scenarios() -> Sequence[Input]:
+    """Lists commands that assess an agent in a scenario."""
+    command, files = ["assess", "--agent", "tests.fuzz:up", "--scenario", MINE, *RESULTS], []
+    for name in scenario_names():
+        table = read_toml(SCENARIO_DIRECTORY / f"{name}.toml")
+        if "group" in table:
+            table["issuer"]["places"] = 6  # of thousands
+        files.append({"mine.toml": toml(table).encode()})
+    forms = [["--observation", form] for form in OBSERVATIONS]
+    return [Input(command + form, file, ["mine.toml"]) for form in forms for file in files]
 
 
-def _published(rng: np.random.Generator) -> Input:
-    """Published results, some of whose files are mutated, of which the texts and the page are made."""
+@cache
+def shipped_experiments() -> Sequence[Input]:
+    """Lists commands that run or report an experiment."""
+    tables = [read_toml(EXPERIMENT_DIRECTORY / f"{name}.toml") for name in EXPERIMENTS]
+    files = [{"mine.toml": toml(table).encode()} for table in tables]
+    commands = [["run"], ["run", "--report"], ["report"], ["run", "--seeds", "0-12"]]
+    return [Input([*command, MINE, *RESULTS], file, ["mine.toml"]) for command in commands for file in files]
+
+
+@cache
+def copied_search() -> Sequence[Input]:
+    """Lists a command that runs an experiment whose settings come from a copy of a shipped search."""
+    shipped, tuned = (
+        EXPERIMENT_DIRECTORY / "tuning",
+        variant(first_seed=900, tuned_by="@FOLDER@/search.toml:q_learning"),
+    )
+    files = {f"search{end}": Path(f"{shipped}{end}").read_bytes() for end in (".toml", ".chosen.json")}
+    files["mine.toml"] = small_experiment(algorithms={"table": tuned}).encode()
+    declared = load_experiment("tuning").declared.model_copy(update={"name": "search"})
+    chosen = json.loads(files["search.chosen.json"]) | {"search": digest_of_search(declared)}
+    files["search.chosen.json"] = sealed(chosen, indent=1).encode()
+    return [Input(["run", MINE, *RESULTS], files, ["search.chosen.json"], is_data=True)]
+
+
+@cache
+def published_results() -> Sequence[Input]:
+    """Lists commands that make texts and the page from published files, which may name code."""
     paths = [path for name in ("sb3", "leaderboard") for path in (ROOT / "results" / name).iterdir()]
     files = {f"results/{path.parent.name}/{path.name}": path.read_bytes() for path in paths}
-    if rng.random() < 0.5:  # what might lead to code
-        manifest = json.loads(files["results/sb3/manifest.json"])
-        table = _one(rng, (manifest, manifest["report"]))
-        table[_one(rng, ("argument", "experiment", "kind"))] = _one(rng, HOSTILE)
-        files["results/sb3/manifest.json"] = sealed(manifest, indent=1).encode()
     tables = [name for name in files if not name.endswith((".svg", ".md"))]
-    for name in rng.choice([*tables, *["results/sb3/manifest.json"] * len(tables)], 2):
-        files[str(name)] = _mutated_file(rng, str(name), files[str(name)])
-    if rng.random() < 0.5:
-        rehash(files)
-    return Input(["report", "--results", "{}/results"], files, is_data=True)
+    manifest = "results/sb3/manifest.json"
+    given = Input(["report", *RESULTS], files, [*tables, *[manifest] * len(tables)], is_data=True)
+    inputs = [given] * 15
+    for key, code in product(("argument", "experiment", "kind"), HOSTILE):
+        content = json.loads(files[manifest])
+        (content["report"] if key == "kind" else content)[key] = code
+        inputs.append(given._replace(files=files | {manifest: sealed(content, indent=1).encode()}))
+    return inputs
 
 
-def rehash(files: dict[str, bytes]) -> None:
-    """Writes the digests of published files again, so that it is their content that is refused."""
-    name = "results/sb3/manifest.json"
-    with contextlib.suppress(ValueError, TypeError, LookupError, AttributeError, RecursionError):
-        manifest = json.loads(files[name])
-        for file in manifest["files"]:
-            manifest["files"][file] = hashlib.sha256(files[f"results/sb3/{file}"]).hexdigest()
-        files[name] = sealed(manifest, indent=1).encode()
+@st.composite
+def changed_inputs(draw: st.DrawFn, given: Sequence[Input]) -> Input:
+    """Draws one of these inputs with changed files, whose digests may be right all the same."""
+    one = draw(st.sampled_from(given))
+    files = {**one.files}
+    for name in draw(st.lists(st.sampled_from(one.changed), min_size=1, max_size=2)):
+        files[name] = draw(changed(name, files[name]))
+    for name in [name for name in files if name.endswith(".json")] if draw(st.booleans()) else ():
+        with contextlib.suppress(ValueError, TypeError, LookupError, AttributeError, RecursionError):
+            content = json.loads(files[name])
+            for file in content.get("files", ()):
+                digest = hashlib.sha256(files[f"{name.rpartition('/')[0]}/{file}"])
+                content["files"][file] = digest.hexdigest()
+            files[name] = sealed(content, indent=1).encode()
+    return one._replace(files=files)
 
 
-def _mutated_toml(rng: np.random.Generator, data: dict[str, Any]) -> bytes:
-    for _ in range(int(rng.integers(1, 4))):
-        _mutate(rng, data)
-    text = "\n".join(f"{_key(key)} = {_toml(value)}" for key, value in data.items()).encode()
-    for _ in range(int(rng.integers(0, 3)) if rng.random() < 0.3 else 0):
-        text = _garble(rng, text)
-    return text
+@st.composite
+def changed(draw: st.DrawFn, name: str, content: bytes) -> bytes:
+    """Draws a file with other values in it, or other bytes."""
+    with contextlib.suppress(ValueError, TypeError, RecursionError):  # it is damaged already
+        if draw(st.integers(0, 4)):
+            if name.endswith(".toml"):
+                return toml(draw(mutated(tomllib.loads(content.decode())))).encode()
+            if name.endswith(".json"):
+                return json.dumps(draw(mutated(json.loads(content)))).encode()
+            if name.endswith(".csv"):
+                rows = draw(mutated([line.split(",") for line in content.decode().splitlines()]))
+                lines = (",".join(map(str, row if isinstance(row, list) else [row])) for row in rows)
+                return "\n".join(lines).encode(
+                    draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-7"]))
+                )
+    start = draw(st.integers(0, len(content)))
+    piece = draw(st.sampled_from(PIECES) | st.binary(max_size=8))
+    return content[:start] + piece + content[start + draw(st.integers(0, 20)) :]
 
 
-def _mutated_file(rng: np.random.Generator, name: str, data: bytes) -> bytes:
-    """Returns a file with other values in it, or other bytes."""
-    with contextlib.suppress(ValueError, RecursionError):  # it is damaged already
-        if rng.random() < 0.8 and name.endswith(".toml"):
-            return _mutated_toml(rng, tomllib.loads(data.decode()))
-        if rng.random() < 0.8 and name.endswith(".json"):
-            content = json.loads(data)
-            for _ in range(int(rng.integers(1, 4))):
-                _mutate(rng, content)
-            return json.dumps(content, ensure_ascii=bool(rng.random() < 0.5)).encode(errors="surrogatepass")
-        if rng.random() < 0.8 and name.endswith(".csv"):
-            rows: list[Any] = [line.split(",") for line in data.decode().splitlines()]
-            for _ in range(int(rng.integers(1, 4))):
-                _mutate(rng, rows[0 if rng.random() < 0.2 else int(rng.integers(len(rows)))])
-            lines = (",".join(f"{cell}" for cell in row) for row in rows)
-            return "\n".join(lines).encode(_one(rng, ("utf-8", "utf-8-sig", "utf-16", "utf-7")))
-    return _garble(rng, data)
+@st.composite
+def mutated(draw: st.DrawFn, data: Any) -> Any:
+    """Draws a copy of tables or lists in which up to three values are replaced, removed or added."""
+    data = copy.deepcopy(data)
+    for _ in range(draw(st.integers(1, 3))):
+        places = [*_places(data)]
+        if not places:
+            break
+        table, key = draw(st.sampled_from(places))
+        other, other_key = draw(st.sampled_from(places))
+        value = copy.deepcopy(draw(values | nudged(table[key]) | st.just(other[other_key])))
+        match draw(st.sampled_from(["replace", "replace", "replace", "remove", "add"])):
+            case "replace":
+                table[key] = value
+            case "remove":
+                del table[key]
+            case "add" if isinstance(table, dict):
+                table[draw(texts)] = value
+            case "add":
+                table.append(value)
+    return data
+
+
+def _places(table: Any) -> Iterator[tuple[Any, Any]]:
+    for key in table if isinstance(table, dict) else range(len(table)):
+        yield table, key
+        if isinstance(table[key], dict | list):
+            yield from _places(table[key])
+
+
+def nudged(value: Any) -> st.SearchStrategy[Any]:
+    """Draws values that are nearly this one."""
+    if isinstance(value, bool):
+        return st.just(not value)
+    if isinstance(value, int | float):
+        return st.sampled_from([value + 1, value - 1, value * 10, value // 3, -value])
+    if isinstance(value, str):
+        return st.sampled_from([value[:-1], value + "x", value.upper(), value * 2])
+    return values
+
+
+# What is done with it
 
 
 def up(observation: object) -> int:  # noqa: ARG001
@@ -280,54 +284,72 @@ def up(observation: object) -> int:  # noqa: ARG001
 
 def check(given: Input) -> tuple[str, str]:
     """Returns whether an input is "accepted", "refused" or "failed"; and what is wrong, or the message."""
+    memory_mb = peak_memory_mb() or 0
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        marker = {"marker.py": b"import os; os.mkdir('@FOLDER@/marker.ran')", "marker.md.jinja": MARKING}
-        for name, content in (given.files | marker).items():
+        markers = {"marker.py": MODULE, "marker.md.jinja": TEMPLATE.encode()}
+        for name, content in {**given.files, **markers}.items():
             (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
             (Path(folder) / name).write_bytes(content.replace(b"@FOLDER@", folder.encode()))
-        arguments = [argument.replace("{}", folder) for argument in given.arguments]
-        output, errors = io.StringIO(), io.StringIO()
-        signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+        errors = io.StringIO()
         try:
             with (
-                contextlib.redirect_stdout(output),
+                contextlib.redirect_stdout(io.StringIO()),
                 contextlib.redirect_stderr(errors),
                 mock.patch.object(sys, "path", [*sys.path, folder]),
-                _nothing_trained(),
+                mock.patch.object(driver, "run", side_effect=AcceptedError),
+                mock.patch.object(watch, "run", side_effect=AcceptedError),
+                _limited_time(),
             ):
-                code = benchmark(arguments)
+                code = benchmark([argument.replace("@FOLDER@", folder) for argument in given.arguments])
         except SystemExit as ended:  # of --help
             code = int(ended.code or 0)
-        except TooLongError:
-            return "failed", f"takes more than {LONGEST_S} s"
         except BaseException:
             return "failed", traceback.format_exc()
         finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
             sys.modules.pop("marker", None)
         if given.is_data and (Path(folder) / "marker.ran").exists():
             return "failed", "runs code that data name"
-        message = errors.getvalue()
-        if (peak_memory_mb() or 0) > MOST_MEMORY_MB:
-            return "failed", f"takes more than {MOST_MEMORY_MB} MB"
-        lines = message.splitlines(keepends=True)
-        if TooLongError.__name__ in message:
-            return "failed", f"takes more than {LONGEST_S} s"
-        is_line = 1 <= len(lines) <= MOST_LINES and all(
-            line.startswith("error: ") and line.endswith("\n") and len(line) <= LONGEST_LINE for line in lines
-        )
-        if code == 0 or message.endswith(f"error: {AcceptedError()}\n"):
-            return "accepted", ""
-        return ("refused" if is_line and code == 2 else "failed"), f"exit code {code}: {message}"
+    if (peak_memory_mb() or 0) > memory_mb + MAX_MEMORY_MB:
+        return "failed", f"takes more than {MAX_MEMORY_MB} MB"
+    return _judged(code, errors.getvalue())
 
 
-def check_many(seed: int, numbers: range) -> tuple[Counter[str], list[str]]:
+def _judged(code: int, message: str) -> tuple[str, str]:
+    if TooLongError.__name__ in message:
+        return "failed", f"takes more than {MAX_CPU_S} s"
+    if code == 0 or message.endswith(f"error: {AcceptedError()}\n"):
+        return "accepted", ""
+    lines = message.splitlines(keepends=True)
+    is_refused = code == 2 and 1 <= len(lines) <= MAX_LINES
+    for line in lines:
+        is_refused &= line.startswith("error: ") and line.endswith("\n") and len(line) <= MAX_LINE
+    return "refused" if is_refused else "failed", f"exit code {code}: {message}"
+
+
+@contextlib.contextmanager
+def _limited_time() -> Iterator[None]:
+    """Raises TooLongError after too much CPU time, which other processes do not change."""
+
+    def stop(*_: object) -> None:
+        raise TooLongError
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, MAX_CPU_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def check_many(seed: int, numbers: Sequence[int]) -> tuple[Counter[str], list[str]]:
     """Returns how many inputs have which outcome, and what failed."""
-    _limit()
+    with contextlib.suppress(ValueError):
+        resource.setrlimit(resource.RLIMIT_DATA, (4 * 2**30, resource.RLIM_INFINITY))
     counts: Counter[str] = Counter()
     failures = []
-    for number in numbers:
-        given = draw(seed, number)
+    drawn = {number: draw(seed, number) for number in numbers}  # before commands load further modules
+    for number, given in drawn.items():
         outcome, what = check(given)
         counts[outcome] += 1
         if outcome == "failed":
@@ -345,7 +367,7 @@ def main(arguments: list[str] | None = None) -> int:
     last = options.first + options.inputs
     chunks = [range(i, min(i + CHUNK, last)) for i in range(options.first, last, CHUNK)]
     counts: Counter[str] = Counter()
-    # A new process for each chunk, so that its peak memory is of its own inputs.
+    # A new process for each chunk, since the peak of its memory hides smaller ones.
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), max_tasks_per_child=1) as pool:
         done = pool.map(partial(check_many, options.seed), chunks)
         for some, failed in track(done, "checking inputs", total=len(chunks)):
@@ -354,119 +376,6 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"inputs accepted: {counts['accepted']:,}, refused: {counts['refused']:,}")
     print(f"failed: {counts['failed']:,} (--first N --inputs 1 repeats input N)")
     return 1 if counts["failed"] else 0
-
-
-def _limit() -> None:
-
-    def stop(*_: object) -> None:
-        raise TooLongError
-
-    signal.signal(signal.SIGALRM, stop)
-    with contextlib.suppress(ValueError):
-        resource.setrlimit(resource.RLIMIT_DATA, (4 * 2**30, resource.RLIM_INFINITY))
-
-
-@contextlib.contextmanager
-def _nothing_trained() -> Iterator[None]:
-
-    def begin(*_: object, **__: object) -> list[str]:
-        raise AcceptedError
-
-    with mock.patch.object(driver, "run", begin), mock.patch.object(watch, "run", begin):
-        yield
-
-
-def _command_line(rng: np.random.Generator) -> Input:
-    command = _one(rng, list(COMMANDS))
-    arguments = [command]
-    for _ in range(int(rng.integers(0, 5))):
-        option = _one(rng, COMMANDS[command])
-        value = _one(rng, WORDS) if rng.random() < 0.8 else _toml(_one(rng, NASTY)).strip('"')
-        value = value.replace("\0", "0")  # no argument can have it
-        arguments += _one(rng, ([option, value], [f"{option}={value}"], [value], [option]))
-    if "--results" not in " ".join(arguments):
-        arguments += ["--results", "{}/results"]
-    return Input(arguments)
-
-
-def _mutate(rng: np.random.Generator, data: dict[str, Any]) -> None:
-    places: list[tuple[Any, Any]] = []
-
-    def walk(table: Any) -> None:
-        for key in list(table) if isinstance(table, dict) else range(len(table)):
-            places.append((table, key))
-            if isinstance(table[key], dict | list):
-                walk(table[key])
-
-    walk(data)
-    if not places:
-        return
-    table, key = places[int(rng.integers(len(places)))]
-    other, other_key = places[int(rng.integers(len(places)))]
-    changes: list[Callable[[], None]] = [
-        *[lambda: table.__setitem__(key, copy.deepcopy(_one(rng, NASTY)))] * 3,
-        *[lambda: table.__setitem__(key, _nudged(rng, table[key]))] * 2,
-        lambda: table.__setitem__(key, copy.deepcopy(other[other_key])),
-        lambda: table.__delitem__(key),
-        lambda: _add(rng, table, copy.deepcopy(table[key])),
-    ]
-    _one(rng, changes)()
-
-
-def _nudged(rng: np.random.Generator, value: Any) -> Any:
-    if isinstance(value, bool):
-        return not value
-    if isinstance(value, int):
-        return _one(rng, (value + 1, value - 1, value * 10, value // 2, -value))
-    if isinstance(value, float):
-        return _one(rng, (value / 3, value * 3, -value, value + 1, 0.0))
-    if isinstance(value, str):
-        return _one(rng, (value[:-1], value + "x", value.upper(), value * 2))
-    return copy.deepcopy(value)
-
-
-def _add(rng: np.random.Generator, table: Any, value: Any) -> None:
-    if isinstance(table, dict):
-        names = [text for text in NASTY if isinstance(text, str)]
-        table[
-            _one(rng, [*names, "kind", "seeds", "settings", "observe", "phases", "others", "walk", "group"])
-        ] = value
-    else:
-        table.append(value)
-
-
-def _garble(rng: np.random.Generator, text: bytes) -> bytes:
-    start = int(rng.integers(len(text) + 1))
-    stop = min(start + int(rng.integers(0, 20)), len(text))
-    pieces = (
-        b"", b"[" * 500, b"{a=" * 400, b"9" * 5000, b"\xff\xfe", b"\x00", b'"""', b"'''", b"\n", b"=", b"#",
-        b"[x]\n" * 3, b"a.b.c.d = 1\n", b"." .join([b"a"] * 2000) + b" = 1\n", b"1979-05-27", b"1e999",
-        b"0x" + b"f" * 400, rng.bytes(8),
-    )  # fmt: skip
-    piece: bytes = _one(rng, pieces)
-    return text[:start] + piece + text[stop:]
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int):
-        return f"{value:d}" if abs(value) < 10**4000 else "1" + "0" * 4300
-    if isinstance(value, float):
-        return repr(value)
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{_key(key)} = {_toml(each)}' for key, each in value.items())} }}"
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "?")
-
-
-def _key(key: str) -> str:
-    return json.dumps(key, ensure_ascii=False)
-
-
-def _one(rng: np.random.Generator, values: Any) -> Any:
-    return values[int(rng.integers(len(values)))]
 
 
 if __name__ == "__main__":

@@ -1,18 +1,17 @@
 """What tests of several rooms call: the project's commands, as users run them, and its packages."""
 
 import json
+import re
+import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterable
-from importlib.metadata import distribution
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
 from markdown_it import MarkdownIt
-from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 
 from benchmark.experiments import Experiment, RunSpecification
 from benchmark.folder import MANIFEST, write_manifest
@@ -21,6 +20,44 @@ from envs import load_scenario
 ROOT: Final = Path(__file__).parents[1]
 _PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PROJECT: Final[dict[str, Any]] = tomllib.loads(_PYPROJECT)["project"]
+
+
+def variant(
+    algorithm: str = "q_learning", *observations: str, seeds: int = 2, **keys: object
+) -> dict[str, object]:
+    """Returns a variant's table in an experiment: by default, Q-learning from cells."""
+    return {"algorithm": algorithm, "observations": [*observations] or ["index"], "seeds": seeds, **keys}
+
+
+def small_experiment(**changes: object) -> str:
+    """Returns the text of an experiment's file: a table in S1, with few short runs, and these changes."""
+    keys: dict[str, object] = {
+        "description": "A small experiment.",
+        "scenarios": ["S1"],
+        "horizon": 50,
+        "evaluation_every": 100,
+        "map_every": 200,
+        "settings": {"budget": 200},
+        "algorithms": {"table": variant()},
+    }
+    return toml(keys | changes)
+
+
+def toml(table: Mapping[str, object]) -> str:
+    """Writes a table as TOML, with a line for each key."""
+    return "".join(f"{_key(key)} = {_inline(value)}\n" for key, value in table.items())
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[\w-]+", key, re.ASCII) else json.dumps(key, ensure_ascii=False)
+
+
+def _inline(value: object) -> str:
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{_key(key)} = {_inline(each)}' for key, each in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_inline, value))}]"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else f"{value}".lower()
 
 
 def specifications(
@@ -62,33 +99,15 @@ def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     )
 
 
-def requirements(extra: str | None) -> set[str]:
-    """Returns the packages that an extra adds to others, or those of the core."""
-    lines = PROJECT["dependencies"] if extra is None else PROJECT["optional-dependencies"][extra]
-    names: set[str] = {canonicalize_name(Requirement(line).name) for line in lines}
-    return names - {PROJECT["name"]}
-
-
-def with_all_they_need(packages: Iterable[str]) -> set[str]:
-    """Adds to packages what they need, and so on."""
-    found: set[str] = set()
-    todo = [*packages]
-    while todo:
-        package = canonicalize_name(todo.pop())
-        if package not in found:
-            found.add(package)
-            needed = map(Requirement, distribution(package).requires or ())
-            todo += [each.name for each in needed if not each.marker or each.marker.evaluate({"extra": ""})]
-    return found
-
-
-def install(packages: Iterable[str], folder: Path) -> None:
-    """Links packages and all they need into a folder, as if pip had installed only these there."""
-    for package in with_all_they_need(packages):
-        for file in distribution(package).files or ():
-            link = folder / file.parts[0]
-            if file.parts[0] not in ("..", "__pycache__") and not link.exists():
-                link.symlink_to(distribution(package).locate_file(file.parts[0]))  # type: ignore[arg-type]
+def copy_compiled(folder: Path) -> None:
+    """Copies what numba has compiled in this checkout into a copy of it, which then need not do it."""
+    for source in (ROOT / "agents").rglob("*"):
+        target = folder / source.relative_to(ROOT)
+        if source.suffix == ".nbc":
+            target.parent.mkdir(exist_ok=True)
+            shutil.copy(source, target)
+        elif source.suffix == ".py":
+            shutil.copystat(source, target)  # by which numba knows a source
 
 
 def markdown_parser() -> MarkdownIt:

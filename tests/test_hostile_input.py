@@ -12,36 +12,14 @@ from benchmark.execution.store import Store
 from benchmark.experiments import EXPERIMENT_DIRECTORY
 from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.support import ROOT
+from tests.support import ROOT, small_experiment, variant
 
-EXPERIMENT = """
-description = "A table."
-scenarios = ["S1"]
-horizon = 200
-evaluation_every = 500
-map_every = 500
-[algorithms.table]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 3
-settings = { budget = 1000 }
-"""
-LONG = EXPERIMENT.replace("budget = 1000", "budget = 1_000_000_000, record_every = 1000")
-LARGE = EXPERIMENT.replace('"index"', '"coordinates", "one_hot"').replace("q_learning", "compiled_dqn")
-LARGE += """
-[readings.default]
-question = "?"
-answer = "!"
-scenario = { "grid.rows" = 250, "grid.columns" = 400, ping_limit = 1 }
-"""
-# Seven axes of ten values
-GRID = f"{EXPERIMENT}[grids.all]\n" + "".join(
-    f"axes.a{axis}.{i}.settings.key{axis} = {i}\n" for axis in range(7) for i in range(10)
-)
-READINGS = "".join(
-    f"[readings.{name}]\nquestion = '?'\nanswer = '!'\n"
-    for name in ("default", *(f"r{i}" for i in range(10)))
-)
+EXPERIMENT = small_experiment(horizon=200)
+LONG = {"evaluation_every": 20_000, "map_every": 20_000}
+LARGE = {"question": "?", "answer": "!", "scenario": {"grid.rows": 250, "grid.columns": 400, "ping_limit": 1}}
+AXES = {f"a{axis}": {str(i): {"settings": {f"key{axis}": i}} for i in range(10)} for axis in range(7)}
+FOUR = dict([*AXES.items()][:4])
+READINGS = {name: {"question": "?", "answer": "!"} for name in ("default", *(f"r{i}" for i in range(10)))}
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -60,28 +38,40 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     [
         (f"a = {'[' * 500}{']' * 500}", "not valid TOML: maximum recursion depth"),
         (f"{'.'.join('a' * 3000)} = 1", "not valid TOML: a key has more than 50 parts"),
-        (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
-        (GRID, "axes: more than 10,000 points: accepted: at most 10,000 points"),
+        (small_experiment(horizon=int("9" * 4000)), "horizon = 9999"),
         (
-            f"{GRID[: GRID.index('axes.a4')]}{READINGS}",
+            small_experiment(grids={"all": {"axes": AXES}}),
+            "axes: more than 10,000 points: accepted: at most 10,000 points",
+        ),
+        (
+            small_experiment(grids={"all": {"axes": FOUR}}, readings=READINGS),
             "grids: 110,000 conditions: accepted: at most 100,000",
         ),
-        (f"{EXPERIMENT}[solved]\ngrowth = 1.0000001\n", "solved.growth = 1.0000001: "),
+        (small_experiment(solved={"growth": 1.0000001}), "solved.growth = 1.0000001: "),
         # From [0, 0], the target region of S1 is ten steps away.
-        (EXPERIMENT.replace("horizon = 200", "horizon = 10"), "S1: no policy succeeds within horizon = 10; "),
-        (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
+        (small_experiment(horizon=10), "S1: no policy succeeds within horizon = 10; "),
+        (small_experiment(scenarios=["S" * 5000]), "unknown scenario SSSSS"),
         # By hand: 120 observations, 50,001 times 1 byte of greedy actions and 5 values of 4 bytes.
-        (LONG.replace("500", "20000"), f"records of {120 * 50_001 * 21 / 1e6:,.0f} MB"),
         (
-            LONG.replace(", record_every = 1000", "").replace("500", "1_000_000_000"),
+            small_experiment(**LONG, settings={"budget": 10**9, "record_every": 1000}),
+            f"records of {120 * 50_001 * 21 / 1e6:,.0f} MB",
+        ),
+        (
+            small_experiment(evaluation_every=10**9, map_every=10**9, settings={"budget": 10**9}),
             "record_every = 1 with budget = 1000000000: ",
         ),
         # By hand: 100,000 for each of two forms; the days are 200,000 / (24 * 60 * 60).
         (
-            EXPERIMENT.replace("= 3", "= 100_000").replace('["index"]', '["index", "offset"]'),
+            small_experiment(algorithms={"table": variant("q_learning", "index", "offset", seeds=100_000)}),
             "up to 200,000 runs, which take 2.3 days at a second each; accepted: at most 100,000.",
         ),
-        (LARGE, "algorithms.table: observation one_hot: 100,000 observations of 100,000 numbers each"),
+        (
+            small_experiment(
+                algorithms={"table": variant("compiled_dqn", "coordinates", "one_hot")},
+                readings={"default": LARGE},
+            ),
+            "algorithms.table: observation one_hot: 100,000 observations of 100,000 numbers each",
+        ),
     ],
 )
 def test_files_that_are_too_much(
@@ -92,10 +82,13 @@ def test_files_that_are_too_much(
 
 
 def test_module_that_exits_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    places = (('"q_learning"', '"exiting:a"'), ("\n[alg", '\n[report]\nkind = "exiting:a"\n[alg'))
-    for ending, (old, new) in product(("SystemExit(None)", "GeneratorExit()", "SystemExit('bye')"), places):
+    places: list[dict[str, object]] = [
+        {"report": "exiting:a"},
+        {"algorithms": {"table": variant("exiting:a")}},
+    ]
+    for ending, place in product(("SystemExit(None)", "GeneratorExit()", "SystemExit('bye')"), places):
         (tmp_path / "exiting.py").write_text(f"raise {ending}\n")
-        (tmp_path / "mine.toml").write_text(EXPERIMENT.replace(old, new, 1))
+        (tmp_path / "mine.toml").write_text(small_experiment(**place))
         line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
         reason = f"{tmp_path}/exiting.py, line 1: {ending} would end this process"
         assert f"exiting:a cannot be imported: {reason}" in line
@@ -111,7 +104,7 @@ def test_all_mistakes_of_a_file_are_reported_at_once(
         assert all(line.startswith("error: ") for line in lines)
         return [line.removeprefix(f"error: {tmp_path}/mine.toml: ") for line in lines]
 
-    text = EXPERIMENT.replace("horizon = 200", "horizont = 200\nstream = 7").replace("seeds = 3", "")
+    text = EXPERIMENT.replace("horizon = 200", "horizont = 200\nstream = 7").replace(", seeds = 2", "")
     stream, missing, unknown = errors(text)
     assert unknown.startswith("unknown key horizont (did you mean horizon?)")
     assert (stream.split(":")[0], missing) == ("stream = 7", "the key algorithms.table.seeds is missing.")
@@ -130,7 +123,7 @@ def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture
     text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
     zeros = "".join(f"{key} = 0.0\n" for key in read_toml(SCENARIO_DIRECTORY / "S1.toml")["rewards"])
     (tmp_path / "Flat.toml").write_text(f"{text[: text.index('[rewards]')]}[rewards]\n{zeros}")
-    (tmp_path / "mine.toml").write_text(EXPERIMENT.replace('"S1"', f'"{tmp_path}/Flat.toml"'))
+    (tmp_path / "mine.toml").write_text(small_experiment(scenarios=[f"{tmp_path}/Flat.toml"]))
     flat = ["--agent", "tests.fuzz:up", "--scenario", f"{tmp_path}/Flat.toml", "--observation", "index"]
     for arguments in (["run", f"{tmp_path}/mine.toml"], ["assess", *flat]):
         assert "so scores" in refused(capsys, *arguments, "--results", tmp_path / "out")
@@ -162,7 +155,7 @@ def test_closed_and_full_outputs(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(EXPERIMENT)
     assert bash(f">&- 2>&- benchmark run {tmp_path}/mine.toml --jobs 1 --results {tmp_path}").returncode == 0
     with Store(tmp_path / "runs.db", read_only=True) as store:
-        assert len(store.ended()) == 3
+        assert len(store.ended()) == 2
         assert store.problem() == ""
     done = bash(">/dev/full benchmark list")
     assert (done.returncode, done.stderr) == (2, "error: No space left on device.\n")

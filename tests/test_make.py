@@ -21,17 +21,15 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
         ["disk full", "interrupted: 1; runs lost, repeated or different: 0"],
         set(),
     ),
-    "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"], set()),
     "report": ([], [], {"README.md", "index.html"}),
     "when": (["EXPERIMENT=when_smoke"], ["the page is"], {"runs.db", "when_smoke/map.svg"}),
     "sb3": (["EXPERIMENT=sb3_smoke"], ["the page is"], {"runs.db", "sb3_smoke/policies.svg"}),
-    "groups": (["EXPERIMENT=groups_smoke"], ["the page is"], {"runs.db", "groups_smoke/ceilings.csv"}),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),
 }
 
 
-# Others use what these make: tests/test_pipeline.py, tests/benchmark/studies and tests/benchmark/publish.
-TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs"}
+# Other tests use what these make; `groups` differs from `when` in its experiment alone.
+TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs", "fuzz", "groups"}
 
 
 @pytest.mark.parametrize("target", sorted({*TARGETS} - TESTED_ELSEWHERE))
@@ -68,7 +66,7 @@ def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
     assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()} == kept
 
 
-@pytest.mark.parametrize("target", ["reproduce", "compare-deep", "beyond"])
+@pytest.mark.parametrize("target", ["reproduce", "compare-deep", "beyond", "groups"])
 def test_seeds_are_passed_on_or_refused(target: str) -> None:
     shown = make("--dry-run", target, "SEEDS=30", "EXPERIMENT=mine").stdout
     assert shown.split()[-3:] == ["--seeds", "0-29", "mine"]

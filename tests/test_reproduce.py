@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import ROOT, git, make
+from tests.support import ROOT, copy_compiled, git, make
 
 RUNS = 5000
 if not (ROOT / ".git").exists():
@@ -47,6 +47,7 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
             (folder / name).unlink()
     git(folder, "add", "-A")
     git(folder, "commit", "-q", "--allow-empty", "-m", "The working tree")
+    copy_compiled(folder)
     count = kill_early(folder)
     assert 100 <= count < RUNS
     done = make("reproduce", cwd=folder)

@@ -1,7 +1,5 @@
 """Runs as data frames, stored and published."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -9,20 +7,14 @@ import pytest
 from benchmark import curves, runs
 from benchmark.__main__ import main
 from envs import InputError
-from tests.support import ROOT
+from tests.support import small_experiment, variant
 
-EXPERIMENT = """
-description = "Two tables."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 100
-map_every = 300
-report = "comparison"
-settings = { budget = 300, time_limit = 50 }
-[algorithms]
-one = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
-two = { algorithm = "expected_sarsa", observations = ["index"], seeds = 3 }
-"""
+EXPERIMENT = small_experiment(
+    map_every=300,
+    report="comparison",
+    settings={"budget": 300, "time_limit": 50},
+    algorithms={"one": variant(seeds=3), "two": variant("expected_sarsa", seeds=3)},
+)
 
 
 def test_frames_are_of_all_runs_stored_or_else_published(
@@ -66,8 +58,3 @@ def test_frames_are_of_all_runs_stored_or_else_published(
     with pytest.raises(InputError, match="source = 'all': accepted: stored, published"):
         runs(file, source="all")
     assert capsys.readouterr() == ("", "")
-
-
-def test_importing_the_project_stays_light() -> None:
-    code = "import sys, benchmark; sys.exit('pandas' in sys.modules or hasattr(benchmark, 'walks'))"
-    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0

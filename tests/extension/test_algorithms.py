@@ -21,7 +21,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs.sources import digest_of_source
 from tests.benchmark.execution.test_processes import arrays_of
-from tests.support import ROOT
+from tests.support import ROOT, small_experiment, variant
 
 
 class Scaled(QRDQN):
@@ -46,41 +46,26 @@ from benchmark.studies.item import item
 def ITEM(data):
     yield {"number": 7}
 """
-OF_MODULE_BESIDE = """
-description = "An algorithm, which is trained in a process, and an item, from a module beside this file."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 200
-map_every = 200
-settings = { budget = 400 }
-report = { kind = "comparison", items = ["beside_mine:ITEM"] }
-algorithms.beside = { algorithm = "beside_mine:LEARNER", observations = ["index"], seeds = 2 }
-algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
-"""
-EXPERIMENT = f"""
-description = "Algorithms from outside."
-report = "comparison"
-scenarios = ["S2"]
-horizon = 50
-evaluation_every = 200
-map_every = 400
-
-[settings]
-budget = 400
-time_limit = 30
-
-[algorithms.trpo]
-algorithm = "sb3_contrib:TRPO"
-observations = ["one_hot"]
-seeds = 1
-settings = {{ n_steps = 50, batch_size = 50, policy_kwargs = {{ net_arch = [16] }} }}
-
-[algorithms.scaled]
-algorithm = "{__name__}:Scaled"
-observations = ["coordinates"]
-seeds = 1
-settings = {{ train_freq = 8, scale = 0.5 }}
-"""
+# An algorithm, which is trained in a process, and an item, from a module beside the experiment's file.
+OF_MODULE_BESIDE = small_experiment(
+    evaluation_every=200,
+    settings={"budget": 400},
+    report={"kind": "comparison", "items": ["beside_mine:ITEM"]},
+    algorithms={"beside": variant("beside_mine:LEARNER"), "table": variant()},
+)
+TRPO = {"n_steps": 50, "batch_size": 50, "policy_kwargs": {"net_arch": [16]}}
+EXPERIMENT = small_experiment(
+    scenarios=["S2"],
+    evaluation_every=200,
+    map_every=400,
+    settings={"budget": 400, "time_limit": 30},
+    algorithms={
+        "trpo": variant("sb3_contrib:TRPO", "one_hot", seeds=1, settings=TRPO),
+        "scaled": variant(
+            f"{__name__}:Scaled", "coordinates", seeds=1, settings={"train_freq": 8, "scale": 0.5}
+        ),
+    },
+)
 
 
 def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:

@@ -6,17 +6,14 @@ from agents.tabular.learner import Q_LEARNING as Q_LEARNING
 from benchmark.__main__ import main
 from benchmark.experiments import all_specifications
 from tests.benchmark.studies.conftest import experiment_of
+from tests.support import small_experiment, variant
 
-PLAIN = """
-description = "A table in S1 and S3."
-scenarios = ["S1", "S3"]
-horizon = 200
-evaluation_every = 100
-map_every = 200
-settings = { learning_rate = 0.6, budget = 200 }
-algorithms.q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
-"""
-
+PLAIN = small_experiment(
+    scenarios=["S1", "S3"],
+    horizon=200,
+    settings={"learning_rate": 0.6, "budget": 200},
+    algorithms={"q_learning": variant(seeds=3)},
+)
 GRID = f"""
 stream = "plain"
 {PLAIN}

@@ -13,19 +13,10 @@ from envs import Ping, compile_scenario, load_scenario
 from envs.inputs import InputError
 from envs.model import PING
 from envs.sources import digest_of_source
-from tests.support import ROOT
+from tests.support import ROOT, small_experiment
 
 S1 = ROOT / "envs" / "scenarios" / "S1.toml"
 (POLITE,) = re.findall(r"```python\n(# polite.*?)```", (S1.parent / "README.md").read_text(), flags=re.DOTALL)
-EXPERIMENT = """
-description = "A table with feedback from outside."
-scenarios = ["scenes/Polite.toml"]
-horizon = 50
-evaluation_every = 200
-map_every = 200
-settings = { budget = 400 }
-algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
-"""
 
 
 def distance(ping: Ping) -> float:
@@ -96,7 +87,7 @@ def test_example_of_the_guide_is_found_beside_its_scenario(
     (scenes / "polite.py").write_text(POLITE, encoding="utf-8")
     text = S1.read_text(encoding="utf-8").replace('kind = "none"', 'kind = "polite:polite"')
     (scenes / "Polite.toml").write_text(text, encoding="utf-8")
-    (tmp_path / "mine.toml").write_text(EXPERIMENT, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(small_experiment(scenarios=["scenes/Polite.toml"]), encoding="utf-8")
     env = gymnasium.make("Proxemic/S1-v0", scenario=scenes / "Polite.toml")
     env.reset()
     # The farthest start is 14 steps away, and so is the agent.

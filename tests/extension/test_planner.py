@@ -13,6 +13,7 @@ from agents.dynamic_programming import solve
 from agents.policy import greedy_masks
 from benchmark.__main__ import main
 from envs import Model
+from tests.support import small_experiment, variant
 
 
 class PlannerSettings(LearnerSettings):
@@ -59,22 +60,17 @@ class Planner(SequentialAlgorithm):
 
 DEEP: Final = Planner()
 
-EXPERIMENT = """
-description = "A planner, and tables that have no time to learn."
-report = "comparison"
-scenarios = ["S1", "S3"]
-horizon = 200
-evaluation_every = 100
-map_every = 100
-settings = {{ budget = 200 }}
-algorithms.q_learning = {{ algorithm = "q_learning", observations = ["index"], seeds = {seeds} }}
-algorithms.planner = {{ algorithm = "{planner}", observations = ["index"], seeds = {seeds} }}
-"""
-
 
 def test_it_is_compared_like_any_other(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
-    file.write_text(EXPERIMENT.format(planner=f"{__name__}:DEEP", seeds=10), encoding="utf-8")
+    text = small_experiment(
+        report="comparison",
+        scenarios=["S1", "S3"],
+        horizon=200,
+        map_every=100,
+        algorithms={"q_learning": variant(seeds=10), "planner": variant(f"{__name__}:DEEP", seeds=10)},
+    )
+    file.write_text(text, encoding="utf-8")
     assert main(["run", str(file), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     scores = pd.read_csv(tmp_path / "mine" / "scores.csv.gz").query("variant == 'planner'")
     assert scores["score"].to_numpy() == pytest.approx(1)

@@ -6,37 +6,32 @@ import pandas as pd
 import pytest
 
 from tests.benchmark.studies.conftest import results_of
+from tests.support import small_experiment, variant
 
-EXPERIMENT = """
-description = "Does exploring less pay, and does it when actions are forgotten?"
-scenarios = ["S1", "S2"]
-horizon = 200
-evaluation_every = 1000
-map_every = 5000
-settings = { budget = 10000, time_limit = 200, record_every = 10000 }
-
-[report]
-kind = "comparison"
-omit = ["agents", "curves"]
-margins = { success = 0.2 }
-contrasts = [
-  ["curious, index", "calm, index"],
-  ["default/all/noise=high", "default/all/noise=low"],
-  ["curious, index @ S2", "curious, index @ S1"],
-]
-
-[algorithms]
-curious = { algorithm = "q_learning", observations = ["index"], seeds = 30, settings = { epsilon = 0.6 } }
-[algorithms.calm]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 30
-settings = { epsilon = 0.1, learning_rate = 0.2 }
-
-[grids.all.axes.noise]
-low = {}
-high = { scenario = { ping_limit = 1 } }
-"""
+NOISE = ("default/all/noise=high", "default/all/noise=low")
+# Does exploring less pay, and does it when actions are forgotten?
+EXPERIMENT = small_experiment(
+    scenarios=["S1", "S2"],
+    horizon=200,
+    evaluation_every=1000,
+    map_every=5000,
+    settings={"budget": 10_000, "time_limit": 200, "record_every": 10_000},
+    report={
+        "kind": "comparison",
+        "omit": ["agents", "curves"],
+        "margins": {"success": 0.2},
+        "contrasts": [
+            ["curious, index", "calm, index"],
+            NOISE,
+            ["curious, index @ S2", "curious, index @ S1"],
+        ],
+    },
+    algorithms={
+        "curious": variant(seeds=30, settings={"epsilon": 0.6}),
+        "calm": variant(seeds=30, settings={"epsilon": 0.1, "learning_rate": 0.2}),
+    },
+    grids={"all": {"axes": {"noise": {"low": {}, "high": {"scenario": {"ping_limit": 1}}}}}},
+)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +44,7 @@ def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Pa
     contrasts = pd.read_csv(folder / "contrasts.csv")
     scores = pd.read_csv(folder / "scores.csv.gz")
     mean = scores.groupby(["variant", "condition", "scenario"])["success"].mean()
-    low, high = "default/all/noise=low", "default/all/noise=high"
+    high, low = NOISE
     expected = [
         *(mean["curious", condition].mean() - mean["calm", condition].mean() for condition in (low, high)),
         *(mean[name, high].mean() - mean[name, low].mean() for name in ("curious", "calm")),

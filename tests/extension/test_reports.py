@@ -18,18 +18,16 @@ from benchmark.studies import Data, Declared, Study, load_study, report_of
 from benchmark.studies.item import Estimate, called, item
 from envs import InputError
 from tests.benchmark.studies.conftest import experiment_of, results_of
+from tests.support import small_experiment, variant
 
 ITEM = Path(__file__).with_name("lost.py")
-EXPERIMENT = """
-description = "A small experiment of somebody else."
-scenarios = ["S1", "S3"]
-horizon = 200
-evaluation_every = 200
-map_every = 200
-settings = { budget = 400 }
-algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
-algorithms.two = { algorithm = "sarsa", observations = ["index"], seeds = 3 }
-"""
+EXPERIMENT = small_experiment(
+    scenarios=["S1", "S3"],
+    horizon=200,
+    evaluation_every=200,
+    settings={"budget": 400},
+    algorithms={"one": variant(seeds=3), "two": variant("sarsa", seeds=3)},
+)
 KIND = f"{__name__}:STUDY"
 
 

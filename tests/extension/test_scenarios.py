@@ -14,6 +14,7 @@ import pytest
 import envs
 from benchmark.studies.explorer import FILE
 from tests.benchmark.studies.conftest import results_of
+from tests.support import small_experiment, variant
 
 RIGHT, PING = 3, 4
 CORRIDOR = """
@@ -42,17 +43,15 @@ wrong_ping_uncomfortable = -0.5
 uncomfortable = -0.75
 other = -0.25
 """
-EXPERIMENT = """
-description = "Tables in a corridor, in the paper's room, behind walls, with moods, and anywhere."
-scenarios = ["corridor.toml", "S1", "Walls", "Moody", "Anywhere"]
-horizon = 50
-evaluation_every = 500
-map_every = 500
-settings = { learning_rate = 0.5, discount = 0.9, epsilon = 0.3, budget = 2000, record_every = 1000 }
-report = { kind = "comparison", pool = "none" }
-algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
-algorithms.two = { algorithm = "sarsa", observations = ["index", "offset"], seeds = 3 }
-"""
+# Tables in a corridor, in the paper's room, behind walls, with moods, and anywhere.
+EXPERIMENT = small_experiment(
+    scenarios=["corridor.toml", "S1", "Walls", "Moody", "Anywhere"],
+    evaluation_every=500,
+    map_every=500,
+    settings={"learning_rate": 0.5, "epsilon": 0.3, "budget": 2000, "record_every": 1000},
+    report={"kind": "comparison", "pool": "none"},
+    algorithms={"one": variant(seeds=3), "two": variant("sarsa", "index", "offset", seeds=3)},
+)
 OPTIMUM = 3 * -0.25 + 2.0  # three moves RIGHT to the nearest cell at distance 2 from the issuer, then PING
 
 

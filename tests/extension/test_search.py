@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
+from tests.support import small_experiment, variant
 
 MINE = """
 extends = "tuning_smoke"
@@ -32,10 +33,7 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert [*(chosen["variant"] + ", " + chosen["observation"])] == learners
     # Another experiment takes what was chosen for it, here the second best.
     tuned = tmp_path / "tuned.toml"
-    tuned.write_text(
-        'description = ""\nscenarios = ["S1"]\nhorizon = 50\nevaluation_every = 100\nmap_every = 100\n'
-        f'[algorithms.mine]\nalgorithm = "sarsa"\nobservations = ["index"]\nseeds = 2\nfirst_seed = 50\n'
-        f'tuned_by = "{path}:mine"\nrank = 2\nsettings = {{ budget = 100 }}\n'
-    )
+    mine = variant("sarsa", first_seed=50, tuned_by=f"{path}:mine", rank=2)
+    tuned.write_text(small_experiment(algorithms={"mine": mine}))
     assert main(["run", str(tuned), "--results", str(tmp_path / "results")]) == 0
     assert "2 runs done" in capsys.readouterr().out

@@ -15,7 +15,7 @@ from benchmark.publish import draw
 from benchmark.studies import report_of
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.studies.conftest import experiment_of, trained
-from tests.support import markdown_parser
+from tests.support import markdown_parser, small_experiment, variant
 
 # A formula, HTML, an entity, a script's link, ill-formed mathematics, and blocks of Markdown.
 TEXT = r"""=cmd|"/C calc"!A0 <script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1))
@@ -30,23 +30,6 @@ $\frac$ \input{x} % # ^ ~
 | 1 | 2 |
 """
 PHASE, TITLE = r"<b>|$\frac$ [red]_", r"_=$\x^$ <i>&amp;|"
-EXPERIMENT = f"""
-description = {json.dumps(TEXT)}
-note = {json.dumps(TEXT)}
-horizon = 50
-evaluation_every = 100
-map_every = 200
-settings = {{ budget = 200 }}
-scenarios = ["S1", "FOLDER/mood-1.toml"]
-algorithms.one-1 = {{ algorithm = "q_learning", observations = ["index"], seeds = 2, title = TITLE }}
-algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2 }}
-
-[report]
-kind = "comparison"
-omit = ["agents"]
-pool = "none"
-contrasts = [["one-1, index", "2_two, index"]]
-"""
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +40,19 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moody = moody.replace('"calm"', json.dumps(PHASE)).replace("{ calm =", f"{{ {json.dumps(PHASE)} =")
     moody = re.sub("description = .*", lambda _: f"description = {json.dumps(TEXT)}", moody)
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
-    text = EXPERIMENT.replace("FOLDER", str(folder))
-    experiment = experiment_of(folder / "mine-1.toml", text.replace("TITLE", json.dumps(TITLE)))
+    text = small_experiment(
+        description=TEXT,
+        note=TEXT,
+        scenarios=["S1", f"{folder}/mood-1.toml"],
+        report={
+            "kind": "comparison",
+            "omit": ["agents"],
+            "pool": "none",
+            "contrasts": [["one-1, index", "2_two, index"]],
+        },
+        algorithms={"one-1": variant(title=TITLE), "2_two": variant("sarsa")},
+    )
+    experiment = experiment_of(folder / "mine-1.toml", text)
     report = report_of(experiment).check()
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
