@@ -111,9 +111,9 @@ def svg(figure: Figure, *, is_tight: bool = False) -> str:
 
 @contextmanager
 def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns).
+    """Makes a figure in the project's style.
 
-    Axes in which nothing is drawn are hidden.
+    Its size is in inches, and the axes are (rows, columns). Those in which nothing is drawn are hidden.
     """
     with settings():
         figure = Figure(figsize=size, layout="constrained")

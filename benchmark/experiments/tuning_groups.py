@@ -16,5 +16,5 @@ def finding(tables: Tables) -> Names:
     claim(centre.eq(0).all(), "no run with the centre alone learns")
     claim(rows["trial"][DQN] == 0, "DQN keeps the settings of its pilot")
     claim(best[variant.eq("ppo")].max() < 0.1, "the search found nothing for PPO")
-    claim(best[variant.isin(["ppo", "dqn"])].max() == best[DQN], "DQN on offsets is the earliest net")
+    claim(best[variant.isin(["ppo", "dqn"])].max() == best[DQN], "the earliest net is DQN")
     return {"early": tables.numbers("chosen", "chosen", "learner", ".2f")}

@@ -46,14 +46,14 @@ def _names(tables: Mapping[str, Tables]) -> Names:
     verdicts = equivalence.rows("contrasts")["success_verdict"]
     is_small = equivalence.values("contrasts", "success_margin") == {0.15}
     are_known = len(verdicts) == 8 and {*verdicts} <= {"equivalent", "undecided"}
-    equivalence.claim(is_small and are_known, "eight pairs of nets are equivalent within 0.15 or undecided")
+    equivalence.claim(is_small and are_known, "nets are equivalent within 0.15 or undecided")
     contrasts = when.rows("contrasts", x=_NETS, y=_TILINGS)
     are_known = {*contrasts["verdict"]} <= {"slower", "undecided"}
     when.claim(are_known, "all contrasts of nets with tile coding are slower or undecided")
     runs = when.rows("cells", grid="places", places=64, learner=[*_NETS, *_TILINGS, *_TABLES])
     expected = np.where(runs["learner"].isin([_NETS[1], _TABLES[0]]), 30, 15)
     has_as_many = (runs["n"] == expected).all()
-    when.claim(has_as_many, "with 64 places, DQN and the table of cells have 30 runs, and the others 15")
+    when.claim(has_as_many, "with 64 places, two learners have 30 runs, and the others 15")
     with_people = groups.values("contrasts", "verdict", x=_NETS[2:], y=_TILINGS[1])
     groups.claim(with_people == {"slower"}, "nets are slower than tile coding with several people")
     ppo, dqn = (when.row("crossings", x=net, y=_TILINGS[0])["x_later"] for net in _NETS[:2])

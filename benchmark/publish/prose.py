@@ -57,7 +57,7 @@ def written(folder: Folder, template: Path | None = None) -> str | None:
 
 
 def _named(path: Path, tables: Tables) -> Names:
-    """Returns a Python file's constants that are texts, in lower case, and what its `finding` returns."""
+    """Returns a Python file's texts, by their names in lower case, and what `finding` returns."""
     spec = spec_from_file_location(f"finding_of_{path.stem}", path)
     if not path.is_file() or spec is None or spec.loader is None:
         return {}

@@ -1,4 +1,4 @@
-"""What a report is computed from: tables of runs and curves, the records behind them, learners' looks."""
+"""What a report is computed from: tables, the records behind them, and learners' looks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -42,8 +42,8 @@ class Item(Generic[A]):
     description: str  # what its files hold
     columns: str = ""  # that readers see, which spaces separate; by default all
     _: KW_ONLY
-    labels: Mapping[str, str] = field(default_factory=dict)  # of columns that readers see by another name
-    meanings: Mapping[str, str] = field(default_factory=dict)  # of those that mean something else elsewhere
+    labels: Mapping[str, str] = field(default_factory=dict)  # of columns, if not the name
+    meanings: Mapping[str, str] = field(default_factory=dict)  # if not the same as elsewhere
     where: Show | None = None  # chooses the rows that readers see
     is_measured: bool = False  # whether it holds measured times or memory, which differ every time
     best: str = ""  # the column by which readers see rows sorted, the largest first; "-": the smallest
@@ -52,7 +52,7 @@ class Item(Generic[A]):
     write: Callable[..., None] | None = None
     caption: str = ""  # of the figure
     draw: Draw | None = None
-    show: Show | None = None  # returns what readers see, as Markdown texts, if not the chosen columns
+    show: Show | None = None  # returns what readers see, as texts in Markdown
 
     def __call__(self, compute: Callable[..., Rows]) -> "Item[A]":
         """Takes the function of the table."""

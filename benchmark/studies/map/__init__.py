@@ -11,7 +11,7 @@ from benchmark.studies.map.declared import MapDeclared, check, most_runs
 from benchmark.studies.map.looks import EQUAL, FASTER, SLOWER, VERDICTS, stages
 from benchmark.studies.study import Study
 
-_WORDS: Final = {FASTER: "fewer", SLOWER: "more", EQUAL: "equally many"}  # of verdicts in wrong PINGs
+_WORDS: Final = {FASTER: "fewer", SLOWER: "more", EQUAL: "equally many"}  # in wrong PINGs
 
 
 def headline(folder: Folder) -> str:
