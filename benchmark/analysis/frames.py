@@ -22,7 +22,6 @@ from benchmark.experiments.run import solved
 from envs import ZONES, InputError, Model
 from envs.model import kept_with_model
 
-RecordsOf = Callable[[Population], Records]  # of all its runs
 Floats = NDArray[np.float64]
 
 # Columns that name a population
@@ -86,8 +85,7 @@ def _recorded(run: RunSpecification) -> set[str]:
     if run.solved is not None:
         return _MAPPED
     names = {*_RUN_COLUMNS, *_CURVE_COLUMNS} - {*_UNSEEN, "earliness"}
-    is_everywhere = "every_cell" in run.evaluated_from
-    return {name for name in names if is_everywhere or "every_cell_" not in name}
+    return {name for name in names if "every_cell" in run.evaluated_from or "every_cell_" not in name}
 
 
 def _over_training(name: str, start: str, records: Records, policy: str) -> Floats:
@@ -114,9 +112,9 @@ def _random_success(model: Model, horizon: int) -> float:
 
 def _unseen(when: int, named: str, records: Records, counting: str) -> Floats:
     """Returns the success in unseen places, (N,), by a policy or the one that counts; NaN without any."""
+    found = records.arrays["unseen_success"]
     which = when, int((named or counting) == "stochastic")
-    found = [agent["unseen_success"] for agent in records.agents]
-    return np.array([success[which] if success.size else math.nan for success in found])
+    return found[:, *which] if found.size else np.full(len(found), math.nan)
 
 
 def _area(records: Records, policy: str) -> Floats:

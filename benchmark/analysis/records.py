@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate, from_starts, largest_success, solve
 from agents.policy import uniform_policy
-from benchmark.execution.store import Store, evaluated
+from benchmark.execution.store import Provenance, Store, evaluated
 from benchmark.experiments import RunSpecification
 from envs import ZONES, InputError, Model, compile_scenario
 from envs.model import PING, kept_with_model
 from envs.observations import compile_seen
 
 Array = NDArray[Any]
-Provenance = Mapping[str, Any]  # of a run, see `benchmark.execution.store.Record`
 OPTIMUM_TOLERANCE: Final = 1e-9  # a policy counts as optimal up to this distance, which allows for rounding
 _DIGITS: Final = 9  # of scores, so that the last digit of two optima does not decide which of them is better
 
@@ -35,7 +34,7 @@ class Records:
     provenance: Sequence[Provenance]  # (N,)
 
     @cached_property
-    def arrays(self) -> "_Stacked":
+    def arrays(self) -> Mapping[str, Array]:
         """The arrays of all agents, (N, ...) each, by name."""
         return _Stacked(self.agents, self.run.variant)
 
@@ -99,7 +98,6 @@ class _Stacked(dict[str, Array]):
     """Arrays that are stacked when they are first asked for: all together are large."""
 
     def __init__(self, agents: Sequence[Mapping[str, Array]], variant: str) -> None:
-        super().__init__()
         self.agents, self.variant = agents, variant
 
     def __missing__(self, name: str) -> Array:

@@ -180,8 +180,6 @@ def gallery(models: Sequence[Model]) -> Figure:
     n_rows = math.ceil(len(maps) / _COLUMNS)
     with figure_of(n_rows, _COLUMNS, (WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
         figure.set_layout_engine("constrained", h_pad=0.1)
-        for axis in axes.flat[len(maps) :]:
-            axis.set_axis_off()
         for axis, (group, context) in zip(axes.flat, maps, strict=False):
             _draw_zones(axis, group[0], context)
             names = [] if context else wrap(", ".join(model.scenario.name for model in group), _CHARACTERS)

@@ -111,7 +111,10 @@ def svg(figure: Figure, *, is_tight: bool = False) -> str:
 
 @contextmanager
 def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns)."""
+    """Makes a figure in the project's style.
+
+    Its size is in inches, and the axes are (rows, columns). Those in which nothing is drawn are hidden.
+    """
     with settings():
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
@@ -121,8 +124,18 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
             if isinstance(text, Text) and "$" in text.get_text():
                 text.set_parse_math(False)
         for axis in axes.flat:
+            if not axis.has_data():
+                axis.set_axis_off()
             if axis.get_aspect() != "auto":
                 axis.label_outer()  # the maps of a figure share their axes
+
+
+def name_rows(axis: Axes, names: Sequence[str]) -> None:
+    """Names the rows of a chart, the first above, with a line through each."""
+    axis.set_yticks(range(len(names)), names)
+    axis.set(ylim=(len(names) - 0.5, -0.5))
+    axis.grid(axis="y", lw=0.4, color="0.85")
+    axis.tick_params(axis="y", length=0)
 
 
 def name_lines(axis: Axes, lines: Mapping[str, tuple[float, Mapping[str, Any]]]) -> None:

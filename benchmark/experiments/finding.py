@@ -1,7 +1,8 @@
 """What the text on an experiment looks up in published tables, and what it claims of them.
 
 The text on `when.toml` is `when.md.jinja`. Beside it, the function `finding` of `when.py` takes the tables,
-checks every claim, and returns what the text names. `benchmark.publish.prose` calls it.
+checks every claim, and returns what the text names, besides the file's constants, which a text names in lower
+case. `benchmark.publish.prose` calls it.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,6 +22,9 @@ class Tables(Protocol):
     def row(self, table: str, **where: object) -> "pd.Series":
         """Returns the only row of a table with these values."""
 
+    def values(self, table: str, column: str, **where: object) -> set[object]:
+        """Returns the different values of a column."""
+
     def number(self, table: str, column: str, form: str = ",.0f", **where: object) -> str:
         """Returns a number, or with the form "time" seconds, with a link to its row."""
 
@@ -37,3 +41,9 @@ class Tables(Protocol):
 
     def claim(self, is_true: object, sentence: str) -> str:
         """Checks that a sentence is true of the tables."""
+
+
+def gain_of(tables: Tables) -> Callable[[str], str]:
+    """Returns a function that says, in words, what a search gained for a learner."""
+    default, chosen = (tables.numbers("chosen", key, "learner", ".2f") for key in ("default", "chosen"))
+    return lambda learner: f"from {default(learner)} to {chosen(learner)}"

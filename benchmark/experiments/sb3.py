@@ -11,13 +11,10 @@ def finding(tables: Tables) -> Names:
     runs = summary["n"].eq(10).all() and summary["budget"].eq(10_000).all()
     claim(runs, "there are 10 runs of 10,000 steps")
     claim([*summary["scenario"].unique()] == ["S1", "S2", "S3"], "the scenarios are S1, S2 and S3")
-    is_undecided = contrasts["success_verdict"].eq("undecided").all()
-    claim(
-        contrasts["y"].eq(TABLE).all() and is_undecided and len(contrasts) == 4,
-        "all four are undecided against the paper's table",
-    )
-    trpo = tables.rows("contrasts", x="sb3_trpo, one_hot")["score_verdict"]
-    n_undecided = len(tables.rows("contrasts", score_verdict="undecided"))
-    claim(trpo.eq("worse").all() and n_undecided == 3, "by score, only TRPO is worse")
-
-    return {"success": tables.numbers("aggregate", "success", "learner", ".2f"), "table": TABLE}
+    four = [*contrasts["success_verdict"]] == ["undecided"] * 4 and contrasts["y"].eq(TABLE).all()
+    claim(four, "all four are undecided against the paper's table")
+    by_score = contrasts.set_index("x")["score_verdict"].value_counts().to_dict()
+    trpo = tables.values("contrasts", "score_verdict", x="sb3_trpo, one_hot")
+    is_alone = trpo == {"worse"} and by_score == {"undecided": 3, "worse": 1}
+    claim(is_alone, "by score, only TRPO is worse")
+    return {"success": tables.numbers("aggregate", "success", "learner", ".2f")}

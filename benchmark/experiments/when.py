@@ -17,7 +17,6 @@ def finding(tables: Tables) -> Names:
     _check_all_points(tables)
     _check_settings(tables)
     _check_unseen(tables)
-    _check_noise(tables)
 
     def places(x: str, y: str, verdict: str) -> str:
         return tables.names("contrasts", "places", grid="places", x=x, y=y, verdict=verdict)
@@ -31,7 +30,6 @@ def finding(tables: Tables) -> Names:
         return f"{tables.number('cells', 'n_solved', '', **where)} of {tables.row('cells', **where)['n']}"
 
     contrasts = tables.rows("contrasts", x=NETS, y=TILINGS)
-    crossed = [tables.row("crossings", x=net, y=TILES)["x_later"] for net in (PPO, DQN)]
     undecided = tables.rows("contrasts", x=NETS, y=TILINGS, verdict="undecided", grid="noise")
     return {
         "places": places,
@@ -50,62 +48,42 @@ def finding(tables: Tables) -> Names:
         "n_contrasts": len(contrasts),
         "n_slower": tables.count("contrasts", x=NETS, y=TILINGS, verdict="slower"),
         "n_undecided_with_noise": len(undecided),
-        "n_crossed": sum(crossed),
-        **{"table": TABLE, "tiles": TILES, "ppo": PPO, "dqn": DQN, "second_tiles": SECOND_TILES},
-        **{"offset_table": OFFSET_TABLE, "offset_tiles": OFFSET_TILES},
-        **{"offset_ppo": OFFSET_PPO, "offset_dqn": OFFSET_DQN},
-        **{"largest_room": LARGEST_ROOM, "noisiest": NOISIEST},
+        "n_crossed": tables.rows("crossings", x=[PPO, DQN], y=TILES)["x_later"].sum(),
     }
 
 
 def _check_places(tables: Tables) -> None:
     claim = tables.claim
     ppo = tables.rows("contrasts", grid="places", x=PPO, y=TABLE).set_index("places")["verdict"]
-    claim(
-        ppo[ppo.eq("faster")].index.min() > ppo[ppo.ne("faster")].index.max(),
-        "PPO is faster than the table from some number of places on",
-    )
+    is_later = ppo[ppo.eq("faster")].index.min() > ppo[ppo.ne("faster")].index.max()
+    claim(is_later, "PPO is faster than the table from some number of places on")
     at_64 = tables.rows("contrasts", grid="places", places=64).set_index(["x", "y"])
     wrong_pings, steps = at_64["wrong_pings_verdict"].to_dict(), at_64["verdict"].to_dict()
-    claim(
-        wrong_pings[PPO, TABLE] == wrong_pings[DQN, TABLE] == "faster"
-        and wrong_pings[PPO, TILES] == wrong_pings[DQN, TILES] == "slower",
-        "with 64 places, both nets make fewer wrong PINGs than the table and more than tile coding",
-    )
+    for net in (PPO, DQN):
+        has_fewer = wrong_pings[net, TABLE] == "faster" and wrong_pings[net, TILES] == "slower"
+        claim(has_fewer, f"{net} makes fewer wrong PINGs than the table, not than tile coding")
     claim(steps[DQN, TABLE] == "undecided", "with 64 places, DQN against the table is undecided in steps")
     tiles = tables.rows("contrasts", grid="places", x=TILES, y=TABLE)
-    claim(
-        tiles[tiles["places"].ge(4)]["verdict"].eq("faster").all(),
-        "tile coding needs fewer steps than the table with 4 or more places",
-    )
-    claim(tables.rows("cells")["budget"].eq(80_000).all(), "all learners have 80,000 steps")
-    for x, y in [(PPO, TILES), (DQN, TILES), (OFFSET_PPO, OFFSET_TILES), (OFFSET_DQN, OFFSET_TILES)]:
-        verdicts = tables.rows("contrasts", grid="places", x=x, y=y)["verdict"]
-        claim(verdicts.eq("slower").all(), f"{x} needs more steps than {y} with every number of places")
+    is_faster = tiles[tiles["places"].ge(4)]["verdict"].eq("faster").all()
+    claim(is_faster, "tile coding needs fewer steps than the table with 4 or more places")
+    claim(tables.values("cells", "budget") == {80_000}, "all learners have 80,000 steps")
+    for x, y in zip(NETS, [TILES, TILES, OFFSET_TILES, OFFSET_TILES], strict=True):
+        verdicts = tables.values("contrasts", "verdict", grid="places", x=x, y=y)
+        claim(verdicts == {"slower"}, f"{x} needs more steps than {y} with every number of places")
     medians = tables.rows("cells", grid="places", places=64).set_index("learner")["steps"].to_dict()
-    claim(
-        max(medians[OFFSET_TABLE], medians[OFFSET_TILES]) < medians[TILES],
-        "with 64 places, knowing the offset helps the table and tile coding more than sharing helps the "
-        "table",
-    )
-    claim(
-        medians[OFFSET_DQN] < medians[DQN] and medians[OFFSET_PPO] > medians[PPO],
-        "with 64 places, the offset helps DQN, but not PPO",
-    )
+    is_less = max(medians[OFFSET_TABLE], medians[OFFSET_TILES]) < medians[TILES]
+    claim(is_less, "with 64 places, the offset helps a table more than sharing")
+    helps = [medians[OFFSET_DQN] < medians[DQN], medians[OFFSET_PPO] < medians[PPO]]
+    claim(helps == [True, False], "with 64 places, the offset helps DQN, but not PPO")
 
 
 def _check_all_points(tables: Tables) -> None:
     claim, contrasts = tables.claim, tables.rows("contrasts", x=NETS, y=TILINGS)
-    verdicts, undecided = contrasts["verdict"], contrasts[contrasts["verdict"] == "undecided"]
-    claim(not verdicts.eq("faster").any(), "no net needs fewer steps than tile coding at any point")
-    claim(
-        verdicts.isin(["slower", "undecided"]).all(),
-        "all contrasts of nets with tile coding are slower or undecided",
-    )
-    claim(
-        undecided["grid"].ne("noise").sum() == 1,
-        "all undecided contrasts of nets with tile coding but one are about noise",
-    )
+    undecided = contrasts[contrasts["verdict"] == "undecided"]
+    verdicts = {*contrasts["verdict"]}
+    claim(verdicts == {"slower", "undecided"}, "nets are slower than tile coding, or undecided")
+    n_others = undecided["grid"].ne("noise").sum()
+    claim(n_others == 1, "all undecided contrasts of nets but one are about noise")
     levels = tables.rows("levels")
     claim(levels["reversed"].sum() == 0, "no verdict is reversed at other levels")
     claim(levels["at_all_levels"].sum() < levels["decided"].sum(), "some verdicts do not hold at all levels")
@@ -115,69 +93,33 @@ def _check_settings(tables: Tables) -> None:
     claim = tables.claim
     for net in (PPO, DQN):
         crossed = tables.row("crossings", x=net, y=TILES)
-        claim(
-            crossed["combinations"] == 9 == crossed["y_always"] + crossed["x_later"],
-            f"in each of 9 combinations, {net} needs more steps than tile coding with all numbers of "
-            "places, or fewer with many",
-        )
+        is_known = crossed["combinations"] == 9 == crossed["y_always"] + crossed["x_later"]
+        claim(is_known, f"of 9 combinations, {net} is slower in all until many places")
     third = tables.rows("cells", grid="places", learner="ppo_third, coordinates")
     third = third[third["places"].le(48)]
-    claim(
-        third["n_solved"].max() == 3 and third["n"].eq(6).all(),
-        "with its third best settings, PPO learns in at most 3 of 6 runs with up to 48 places",
-    )
+    is_rare = third["n_solved"].max() == 3 and third["n"].eq(6).all()
+    claim(is_rare, "with its third-best settings, PPO learns in at most 3 of 6 runs")
     second = tables.row("cells", grid="places", learner=SECOND_TILES, places=111)
-    claim(
-        second["n_solved"] * 2 == second["n"],
-        "with its second-best settings, tile coding learns 111 places in half of the runs",
-    )
+    is_half = second["n_solved"] * 2 == second["n"]
+    claim(is_half, "second-best tile coding learns 111 places in half of the runs")
 
 
 def _check_unseen(tables: Tables) -> None:
-    claim = tables.claim
-    with_offsets = tables.rows(
-        "cells", grid="places", places=64, learner=[OFFSET_TILES, OFFSET_PPO, OFFSET_DQN]
-    )
-    claim(
-        with_offsets["unseen_success"].min() > 0.99,
-        "given offsets, tile coding and nets succeed in 0.99 of episodes in unseen places",
-    )
+    claim, offsets = tables.claim, [OFFSET_TILES, OFFSET_PPO, OFFSET_DQN]
+    with_offsets = tables.rows("cells", grid="places", places=64, learner=offsets)["unseen_success"].min()
+    claim(with_offsets > 0.99, "given offsets, 0.99 of unseen episodes succeed")
     after_4 = tables.rows("cells", grid="places", places=4).set_index("learner")
     success = after_4["unseen_success"].to_dict()
-    claim(
-        success[PPO] > success[TILES] > success[DQN],
-        "after 4 places, DQN is not better than tile coding in unseen ones, and PPO is",
-    )
-    claim(
-        _n_ahead(tables, PPO, 4) == 14,
-        "after 4 places, PPO succeeds more often than tile coding in unseen ones in 14 pairs",
-    )
-    for places in (16, 64):
-        for net in (PPO, DQN):
-            claim(
-                _n_ahead(tables, net, places) == 15,
-                f"{net} succeeds more often than tile coding in unseen places in all 15 pairs after "
-                f"places {places}",
-            )
-    shuffled = tables.rows("cells", grid="code", point="permuted 100").set_index("learner")
-    solved = shuffled["solved"].to_dict()
-    claim(solved[PPO] == solved[DQN] == 0, "no run of a net learns with permuted coordinates")
-    claim(
-        tables.rows("cells", grid="code", learner=TABLE)["steps"].nunique() == 1,
-        "permuted coordinates do not affect the table",
-    )
-
-
-def _n_ahead(tables: Tables, net: str, places: int) -> int:
-    """Returns in how many of the first 15 pairs of runs a net beats tile coding in unseen places."""
-    rows = tables.rows("unseen", grid="unseen", point=f"places {places}")
-    pairs = rows.pivot(index="run", columns="learner", values="unseen_success").head(15)
-    return int(pairs[net].gt(pairs[TILES]).sum())
-
-
-def _check_noise(tables: Tables) -> None:
-    observations = ["coordinates", "index"]
-    noisy = tables.rows("cells", grid="noise", point=NOISIEST, observation=observations)
-    tables.claim(
-        noisy["solved"].max() < 0.5, "with noise of 4 and 64 places, no learner of cells learns in most runs"
-    )
+    is_between = success[PPO] > success[TILES] > success[DQN]
+    claim(is_between, "after 4 places, PPO beats tile coding in unseen ones, not DQN")
+    for net, places, n_pairs in [(PPO, 4, 14), (PPO, 16, 15), (DQN, 16, 15), (PPO, 64, 15), (DQN, 64, 15)]:
+        rows = tables.rows("unseen", grid="unseen", point=f"places {places}")
+        pairs = rows.pivot(index="run", columns="learner", values="unseen_success").head(15)
+        n_ahead = pairs[net].gt(pairs[TILES]).sum()
+        claim(n_ahead == n_pairs, f"{net} beats tile coding in {n_pairs} pairs after {places} places")
+    shuffled = tables.values("cells", "solved", grid="code", point="permuted 100", learner=[PPO, DQN])
+    claim(shuffled == {0}, "no run of a net learns with permuted coordinates")
+    steps = tables.values("cells", "steps", grid="code", learner=TABLE)
+    claim(len(steps) == 1, "permuted coordinates do not affect the table")
+    noisy = tables.rows("cells", grid="noise", point=NOISIEST, observation=["coordinates", "index"])
+    claim(noisy["solved"].max() < 0.5, "with most noise, no learner of cells mostly learns")

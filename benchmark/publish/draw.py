@@ -8,14 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pandas as pd
-
 from benchmark.drawing import tables
 from benchmark.execution.store import Store
 from benchmark.folder import MANIFEST, write_manifest
 from benchmark.publish import document, files, sameness
 from benchmark.publish.manifest import manifest_of
-from benchmark.studies import Data, Item, Report
+from benchmark.studies import Data, Report
 from envs import InputError
 from envs.sources import digest_of_source
 
@@ -56,7 +54,8 @@ def draw(
     stale = {*sameness.listed(directory), *(file for item in study.items for file in item.files())}
     with files.alone(directory.parent), files.replaced(directory, stale) as aside:
         analysis = study.analyse(data)
-        frames = tables_of(study.items, analysis)
+        made = {item.name: item.tabulate(analysis) for item in study.items}
+        frames = {table: frame for table, frame in made.items() if frame is not None}
         for table, frame in frames.items():
             tables.write_csv(frame, aside / f"{table}.csv")
         for item in study.items:
@@ -70,11 +69,6 @@ def draw(
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
         (aside / sameness.STAMP).write_text(inputs, encoding="utf-8")
     return Made(is_new=True, certificate=certificate, analysis=analysis)
-
-
-def tables_of(items: Sequence[Item[Any]], analysis: Any) -> dict[str, pd.DataFrame]:
-    """Returns the tables of all items that have one, by name."""
-    return {item.name: frame for item in items if (frame := item.tabulate(analysis)) is not None}
 
 
 def _inputs(data: Data[Any], seeds: Sequence[int] | None) -> str:

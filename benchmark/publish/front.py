@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from benchmark.experiments import PUBLISHED
 from benchmark.experiments.finding import Names, Tables
 from benchmark.folder import Folder
@@ -40,29 +42,20 @@ def front(results: Path) -> str:
 
 def _names(tables: Mapping[str, Tables]) -> Names:
     """Checks what README claims, and returns the numbers that it names."""
-    when, groups = tables["when"], tables["groups"]
-    pairs = tables["equivalence"].rows("contrasts")
-    verdicts = pairs["success_verdict"]
-    tables["equivalence"].claim(
-        len(pairs) == 8
-        and verdicts.isin(["equivalent", "undecided"]).all()
-        and pairs["success_margin"].eq(0.15).all(),
-        "of eight pairs of compiled nets and Stable-Baselines3's, all are equivalent within 0.15 or "
-        "undecided",
-    )
+    when, groups, equivalence = (tables[name] for name in ("when", "groups", "equivalence"))
+    verdicts = equivalence.rows("contrasts")["success_verdict"]
+    is_small = equivalence.values("contrasts", "success_margin") == {0.15}
+    are_known = len(verdicts) == 8 and {*verdicts} <= {"equivalent", "undecided"}
+    equivalence.claim(is_small and are_known, "nets are equivalent within 0.15 or undecided")
     contrasts = when.rows("contrasts", x=_NETS, y=_TILINGS)
-    when.claim(
-        contrasts["verdict"].isin(["slower", "undecided"]).all(),
-        "all contrasts of nets with tile coding are slower or undecided",
-    )
+    are_known = {*contrasts["verdict"]} <= {"slower", "undecided"}
+    when.claim(are_known, "all contrasts of nets with tile coding are slower or undecided")
     runs = when.rows("cells", grid="places", places=64, learner=[*_NETS, *_TILINGS, *_TABLES])
-    is_inconclusive = runs["learner"].isin([_NETS[1], _TABLES[0]])
-    when.claim(
-        runs[is_inconclusive]["n"].eq(30).all() and runs[~is_inconclusive]["n"].eq(15).all(),
-        "with 64 places, DQN and the table of cells have 30 runs, and the others 15",
-    )
-    with_people = groups.rows("contrasts", x=_NETS[2:], y=_TILINGS[1])["verdict"]
-    groups.claim(with_people.eq("slower").all(), "nets are slower than tile coding with several people")
+    expected = np.where(runs["learner"].isin([_NETS[1], _TABLES[0]]), 30, 15)
+    has_as_many = (runs["n"] == expected).all()
+    when.claim(has_as_many, "with 64 places, two learners have 30 runs, and the others 15")
+    with_people = groups.values("contrasts", "verdict", x=_NETS[2:], y=_TILINGS[1])
+    groups.claim(with_people == {"slower"}, "nets are slower than tile coding with several people")
     ppo, dqn = (when.row("crossings", x=net, y=_TILINGS[0])["x_later"] for net in _NETS[:2])
     return {
         "n_equivalent": verdicts.eq("equivalent").sum(),

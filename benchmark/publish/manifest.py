@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmark.analysis.records import Provenance
+from benchmark.execution.store import Provenance
 from benchmark.experiments import DEFAULT_CONDITION, RunSpecification
 from benchmark.studies.data import Data
 

@@ -57,13 +57,16 @@ def written(folder: Folder, template: Path | None = None) -> str | None:
 
 
 def _named(path: Path, tables: Tables) -> Names:
-    """Returns what the function `finding` of a Python file returns; nothing if there is none."""
+    """Returns a Python file's texts, by their names in lower case, and what `finding` returns."""
     spec = spec_from_file_location(f"finding_of_{path.stem}", path)
     if not path.is_file() or spec is None or spec.loader is None:
         return {}
     with mistakes_in(path):
         spec.loader.exec_module(module := module_from_spec(spec))
-        return dict(module.finding(tables)) if hasattr(module, "finding") else {}
+        texts = {
+            key.lower(): text for key, text in vars(module).items() if key.isupper() and isinstance(text, str)
+        }
+        return texts | (module.finding(tables) if hasattr(module, "finding") else {})
 
 
 def paragraphs(folder: Folder, title: str = "") -> str:
@@ -93,6 +96,10 @@ class Lookups:
         if len(rows) != 1:
             raise ValueError(f"{table}.csv has {len(rows)} rows with {where}, not one")
         return rows.iloc[0]
+
+    def values(self, table: str, column: str, **where: object) -> set[object]:
+        """Returns the different values of a column."""
+        return {*self.rows(table, **where)[column]}
 
     def number(self, table: str, column: str, form: str = ",.0f", **where: object) -> str:
         """Returns a number, or with the form "time" seconds, with a link to its row."""

@@ -8,7 +8,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -28,8 +28,9 @@ Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
 A = TypeVar("A")
 # What columns mean: in any table, and in those of single studies.
-_FILE: Final = Path(__file__).with_name("columns.toml")
-COLUMNS: Final[Mapping[str, Mapping[str, str]]] = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+COLUMNS: Final[Mapping[str, dict[str, str]]] = tomllib.loads(
+    Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
+)
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
@@ -39,9 +40,10 @@ class Item(Generic[A]):
 
     name: str  # the stem of its files
     description: str  # what its files hold
-    columns: Mapping[str, str] | None = None  # that readers see, with labels ("": the name); by default all
+    columns: str = ""  # that readers see, which spaces separate; by default all
     _: KW_ONLY
-    meanings: Mapping[str, str] | None = None  # of columns that do not mean the same everywhere
+    labels: Mapping[str, str] = field(default_factory=dict)  # of columns, if not the name
+    meanings: Mapping[str, str] = field(default_factory=dict)  # if not the same as elsewhere
     where: Show | None = None  # chooses the rows that readers see
     is_measured: bool = False  # whether it holds measured times or memory, which differ every time
     best: str = ""  # the column by which readers see rows sorted, the largest first; "-": the smallest
@@ -50,7 +52,7 @@ class Item(Generic[A]):
     write: Callable[..., None] | None = None
     caption: str = ""  # of the figure
     draw: Draw | None = None
-    show: Show | None = None  # returns what readers see, if not the chosen columns
+    show: Show | None = None  # returns what readers see, as texts in Markdown
 
     def __call__(self, compute: Callable[..., Rows]) -> "Item[A]":
         """Takes the function of the table."""
@@ -66,11 +68,6 @@ class Item(Generic[A]):
 
         return register
 
-    def shown(self, function: Show) -> Show:
-        """Decorates what readers see of the table: a function that returns a data frame of Markdown texts."""
-        self.show = function
-        return function
-
     def tabulate(self, analysis: A) -> pd.DataFrame | None:
         """Computes the table; None if there is nothing to tabulate."""
         rows = None if self.compute is None else called(self.compute, analysis)
@@ -79,16 +76,12 @@ class Item(Generic[A]):
         flat = [expanded(row) for row in rows]
         return pd.DataFrame(flat) if flat else None
 
-    def picture(self, analysis: A, tables: Frames) -> Figure | None:
-        """Draws the figure; None if there is nothing to draw."""
-        if self.draw is None or (self.compute is not None and self.name not in tables):
-            return None
-        return called(self.draw, analysis, tables.get(self.name, pd.DataFrame()))
-
     def save(self, analysis: A, tables: Frames, directory: Path, *, is_partial: bool = False) -> None:
         """Writes the figure, marked if runs are missing, or the other file."""
         with settings():
-            if (figure := self.picture(analysis, tables)) is not None:
+            table = tables.get(self.name, pd.DataFrame() if self.compute is None else None)
+            figure = called(self.draw, analysis, table) if self.draw and table is not None else None
+            if figure is not None:
                 if is_partial:
                     figure.suptitle("PARTIAL: runs are missing", color="firebrick")
                 save_figure(figure, directory / f"{self.name}.svg")
@@ -102,7 +95,7 @@ class Item(Generic[A]):
 
     def meaning(self, column: str, study: str = "") -> str | None:
         """Returns what a column of its table means in a study; None if nothing says so."""
-        return _meaning(column, {**COLUMNS["columns"], **COLUMNS.get(study, {}), **(self.meanings or {})})
+        return _meaning(column, {**COLUMNS["columns"], **COLUMNS.get(study, {}), **self.meanings})
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
@@ -111,24 +104,20 @@ class Item(Generic[A]):
         if self.where is not None:
             frame = self.where(frame)
         hidden = {"variant", "observation"} if "learner" in frame else set[str]()
-        columns = self.columns or {str(name): "" for name in frame if name not in hidden}
+        columns = self.columns.split() or [str(name) for name in frame if name not in hidden]
         decimals = {key: decimals_of(frame, key) for key in columns if key in frame}
         rows = [row for _, row in self._sorted(frame).iterrows()]
-        shown = {
-            columns[key] or key.replace("_", " "): [entry(row, key, self.name, digits) for row in rows]
-            for key, digits in decimals.items()
-        }
-        return pd.DataFrame(shown)
+        shown = {key: [entry(row, key, self.name, n) for row in rows] for key, n in decimals.items()}
+        return pd.DataFrame(shown).rename(columns=lambda key: self.labels.get(key, key.replace("_", " ")))
 
     def _sorted(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the rows with the best first; those of a scenario and condition stay together."""
         by = self.best.removeprefix("-")
         if by not in frame or frame.empty:
             return frame
-        is_ascending = by != self.best
         keys = [key for key in _KEYS if key in frame]
         parts = frame.groupby(keys, sort=False, dropna=False) if keys else [("", frame)]
-        return pd.concat(rows.sort_values(by, ascending=is_ascending, kind="stable") for _, rows in parts)
+        return pd.concat(rows.sort_values(by, ascending=by != self.best, kind="stable") for _, rows in parts)
 
 
 item: Final[type[Item[Any]]] = Item  # as a decorator
@@ -143,15 +132,6 @@ def called(function: Callable[..., T], *arguments: object) -> T:
         where = f"{function.__module__}: {function.__name__}"
         raise InputError(f"{where}: {error}; accepted: a function of {accepted}.") from error
     return function(*arguments)
-
-
-def labelled_columns(labels: Mapping[str, str], names: str) -> dict[str, str]:
-    """Returns the columns of these names, which spaces separate, with their labels; "" is the name.
-
-    >>> labelled_columns({"n": "runs"}, "learner n")
-    {'learner': '', 'n': 'runs'}
-    """
-    return {name: labels.get(name, "") for name in names.split()}
 
 
 def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
@@ -177,10 +157,8 @@ def expanded(row: Mapping[str, object]) -> dict[str, object]:
     """
     flat: dict[str, object] = {}
     for key, value in row.items():
-        if isinstance(value, Estimate):
-            flat |= {key: value.value, f"{key}_low": value.low, f"{key}_high": value.high}
-        else:
-            flat[key] = value
+        names = (key, f"{key}_low", f"{key}_high") if isinstance(value, Estimate) else (key,)
+        flat |= zip(names, value if isinstance(value, Estimate) else (value,), strict=True)
     return flat
 
 

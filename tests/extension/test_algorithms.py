@@ -42,7 +42,7 @@ import helper_of_mine
 from tests.agents.plain import Q_LEARNING as LEARNER
 from benchmark.studies.item import item
 
-@item("beside", "a number", {"number": "number"})
+@item("beside", "a number", "number")
 def ITEM(data):
     yield {"number": 7}
 """

@@ -39,7 +39,7 @@ def _check(experiment: Experiment, _: Declared) -> None:
         raise InputError(f"{experiment.argument}: scenarios: accepted: at most two.")
 
 
-@item("successes", "success probability", {"scenario": "", "success": "success"})
+@item("successes", "success probability", "scenario success")
 def successes(analysis: Data[Declared]) -> Iterator[dict[str, Any]]:
     """A row for each population."""
     for keys, rows in by_population(analysis.runs):

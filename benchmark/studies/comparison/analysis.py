@@ -53,10 +53,8 @@ class Case(NamedTuple):
 
     def means(self, endpoint: str) -> tuple[Means, Means]:
         """Returns the means of x and of y by scenario."""
-        x, y = ([cell[endpoint].value for cell in own] for own in self.cells)
-        return Means(x, [cell["n"] for cell in self.cells[0]]), Means(
-            y, [cell["n"] for cell in self.cells[1]]
-        )
+        x, y = (Means([c[endpoint].value for c in own], [c["n"] for c in own]) for own in self.cells)
+        return x, y
 
 
 @dataclass(frozen=True, eq=False)

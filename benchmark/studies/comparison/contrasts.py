@@ -103,17 +103,15 @@ def over_scenarios(decided: str, x: Means, y: Means, margin: float) -> tuple[str
         for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
     ]
 
-    def contradicting(low: str, high: str) -> list[int]:
-        return [
-            i
-            for i, one in enumerate(alone)
-            if (decided != "worse" and getattr(one, low) <= -margin)
-            or (decided != "better" and getattr(one, high) >= margin)
-        ]
+    def contradicting(lows: Sequence[float], highs: Sequence[float]) -> list[int]:
+        is_worse = (decided != "worse") & (np.array(lows) <= -margin)
+        is_better = (decided != "better") & (np.array(highs) >= margin)
+        return np.flatnonzero(is_worse | is_better).tolist()
 
-    if found := contradicting("difference", "difference"):
+    differences, _, _, lows, highs = [*zip(*alone, strict=True)][:5]
+    if found := contradicting(differences, differences):
         return "mixed", found
-    return decided, contradicting("difference_low_90", "difference_high_90")
+    return decided, contradicting(lows, highs)
 
 
 def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
@@ -124,15 +122,8 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
     one and worse than none. Learners that are not compared with all are left out.
     """
     every = {*baselines}
-    order = (
-        "no verdict",
-        "worse",
-        "equivalent",
-        "mixed",
-        "neither learned",
-        "undecided",
-        "better",
-    )  # the first that there is
+    order = ["no verdict", "worse", "equivalent", "mixed", "neither learned"]  # the first that there is
+    order += ["undecided", "better"]
     against = rows[rows["y"].isin(every)].groupby("x", sort=False)
     found = {x: min(own["success_verdict"], key=order.index) for x, own in against if {*own["y"]} == every}
     return pd.Series(found, dtype=str)

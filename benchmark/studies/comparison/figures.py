@@ -13,15 +13,14 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from agents.policy import mask_policy
 from benchmark.drawing.maps import draw_policy, gallery, policy_legend
-from benchmark.drawing.style import WIDTH, colour_map, figure_of, ink_on, name_lines
+from benchmark.drawing.style import WIDTH, colour_map, figure_of, ink_on, name_lines, name_rows
 from benchmark.drawing.tables import show
 from benchmark.folder import with_titles
 from benchmark.studies.comparison import tables
 from benchmark.studies.comparison.analysis import ComparisonAnalysis
 from benchmark.studies.comparison.tables import FEW, OUTCOMES, WORDS, estimated, labelled, models_of
+from benchmark.studies.data import Style, style_of
 from benchmark.studies.item import COLUMNS, drawing
-from benchmark.studies.lines import Style
-from benchmark.studies.lines import style_of as style_of
 from envs.scene import COLOUR_MAP
 
 _STYLES: Final[dict[str, Style]] = {
@@ -62,13 +61,11 @@ def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure 
                 axis.plot(ends, [y, y], color=style["color"], lw=width, solid_capstyle="butt")
             axis.plot(row[difference], y, ms=7, **style)
             axis.text(1.02, y, fill(WORDS[verdict], 17), va="center", transform=axis.get_yaxis_transform())
-        axis.set_yticks(np.arange(len(names)), names)
-        axis.set(ylim=(len(names) - 0.5, -0.5))
-        axis.grid(axis="y", lw=0.4, color="0.85")
-        axis.tick_params(axis="y", length=0)
+        name_rows(axis, names)
         axis.locator_params(axis="x", nbins=5)
-        text = "difference in success; right of the dotted line, the first is better"
-        figure.supxlabel(text, fontsize="small")
+        figure.supxlabel(
+            "difference in success; right of the dotted line, the first is better", fontsize="small"
+        )
     return figure
 
 
@@ -159,8 +156,6 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
             axis.set(xlabel="", ylabel="" if i % n_columns else "success", ylim=(-0.0309, 1.03))
             if (i + 1) % n_columns == 0 or i + 1 == len(panels):
                 name_lines(axis, lines)
-        for axis in axes.flat[len(panels) :]:
-            axis.set_axis_off()
         figure.supxlabel("environment step", fontsize="medium")
     return figure
 
@@ -245,7 +240,5 @@ def policies(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure | None:
             draw_policy(axis, found.model, policy, norm)
             title = fill(learner.title, 30, break_on_hyphens=False)
             axis.set_title(f"{title}\nsuccess {first['success']:.2f}", fontsize="small")
-        for axis in axes.flat[len(names) :]:
-            axis.set_axis_off()
         policy_legend(figure, [*axes.flat], found.model, norm)
     return figure

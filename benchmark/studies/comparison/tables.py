@@ -20,7 +20,7 @@ from benchmark.folder import SCORES, Folder
 from benchmark.studies import explorer
 from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis, Row, effort
 from benchmark.studies.comparison.contrasts import VERDICTS
-from benchmark.studies.item import COLUMNS, Item, expanded, labelled_columns, no_rows, writing
+from benchmark.studies.item import COLUMNS, Item, expanded, no_rows, writing
 from envs import Model
 from envs.observations import compile_seen
 
@@ -35,8 +35,8 @@ _DRAWS: Final = 1_000  # of a bootstrap
 def _item(name: str, description: str, shown: str = "", **more: Any) -> Item[ComparisonAnalysis]:
     """Makes an item of what the analysis has of its name; readers see the columns `shown`, by default all."""
     meanings = {**COLUMNS["comparison"], **COLUMNS.get(f"comparison_{name}", {})}
-    columns = labelled_columns(COLUMNS["comparison_labels"], shown) or None
-    found = Item[ComparisonAnalysis](name, description, columns, meanings=meanings, **more)
+    labels = COLUMNS["comparison_labels"] if shown else {}
+    found = Item[ComparisonAnalysis](name, description, shown, labels=labels, meanings=meanings, **more)
     return found(lambda analysis: getattr(analysis, name))
 
 

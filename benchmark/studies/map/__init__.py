@@ -11,7 +11,7 @@ from benchmark.studies.map.declared import MapDeclared, check, most_runs
 from benchmark.studies.map.looks import EQUAL, FASTER, SLOWER, VERDICTS, stages
 from benchmark.studies.study import Study
 
-_WORDS: Final = {"steps": {}, "wrong PINGs": {FASTER: "fewer", SLOWER: "more", EQUAL: "equally many"}}
+_WORDS: Final = {FASTER: "fewer", SLOWER: "more", EQUAL: "equally many"}  # in wrong PINGs
 
 
 def headline(folder: Folder) -> str:
@@ -21,11 +21,10 @@ def headline(folder: Folder) -> str:
     for unit, rows in table[table["grid"] == grid].groupby("unit", sort=False):
         parts = []
         for _, row in rows.iterrows():
-            counts = [
-                f"{_WORDS[unit].get(verdict, verdict)} at {link(str(row[verdict]), 'verdicts', row)}"
-                for verdict in VERDICTS
-                if row[verdict]
-            ]
+            words = {
+                verdict: _WORDS.get(verdict, verdict) if unit != "steps" else verdict for verdict in VERDICTS
+            }
+            counts = [f"{words[v]} at {link(str(row[v]), 'verdicts', row)}" for v in VERDICTS if row[v]]
             sides = " compared with ".join(inert(folder.phrase(row[side])) for side in "xy")
             parts.append(f"{sides}: {', '.join(counts)}")
         sentences.append(f"In {unit}, {'; '.join(parts)}.")

@@ -19,7 +19,8 @@ from envs.observations import INDICES, compile_seen
     "ceilings",
     "exact: the largest share of states before any PING in which one action per row can be optimal, and "
     "success with these actions, which others may exceed",
-    {"grid": "", "table": "", "rows": "", "optimal": "optimal in what share of states", "success": ""},
+    "grid table rows optimal success",
+    labels={"optimal": "optimal in what share of states"},
     meanings=COLUMNS["ceilings"],
 )
 def ceilings(analysis: MapAnalysis) -> Iterator[Mapping[str, object]]:

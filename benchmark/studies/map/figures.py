@@ -17,7 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 from benchmark.drawing.style import INK, colour_map, figure_of
 from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment
-from benchmark.studies.comparison.figures import style_of
+from benchmark.studies.data import style_of
 from benchmark.studies.item import drawing
 from benchmark.studies.map import tables
 from benchmark.studies.map.analysis import MapAnalysis

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import product
 from typing import Final
 
@@ -10,7 +11,7 @@ import pandas as pd
 
 from benchmark.analysis.frames import by_step
 from benchmark.analysis.intervals import median, proportion
-from benchmark.studies.item import COLUMNS, expanded, item, labelled_columns, no_rows
+from benchmark.studies.item import COLUMNS, Item, expanded, item, no_rows
 from benchmark.studies.map.analysis import MapAnalysis, learner_of, point_of
 from benchmark.studies.map.declared import axis_of, curve_grids, name_of, ranked
 from benchmark.studies.map.looks import FASTER, SLOWER, UNITS, VERDICTS, Runs
@@ -18,14 +19,15 @@ from benchmark.studies.map.looks import FASTER, SLOWER, UNITS, VERDICTS, Runs
 Row = Mapping[str, object]
 
 _LABELS: Final = COLUMNS["map_labels"]
+_item: Final = partial(Item[MapAnalysis], labels=_LABELS)
 _KEPT: Final = ("at_all_levels", "at_some_levels", "at_no_other_level", "reversed")
 _SPREAD: Final = 18  # evaluations of `success.csv`
 
 
-@item(
+@_item(
     "cells",
     "every point and learner: the share of runs that learn, and medians of what they take",
-    labelled_columns(_LABELS, "grid point learner n solved success steps disagreements unseen_success"),
+    "grid point learner n solved success steps disagreements unseen_success",
     best="-steps",
 )
 def cells(analysis: MapAnalysis) -> pd.DataFrame:
@@ -45,8 +47,8 @@ def cpu(analysis: MapAnalysis) -> Iterator[Row]:
 @item(
     "contrasts",
     "which learner needs fewer steps, at the first look that decides it, or at the last",
-    labelled_columns(_LABELS, "grid point x y n verdict faster ratio wrong_pings_verdict fewer_wrong_pings")
-    | {"n": "pairs of runs"},
+    "grid point x y n verdict faster ratio wrong_pings_verdict fewer_wrong_pings",
+    labels=_LABELS | {"n": "pairs of runs"},
 )
 def contrasts(analysis: MapAnalysis) -> Iterator[Row]:
     """Tabulates the declared contrasts."""
@@ -78,9 +80,8 @@ def verdicts(analysis: MapAnalysis) -> Iterator[Row]:
         for unit, decision in contrast.decisions.items():
             key = *(contrast.names[name] for name in ("grid", "x", "y")), UNITS[unit]
             ended.setdefault(key, []).append(decision.verdict)
-    for key, found in ended.items():
-        names = dict(zip(("grid", "x", "y", "unit"), key, strict=True))
-        yield {**names, "n": len(found), **_counted(found)}
+    for (grid, x, y, unit), found in ended.items():
+        yield {"grid": grid, "x": x, "y": y, "unit": unit, "n": len(found), **_counted(found)}
 
 
 @item(
@@ -104,7 +105,7 @@ def _kept(verdict: str, others: Sequence[str]) -> str:
     winners, n = {FASTER, SLOWER}, others.count(verdict)
     if verdict not in winners:
         return ""
-    if {*others} & winners - {verdict}:
+    if ({*others} & winners) - {verdict}:
         return "reversed"
     return "at_no_other_level" if n == 0 else "at_all_levels" if n == len(others) else "at_some_levels"
 
@@ -112,7 +113,7 @@ def _kept(verdict: str, others: Sequence[str]) -> str:
 @item(
     "looks",
     "how many pairs of runs the contrasts took, and how they ended, by unit",
-    {"unit": "", "n": "pairs of runs", "contrasts": "", **dict.fromkeys(VERDICTS, "")},
+    labels={"n": "pairs of runs"},
 )
 def looks(analysis: MapAnalysis) -> Iterator[Row]:
     """Counts contrasts by the look that decided them, those of several grids once."""
@@ -167,8 +168,8 @@ def crossings(analysis: MapAnalysis) -> Iterator[Row]:
 @item(
     "reference",
     "exploratory: reference implementations compared with the learners whose settings they share",
-    labelled_columns(_LABELS, "grid point x y n n_reference steps steps_reference faster")
-    | {"n": "runs of x", "steps": "median steps of x"},
+    "grid point x y n n_reference steps steps_reference faster",
+    labels=_LABELS | {"n": "runs of x", "steps": "median steps of x"},
 )
 def reference(analysis: MapAnalysis) -> Iterator[Row]:
     """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""

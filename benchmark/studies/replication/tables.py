@@ -15,33 +15,23 @@ _Table = Item[ReplicationAnalysis]
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _JUDGED: Final = ("part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict")
 _IN_SETS: Final = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
-_LEARNING: Final = ("scenario", "success", "score", "optimal_share", "unbounded_score")
-_OPTIMAL: Final = (
-    *("scenario", "agents", "success", "optimal_share", "grid_return_learned", "grid_return_optimal"),
-    *("start_value_learned", "start_value_optimal", "cells_differing"),
-)
-_SHOWN: Final = (
-    *("claim", "agents", "verdict", "sets", "agreeing", "part", "right_side", "threshold", "value"),
-    *("state", "drawn"),
-)
+
+
+def _shown(frame: pd.DataFrame) -> pd.DataFrame:
+    """Returns numbers with their intervals, and with links to their rows."""
+    frame = frame.rename(columns={"low": "value_low", "high": "value_high", "sets_agreeing": "agreeing"})
+    names = "claim agents verdict sets agreeing part right_side threshold value state drawn"
+    keys = [key for key in names.split() if key in frame]  # without a value, none is in the file
+    rows = [{key: entry(row, key, "claims") for key in keys} for _, row in frame.iterrows()]
+    return pd.DataFrame(rows).rename(columns=lambda key: key.replace("_", " "))
 
 
 claims = _Table(
     "claims",
     "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
     compute=lambda analysis: analysis.claims[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]],
+    show=_shown,
 )
-
-
-@claims.shown
-def shown_claims(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns numbers with their intervals, and with links to their rows."""
-    frame = frame.rename(columns={"low": "value_low", "high": "value_high", "sets_agreeing": "agreeing"})
-    keys = [key for key in _SHOWN if key in frame]  # a column without any value is left out of files
-    rows = [{key: entry(row, key, "claims") for key in keys} for _, row in frame.iterrows()]
-    return pd.DataFrame(rows).rename(columns=lambda key: key.replace("_", " "))
-
-
 claim_sets = _Table(
     "claim_sets",
     "every part of every claim in each of the disjoint sets of agents, and the verdicts",
@@ -68,7 +58,7 @@ q_values = _Table(
 @item(
     "learning",
     "success, score of the greedy policy, and the share of optimal agents, over training",
-    dict.fromkeys(_LEARNING, ""),
+    "scenario success score optimal_share unbounded_score",
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
 )
 def learning(analysis: ReplicationAnalysis) -> pd.DataFrame:
@@ -91,7 +81,8 @@ def learning(analysis: ReplicationAnalysis) -> pd.DataFrame:
 @item(
     "optimal",
     "the exact optimum, what was learned, success, and the regret, with all agents as well",
-    dict.fromkeys(_OPTIMAL, ""),
+    "scenario agents success optimal_share grid_return_learned grid_return_optimal start_value_learned "
+    "start_value_optimal cells_differing",
 )
 def optimal(analysis: ReplicationAnalysis) -> Iterator[dict[str, object]]:
     """Tabulates what the greedy policies reach after training, and the exact anchors."""

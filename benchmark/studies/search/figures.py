@@ -10,9 +10,9 @@ from matplotlib.ticker import NullLocator
 
 from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.drawing.maps import gallery
-from benchmark.drawing.style import WIDTH, figure_of
+from benchmark.drawing.style import WIDTH, figure_of, name_rows
 from benchmark.experiments import Learner
-from benchmark.studies.comparison.figures import style_of
+from benchmark.studies.data import style_of
 from benchmark.studies.item import drawing
 from benchmark.studies.search import tables
 from benchmark.studies.search.analysis import ALL, SearchAnalysis
@@ -39,8 +39,6 @@ def picks(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure | None:
     ticks = [b for b in table["trials"].unique() if 1.4 * b <= n or b == n]  # at a distance from each other
     height = 2.1 * n_rows + 0.45 * math.ceil(len(learners) / 2) + 0.5
     with figure_of(n_rows, min(len(panels), _PANELS_IN_A_ROW), (WIDTH, height)) as (figure, axes):
-        for axis in axes.flat[len(panels) :]:
-            axis.set_axis_off()
         for axis, scenario in zip(axes.flat, panels, strict=False):
             axis.axhline(0.5, color="0.35", lw=0.8, ls=":")
             for learner in learners:
@@ -76,10 +74,8 @@ def trials(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure:
             axis.plot(ends, [y, y], lw=3, alpha=0.5, color=style["color"])
             axis.plot(value, y, style["marker"], ms=7, color=style["color"], mec="white", mew=0.4)
         titles = [outcome.learner.title for outcome in analysis.outcomes]
-        axis.set_yticks(range(len(titles)), titles)
-        axis.set(ylim=(len(titles) - 0.5, -0.5), xlim=(-0.02, 1.0), xlabel=_AXES[analysis.measure])
-        axis.grid(axis="y", lw=0.4, color="0.85")
-        axis.tick_params(axis="y", length=0)
+        name_rows(axis, titles)
+        axis.set(xlim=(-0.02, 1.0), xlabel=_AXES[analysis.measure])
         handles = [
             Line2D([], [], ls="", marker="|", ms=9, color="0.55", label="a trial"),
             Line2D([], [], ls="", marker="x", mew=2, color="black", label="trial 0, as declared"),

@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Iterator
+from functools import partial
 from typing import Final
 
 from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments.search import Choice
-from benchmark.studies.item import COLUMNS, Item, item, labelled_columns, no_rows
+from benchmark.studies.item import COLUMNS, Item, no_rows
 from benchmark.studies.search.analysis import (
     Row,
     SearchAnalysis,
@@ -18,16 +19,13 @@ from benchmark.studies.search.analysis import (
     value_at,
 )
 
-_Table = Item[SearchAnalysis]
-_LABELS: Final = COLUMNS["search_labels"]
+_item: Final = partial(Item[SearchAnalysis], labels=COLUMNS["search_labels"])
 
 
-@item(
+@_item(
     "chosen",
     "the chosen settings of each learner, and what it reaches with them on fresh runs",
-    labelled_columns(
-        _LABELS, "learner trial settings edges default chosen gain per_scenario sensitivity found"
-    ),
+    "learner trial settings edges default chosen gain per_scenario sensitivity found",
     best="chosen",
 )
 def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
@@ -55,7 +53,9 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
         }
 
 
-@item("picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows)
+@_item(
+    "picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows
+)
 def picks(analysis: SearchAnalysis) -> Iterator[Row]:
     """Tabulates what is `picked` of the trials, with the digits that trials.csv has."""
     learners = analysis.data.experiment.learners.values()
@@ -63,10 +63,10 @@ def picks(analysis: SearchAnalysis) -> Iterator[Row]:
     yield from picked(trials, {learner.variant: learner.family for learner in learners})
 
 
-@item(
+@_item(
     "cost",
     "cost of the search: of all trials, and of fresh runs of those that were ranked",
-    labelled_columns(_LABELS, "learner trials runs steps cpu_time_s cpu_ms"),
+    "learner trials runs steps cpu_time_s cpu_ms",
     is_measured=True,
     best="-cpu_time_s",
 )
@@ -79,7 +79,7 @@ def cost(analysis: SearchAnalysis) -> Iterator[Row]:
         yield {"variant": variant, "observation": observation, **effort, "cpu_ms": cpu_ms}
 
 
-trials = _Table(
+trials = _item(
     "trials",
     "every trial of every learner: settings, and means by scenario",
     where=no_rows,
@@ -88,10 +88,10 @@ trials = _Table(
 )
 
 
-@item(
+@_item(
     "spaces",
     "the declared range of every setting, and why",
-    labelled_columns(_LABELS, "variant setting default range why"),
+    "variant setting default range why",
     meanings={"default": "value in trial 0, as declared"},
 )
 def spaces(analysis: SearchAnalysis) -> Iterator[Row]:

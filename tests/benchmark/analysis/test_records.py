@@ -77,11 +77,3 @@ def test_optimal_values_by_hand() -> None:
     assert values.shape == (120, 5)
     assert values[4 * 12 + 6, PING] == pytest.approx(1.0)
     assert values[0].max() == pytest.approx(2 * 0.9**10 - 1)
-
-
-def test_subset_is_some_of_the_agents() -> None:
-    whole = population(n=4, success=np.arange(16).reshape(4, 4))
-    part = whole.subset(1, 3)
-    assert list(part.seeds) == [1, 2]
-    assert part.arrays["success"].tolist() == whole.arrays["success"][1:3].tolist()
-    assert len(whole.subset(0, 100).seeds) == 4

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast, get_args
 from xml.etree import ElementTree
 
@@ -19,18 +18,14 @@ from matplotlib.colors import to_rgb
 from benchmark.assessment import assess
 from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import INK, PALETTE, WIDTH, figure_of, learner_style, name_lines, save_figure
-from benchmark.drawing.tables import read_csv
-from benchmark.experiments import load_experiment
 from benchmark.experiments.schema import Colour
-from benchmark.studies import report_of
+from benchmark.studies import load_study
 from benchmark.studies.item import drawing
+from tests.benchmark.studies.made import Made, compared
+from tests.benchmark.studies.test_map import by_hand
+from tests.benchmark.studies.test_replication import analysed
 from tests.support import ROOT
 
-PUBLISHED = {  # figures of every kind of report that are drawn from tables alone
-    "sb3": {"contrasts", "summary", "curves"},
-    "groups": {"answer", "map", "verdicts"},
-    "reproduce": {"learning", "sensitivity"},
-}
 # What people set, besides everything that is a number or true or false.
 PERSONAL = """
 axes.prop_cycle: cycler(ls=['-', ':'])
@@ -147,13 +142,18 @@ def draw_all(folder: Path) -> None:
     save_figure(shipped(), folder / "scenes.svg")
     for ending in ("png", "svg"):
         assess(lambda _: 4, scenario="S2", observation="index").draw(folder / f"agent.{ending}")
-    for name, figures in PUBLISHED.items():
-        tables = {path.stem: read_csv(path) for path in (ROOT / "results" / name).glob("*.csv")}
-        data: Any = SimpleNamespace(experiment=load_experiment(name), is_partial=True)
-        study = report_of(data.experiment).study
-        for item in (item for item in study.items if item.name in figures):
-            item.save(data, tables, folder, is_partial=True)
-    of_pyplot = drawing("pyplot", "", "")(lambda: cast(Any, plt.subplots()[0]))
+    learners = {"table": Made("tabular", 0.3), "net": Made("deep", 1.0)}
+    analyses: dict[str, Any] = {
+        "comparison": compared(learners, baseline=["table"]),
+        "replication": analysed(),
+    }
+    analyses["map"] = by_hand(folder, lambda _: {1000.0: 1.0})
+    for name, analysis in analyses.items():
+        items = [item for item in load_study(name).items if item.draw and item.name != "policies"]
+        tables = {item.name: frame for item in items if (frame := item.tabulate(analysis)) is not None}
+        for item in items:
+            item.save(analysis, tables, folder, is_partial=True)
+    of_pyplot = drawing("pyplot", "", "")(lambda *_: cast(Any, plt.subplots()[0]))
     of_pyplot.save(None, {}, folder)
 
 
@@ -173,5 +173,5 @@ def test_figures_do_not_depend_on_the_users_settings(tmp_path: Path, watched: Pa
             environment = os.environ | given | {"MPLBACKEND": used, "PYTHONPATH": str(ROOT)}
             subprocess.run([sys.executable, *command], cwd=folder, env=environment, check=True)
         drawn.append({path.name: path.read_bytes() for path in folder.iterdir()})
-    assert len(drawn[0]) == 13
+    assert len(drawn[0]) == 19
     assert [name for name in drawn[0] if drawn[0][name] != drawn[1][name]] == []

@@ -134,6 +134,10 @@ def test_mistakes_get_one_sentence_before_any_run(tmp_path: Path, reporting: str
     [
         (BASE.partition("algorithms.other")[0] + f'{PLANNER}\nreport = "comparison"', "planner"),
         (BASE.replace("200 }", '200, budget_unit = "episodes" }') + 'report = "comparison"', "budget_unit"),
+        (
+            "solved = { success = 0.9, growth = 1.2 }" + BASE + 'report = "comparison"',
+            "solved with report.kind",
+        ),
         (BASE, r"report is missing; add a \[report\] table"),
     ],
 )

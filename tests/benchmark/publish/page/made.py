@@ -16,10 +16,10 @@ from benchmark.studies.item import Estimate, drawing, item
 TEXT = r"""<script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1)) <img src=x onerror=alert(1)>
 ![y](https://example.com/y.png) # heading"""
 NAMES = ["scenario", "variant", "observation"]
-SHOWN = {**dict.fromkeys(NAMES, ""), "score": "", "reached": "steps to 0.5", "remark": "", "verdict": ""}
+SHOWN = "scenario variant observation score reached remark verdict"
 
 
-@item("summary", "success and score after training", SHOWN)
+@item("summary", "success and score after training", SHOWN, labels={"reached": "steps to 0.5"})
 def summary(analysis: Data[Declared]) -> Iterator[dict[str, object]]:
     """A table with intervals, and with steps that are never reached."""
     for names, rows in analysis.curves.groupby(NAMES, sort=False):
