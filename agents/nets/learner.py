@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
-from agents.nets.net import Net, net_of, parameters_of, read, unpadded
+from agents.nets.net import Net, Parameters, net_of, read, unpadded
 from agents.nets.stepping import envs_of
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
@@ -49,7 +49,8 @@ class Agent(ABC):
         for n in self.outputs:
             self.nets.append(net_of(model, observation, hidden, n, end, n_rows, kind, is_relu=is_relu))
             end = self.nets[-1].end
-        self.parameters = parameters_of(end, kind)
+        numbers = (np.zeros(size, kind) for size in (end, end, end, end, 256))
+        self.parameters = Parameters(*numbers, betas=np.ones(2), n_steps=np.zeros(1, np.int64))
         self.state = self.begin(model, settings, kind)
 
     @abstractmethod
