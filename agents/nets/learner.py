@@ -49,8 +49,9 @@ class Agent(ABC):
         for n in self.outputs:
             self.nets.append(net_of(model, observation, hidden, n, end, n_rows, kind, is_relu=is_relu))
             end = self.nets[-1].end
-        numbers = (np.zeros(size, kind) for size in (end, end, end, end, 256))
-        self.parameters = Parameters(*numbers, betas=np.ones(2), n_steps=np.zeros(1, np.int64))
+        values, gradient, first, second = (np.zeros(end, kind) for _ in range(4))
+        sums, n_steps = np.zeros(256, kind), np.zeros(1, np.int64)
+        self.parameters = Parameters(values, gradient, first, second, sums, np.ones(2), n_steps)
         self.state = self.begin(model, settings, kind)
 
     @abstractmethod

@@ -37,7 +37,8 @@ def learned(name: str, model: Model, settings: dict[str, Any]) -> NDArray[np.flo
     """Returns the action values (O, A) of an agent that is trained by an algorithm."""
     algorithm, budget = load_algorithm(name), settings["budget"]
     values: Any = algorithm.settings.model_validate({"record_every": budget} | settings)
-    return algorithm.train(model, values, "index", [SeedSequence([3, 0])], Schedule(budget)).q[0]
+    training = algorithm.train(model, values, "index", [SeedSequence([3, 0])], Schedule(budget))
+    return np.asarray(training.q[0])
 
 
 # Three cells in a column below the issuer. UP, the first action, leads on, and to the issuer from the last,
