@@ -76,9 +76,7 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
             _say_unsaved()
 
     def _path(self, key: Any) -> Path:
-        signature, processor, _ = (
-            key  # the last changes from process to process where compiled code is around
-        )
+        signature, processor, _ = key  # the last may change from process to process
         made_for, *_ = self._source_stamp
         digest = hashlib.sha256(repr((signature, processor, made_for)).encode()).hexdigest()
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))

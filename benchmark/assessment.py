@@ -26,7 +26,7 @@ with needed_by("benchmark.assessment"):
 
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
-    from agents.sb3.imported import is_sb3_class
+    from agents.sb3.algorithms import is_sb3_class
     from benchmark.analysis.records import anchors, check_anchors, unbounded_scores
     from benchmark.drawing.maps import draw_policy, policy_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure

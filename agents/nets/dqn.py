@@ -47,17 +47,6 @@ class Constants(NamedTuple):
     max_grad_norm: float
 
 
-class Batch(NamedTuple):
-    """Room for a mini-batch."""
-
-    observed: NDArray[np.int32]  # (B,)
-    action: NDArray[np.int8]  # (B,)
-    target: Numbers  # (B,)
-    discount: Numbers  # (B,) of the value of the next observation
-    next_observed: NDArray[np.int32]  # (B,)
-    distinct: Distinct
-
-
 class Dqn(NamedTuple):
     """All that the compiled loop reads and changes."""
 
@@ -67,7 +56,12 @@ class Dqn(NamedTuple):
     target: Numbers  # (P,) the parameters of the target net
     target_values: Values  # its outputs since the last synchronisation
     replay: Steps  # (C * E,) as in Stable-Baselines3, a row per step of the envs
-    batch: Batch
+    observed: NDArray[np.int32]  # (B,) of a mini-batch, as all down to `distinct`
+    action: NDArray[np.int8]  # (B,)
+    returns: Numbers  # (B,) up to the next observation
+    discount: Numbers  # (B,) of the value of the next observation
+    next_observed: NDArray[np.int32]  # (B,)
+    distinct: Distinct
     envs: Envs
     stream: NDArray[np.uint64]  # (4,) of the mini-batches
 
@@ -139,17 +133,17 @@ def _draw_batch(agent: Dqn) -> None:
 
     A return ends where the episode ends, or at the row written last.
     """
-    replay, batch, n_steps, n_envs = agent.replay, agent.batch, agent.constants.n_steps, len(agent.envs.state)
+    replay, n_steps, n_envs = agent.replay, agent.constants.n_steps, len(agent.envs.state)
     n_made, n_kept = agent.envs.n_steps[0], len(replay.reward)
     last_row, n_filled = (n_made - n_envs) % n_kept, min(n_made, n_kept) // n_envs
-    gamma = like(batch.target, agent.constants.gamma)
-    for b in range(len(batch.observed)):
+    gamma = like(agent.returns, agent.constants.gamma)
+    for b in range(len(agent.observed)):
         row = int(draw(agent.stream) * n_filled)
         e = int(draw(agent.stream) * n_envs) if n_envs > 1 else 0
         i = row * n_envs + e
-        batch.observed[b] = replay.observed[i]
-        batch.action[b] = replay.action[i]
-        total, discount = like(batch.target, 0), like(batch.target, 1)
+        agent.observed[b] = replay.observed[i]
+        agent.action[b] = replay.action[i]
+        total, discount = like(agent.returns, 0), like(agent.returns, 1)
         for k in range(n_steps):
             total += replay.reward[i] * discount
             discount *= gamma
@@ -157,26 +151,26 @@ def _draw_batch(agent: Dqn) -> None:
             if ends or i == last_row + e or k + 1 == n_steps:
                 break
             i = (i + n_envs) % n_kept
-        batch.target[b] = total
-        batch.discount[b] = discount
-        batch.next_observed[b] = replay.next_observed[i]
+        agent.returns[b] = total
+        agent.discount[b] = discount
+        agent.next_observed[b] = replay.next_observed[i]
 
 
 @inlined
 def _update(agent: Dqn) -> None:
     """Adds what follows on the returns, by the target net, and makes a gradient step by the Huber loss."""
-    q_net, parameters, batch, distinct = agent.net, agent.parameters, agent.batch, agent.batch.distinct
-    net.compute_values(q_net, agent.target, batch.next_observed, agent.target_values)
-    for b in range(len(batch.target)):
-        if batch.next_observed[b] != agent.envs.process.n_observations:
-            batch.target[b] += batch.discount[b] * agent.target_values.largest[batch.next_observed[b]]
-    n_distinct = net.list_distinct(batch.observed, distinct)
+    q_net, parameters, observed, distinct = agent.net, agent.parameters, agent.observed, agent.distinct
+    net.compute_values(q_net, agent.target, agent.next_observed, agent.target_values)
+    n_distinct = net.list_distinct(observed, distinct)
     at = net.forward(q_net, parameters.values, distinct.observed, n_distinct)
-    one, share = like(batch.target, 1), like(batch.target, 1.0 / len(batch.observed))
+    one, share = like(agent.returns, 1), like(agent.returns, 1.0 / len(observed))
     net.clear(q_net.slopes[at : at + n_distinct * q_net.stride])
-    for b in range(len(batch.observed)):
-        i = at + distinct.row[batch.observed[b]] * q_net.stride + batch.action[b]
-        error = q_net.hidden[i] - batch.target[b]
+    for b in range(len(observed)):
+        target, o_next = agent.returns[b], agent.next_observed[b]
+        if o_next != agent.envs.process.n_observations:
+            target += agent.discount[b] * agent.target_values.largest[o_next]
+        i = at + distinct.row[observed[b]] * q_net.stride + agent.action[b]
+        error = q_net.hidden[i] - target
         q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
     net.backward(q_net, parameters, distinct.observed, n_distinct)
     net.learn(parameters, agent.constants.learning_rate, _EPSILON, agent.constants.max_grad_norm)
@@ -200,15 +194,21 @@ class DqnAgent(Agent):
             "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
             "synchronised_every": max(settings.target_update_interval // n_envs, 1),
         }
-        batch = (np.zeros(settings.batch_size, dtype) for dtype in ("i4", "i1", kind, kind, "i4"))
+        observed, next_observed = np.zeros((2, settings.batch_size), np.int32)
+        returns, discount = np.zeros((2, settings.batch_size), kind)
         return Dqn(
             constants=Constants(**same | changed),
             net=q_net,
             parameters=self.parameters,
             target=self.parameters.values.copy(),
-            target_values=net.values_of(n_observations, kind),
+            target_values=Values(np.zeros(n_observations, kind), np.zeros(n_observations, np.bool_)),
             replay=room_for_steps(n_rows * n_envs),
-            batch=Batch(*batch, distinct=net.distinct_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
+            observed=observed,
+            action=np.zeros(settings.batch_size, np.int8),
+            returns=returns,
+            discount=discount,
+            next_observed=next_observed,
+            distinct=Distinct(np.zeros(q_net.n_rows, np.int32), np.zeros(n_observations, np.int64)),
             envs=self.envs,
             stream=self.learning,
         )

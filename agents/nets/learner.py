@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
-from agents.nets.net import Net, net_of, parameters_of, read, unpadded
+from agents.nets.net import Net, Parameters, net_of, read, unpadded
 from agents.nets.stepping import envs_of
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
@@ -49,7 +49,9 @@ class Agent(ABC):
         for n in self.outputs:
             self.nets.append(net_of(model, observation, hidden, n, end, n_rows, kind, is_relu=is_relu))
             end = self.nets[-1].end
-        self.parameters = parameters_of(end, kind)
+        values, gradient, first, second = (np.zeros(end, kind) for _ in range(4))
+        sums, n_steps = np.zeros(256, kind), np.zeros(1, np.int64)
+        self.parameters = Parameters(values, gradient, first, second, sums, np.ones(2), n_steps)
         self.state = self.begin(model, settings, kind)
 
     @abstractmethod

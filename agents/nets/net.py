@@ -21,7 +21,6 @@ from envs.observations import ENCODINGS, observation_blocks, observation_table
 
 _BETAS: Final = (0.9, 0.999)  # PyTorch's, which Stable-Baselines3 leaves
 _MIN_MOMENT: Final = 1e-30  # smaller moments count as zero: denormal numbers would slow every step down
-_SUMS: Final = 256  # partial sums of a norm, so that they fill vector registers
 
 
 class Net(NamedTuple):
@@ -67,7 +66,7 @@ class Parameters(NamedTuple):
     gradient: Numbers  # (P,)
     first: Numbers  # (P,) moments
     second: Numbers  # (P,)
-    sums: Numbers  # (256,) room for a norm
+    sums: Numbers  # (256,) partial sums of a norm, which fill vector registers
     betas: NDArray[np.float64]  # (2,) powers of Adam's betas
     n_steps: NDArray[np.int64]  # (1,)
 
@@ -97,23 +96,6 @@ def net_of(
     layers = n_inputs, outputs, width, biases_at - sizes, biases_at, int(biases_at[-1] + width[-1]), is_relu
     read = ones.astype(np.int32), table.astype(kind), n_rows, stride, np.zeros(n_rows, np.int32)
     return Net(*layers, *read, *(np.zeros(size, kind) for size in rooms))
-
-
-def parameters_of(n_parameters: int, kind: Kind) -> Parameters:
-    """Returns parameters that are zero."""
-    values, gradient, first, second = (np.zeros(n_parameters, kind) for _ in range(4))
-    sums, n_steps = np.zeros(_SUMS, kind), np.zeros(1, np.int64)
-    return Parameters(values, gradient, first, second, sums, np.ones(2), n_steps)
-
-
-def values_of(n_observations: int, kind: Kind) -> Values:
-    """Returns room for `compute_values`."""
-    return Values(np.zeros(n_observations, kind), np.zeros(n_observations, np.bool_))
-
-
-def distinct_of(n_observations: int, n_rows: int) -> Distinct:
-    """Returns room for `list_distinct`."""
-    return Distinct(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64))
 
 
 def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
@@ -234,7 +216,15 @@ def learn(parameters: Parameters, learning_rate: float, epsilon: float, max_norm
     n_steps[0] += 1
     betas[0] *= _BETAS[0]
     betas[1] *= _BETAS[1]
-    scale = like(values, min(max_norm / (_norm(gradient, sums) + 1e-6), 1.0))
+    clear(sums)
+    for start in range(0, len(gradient), len(sums)):
+        some = gradient[start : start + len(sums)]
+        for i in range(len(some)):
+            sums[i] += some[i] * some[i]
+    square_norm = 0.0
+    for i in range(len(sums)):
+        square_norm += sums[i]
+    scale = like(values, min(max_norm / (math.sqrt(square_norm) + 1e-6), 1.0))
     rate = like(values, learning_rate / (1.0 - betas[0]))
     correction = like(values, 1.0 / math.sqrt(1.0 - betas[1]))
     new, new_square = like(values, 1.0 - _BETAS[0]), like(values, 1.0 - _BETAS[1])
@@ -248,20 +238,6 @@ def learn(parameters: Parameters, learning_rate: float, epsilon: float, max_norm
         square = zero if square < least else square
         first[i], second[i] = moment, square
         values[i] -= rate * moment / (math.sqrt(square) * correction + offset)
-
-
-@inlined
-def _norm(numbers: Numbers, sums: Numbers) -> float:
-    """Returns the Euclidean norm, by partial sums that fill vector registers."""
-    clear(sums)
-    for start in range(0, len(numbers), len(sums)):
-        some = numbers[start : start + len(sums)]
-        for i in range(len(some)):
-            sums[i] += some[i] * some[i]
-    total = 0.0
-    for i in range(len(sums)):
-        total += sums[i]
-    return math.sqrt(total)
 
 
 @inlined

@@ -48,32 +48,6 @@ class Constants(NamedTuple):
     max_grad_norm: float
 
 
-class Probabilities(NamedTuple):
-    """The actor's probabilities, as far as they are computed since the last update."""
-
-    probability: Numbers  # (O, A)
-    log_probability: Numbers  # (O, A)
-    is_known: NDArray[np.bool_]  # (O,)
-
-
-class Rollout(NamedTuple):
-    """What is computed from a rollout; each array is (E * L,)."""
-
-    old_log_probability: Numbers
-    advantage: Numbers
-    value_target: Numbers  # Stable-Baselines3's `returns`
-    order: NDArray[np.int64]  # a permutation
-
-
-class Batch(NamedTuple):
-    """Room for a mini-batch."""
-
-    observed: NDArray[np.int32]  # (B,)
-    distinct: Distinct
-    probability: Numbers  # (B, A) of distinct observations
-    log_probability: Numbers  # (B, A)
-
-
 class Ppo(NamedTuple):
     """All that the compiled loop reads and changes."""
 
@@ -81,11 +55,19 @@ class Ppo(NamedTuple):
     actor: Net
     critic: Net
     parameters: Parameters
-    policy: Probabilities
+    probability: Numbers  # (O, A) the actor's, as far as they are computed since the last update
+    log_probability: Numbers  # (O, A)
+    is_known: NDArray[np.bool_]  # (O,)
     values: Values  # the critic's since the last update
     steps: Steps  # (E * L,) of a rollout, as Stable-Baselines3 flattens it, env after env
-    rollout: Rollout
-    batch: Batch
+    old_log_probability: Numbers  # (E * L,)
+    advantage: Numbers  # (E * L,)
+    value_target: Numbers  # (E * L,) Stable-Baselines3's `returns`
+    order: NDArray[np.int64]  # (E * L,) a permutation
+    observed: NDArray[np.int32]  # (B,) of a mini-batch
+    distinct: Distinct
+    batch_probability: Numbers  # (B, A) of distinct observations
+    batch_log_probability: Numbers  # (B, A)
     envs: Envs
     stream: NDArray[np.uint64]  # (4,) of the permutations
 
@@ -118,7 +100,7 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 @compiled
 def _advance(agent: Ppo, until: int) -> None:
     while agent.envs.n_steps[0] < until:
-        agent.policy.is_known[:] = False
+        agent.is_known[:] = False
         agent.values.is_known[:] = False
         if not _roll_out(agent):
             return
@@ -131,13 +113,13 @@ def _advance(agent: Ppo, until: int) -> None:
 @inlined
 def _roll_out(agent: Ppo) -> bool:
     """Makes a rollout; returns whether all probabilities were finite. If not, it ends there."""
-    policy, envs, n_steps = agent.policy, agent.envs, agent.constants.n_steps
+    envs, n_steps = agent.envs, agent.constants.n_steps
     for t in range(n_steps):
         for e in range(len(envs.state)):
             o, i = envs.process.observation[envs.state[e]], e * n_steps + t
-            probability, log_probability = policy.probability[o], policy.log_probability[o]
-            if not policy.is_known[o]:
-                policy.is_known[o], agent.actor.observed[0] = True, o
+            probability, log_probability = agent.probability[o], agent.log_probability[o]
+            if not agent.is_known[o]:
+                agent.is_known[o], agent.actor.observed[0] = True, o
                 at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False
@@ -146,7 +128,7 @@ def _roll_out(agent: Ppo) -> bool:
             while action < N_ACTIONS - 1 and uniform >= cumulated:
                 action += 1
                 cumulated += probability[action]
-            agent.rollout.old_log_probability[i] = log_probability[action]
+            agent.old_log_probability[i] = log_probability[action]
             take(envs, e, action, agent.steps, i)
         count(envs)
     return True
@@ -155,7 +137,7 @@ def _roll_out(agent: Ppo) -> bool:
 @inlined
 def _estimate_advantages(agent: Ppo) -> None:
     """Estimates advantages by GAE (Schulman et al. 2016), as Stable-Baselines3 does."""
-    steps, rollout, value, n_steps = agent.steps, agent.rollout, agent.values.largest, agent.constants.n_steps
+    steps, value, n_steps = agent.steps, agent.values.largest, agent.constants.n_steps
     zero, gamma = like(value, 0), like(value, agent.constants.gamma)
     decay = like(value, agent.constants.gamma * agent.constants.gae_lambda)
     for e in range(len(agent.envs.state)):
@@ -171,14 +153,14 @@ def _estimate_advantages(agent: Ppo) -> None:
                 following = value[o]
             old = value[steps.observed[i]]
             advantage = reward + gamma * following - old + decay * advantage
-            rollout.advantage[i] = advantage
-            rollout.value_target[i] = advantage + old
+            agent.advantage[i] = advantage
+            agent.value_target[i] = advantage + old
             following = old
 
 
 @inlined
 def _learn(agent: Ppo) -> None:
-    batch, constants, order = agent.batch, agent.constants, agent.rollout.order
+    constants, order = agent.constants, agent.order
     for _ in range(constants.n_epochs):
         for i in range(len(order)):
             order[i] = i
@@ -188,51 +170,52 @@ def _learn(agent: Ppo) -> None:
         for start in range(0, len(order), constants.batch_size):
             chosen = order[start : start + constants.batch_size]
             for b in range(len(chosen)):
-                batch.observed[b] = agent.steps.observed[chosen[b]]
-            n_distinct = net.list_distinct(batch.observed[: len(chosen)], batch.distinct)
+                agent.observed[b] = agent.steps.observed[chosen[b]]
+            n_distinct = net.list_distinct(agent.observed[: len(chosen)], agent.distinct)
             if not _slope_of_actor(agent, chosen, n_distinct):
                 return
             _slope_of_critic(agent, chosen, n_distinct)
             for mlp in (agent.actor, agent.critic):
-                net.backward(mlp, agent.parameters, batch.distinct.observed, n_distinct)
+                net.backward(mlp, agent.parameters, agent.distinct.observed, n_distinct)
             net.learn(agent.parameters, constants.learning_rate, _EPSILON, constants.max_grad_norm)
 
 
 @inlined
 def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> bool:
     """Computes the slopes of clipped surrogate and entropy; returns whether learning is to go on."""
-    rollout, batch, constants, actor = agent.rollout, agent.batch, agent.constants, agent.actor
+    constants, actor, advantages = agent.constants, agent.actor, agent.advantage
     slopes, n_rows = actor.slopes, len(chosen)
-    at = net.forward(actor, agent.parameters.values, batch.distinct.observed, n_distinct)
+    at = net.forward(actor, agent.parameters.values, agent.distinct.observed, n_distinct)
     net.clear(slopes[at : at + n_distinct * actor.stride])
     for r in range(n_distinct):
-        row = at + r * actor.stride
-        _to_probabilities(actor.hidden, row, batch.log_probability[r], batch.probability[r])
+        log_probability, probability = agent.batch_log_probability[r], agent.batch_probability[r]
+        _to_probabilities(actor.hidden, at + r * actor.stride, log_probability, probability)
     mean, deviation = 0.0, 1.0
     if constants.normalize_advantage and n_rows > 1:
         for i in chosen:
-            mean += rollout.advantage[i] / n_rows
+            mean += advantages[i] / n_rows
         square = 0.0
         for i in chosen:
-            square += (rollout.advantage[i] - mean) ** 2
+            square += (advantages[i] - mean) ** 2
         deviation = math.sqrt(square / (n_rows - 1)) + 1e-8
     divergence = 0.0
     for i in chosen:
-        r, action = batch.distinct.row[agent.steps.observed[i]], agent.steps.action[i]
-        log_ratio = float(batch.log_probability[r, action] - rollout.old_log_probability[i])
+        r, action = agent.distinct.row[agent.steps.observed[i]], agent.steps.action[i]
+        log_probability, probability = agent.batch_log_probability[r], agent.batch_probability[r]
+        log_ratio = float(log_probability[action] - agent.old_log_probability[i])
         ratio = exp(log_ratio)
         divergence += (ratio - 1.0 - log_ratio) / n_rows
-        advantage = (rollout.advantage[i] - mean) / deviation
+        advantage = (advantages[i] - mean) / deviation
         clipped = min(max(ratio, 1.0 - constants.clip_range), 1.0 + constants.clip_range)
         slope = 0.0 if advantage * ratio > advantage * clipped else advantage * ratio
         entropy = 0.0
         for a in range(N_ACTIONS):
-            entropy -= batch.probability[r, a] * batch.log_probability[r, a]
+            entropy -= probability[a] * log_probability[a]
         for a in range(N_ACTIONS):
-            probability = float(batch.probability[r, a])
+            p = float(probability[a])
             # The slope goes through the action's log-probability, and by the softmax through all.
-            total = slope * (probability - (1.0 if a == action else 0.0))
-            total += constants.ent_coef * probability * (batch.log_probability[r, a] + entropy)
+            total = slope * (p - (1.0 if a == action else 0.0))
+            total += constants.ent_coef * p * (log_probability[a] + entropy)
             slopes[at + r * actor.stride + a] += total / n_rows
     return not divergence > 1.5 * constants.target_kl
 
@@ -240,15 +223,15 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
 @inlined
 def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> None:
     """Computes the slopes of the squared error by the critic's outputs."""
-    rollout, distinct, constants, critic = agent.rollout, agent.batch.distinct, agent.constants, agent.critic
-    at = net.forward(critic, agent.parameters.values, distinct.observed, n_distinct)
+    constants, critic = agent.constants, agent.critic
+    at = net.forward(critic, agent.parameters.values, agent.distinct.observed, n_distinct)
     net.clear(critic.slopes[at : at + n_distinct * critic.stride])
     for i in chosen:
         o = agent.steps.observed[i]
-        row = at + distinct.row[o] * critic.stride
+        row = at + agent.distinct.row[o] * critic.stride
         value = critic.hidden[row]
         if not abs(value - agent.values.largest[o]) > constants.clip_range_vf:
-            critic.slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)
+            critic.slopes[row] += 2.0 * constants.vf_coef * (value - agent.value_target[i]) / len(chosen)
 
 
 class PpoAgent(Agent):
@@ -266,24 +249,27 @@ class PpoAgent(Agent):
             net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain))
         constants = {name: getattr(settings, name) for name in Constants._fields}
         endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
-        table, numbers = (n_observations, N_ACTIONS), np.zeros((3, settings.rollout), kind)
+        probability, log_probability = np.zeros((2, n_observations, N_ACTIONS), kind)
+        old_log_probability, advantage, value_target = np.zeros((3, settings.rollout), kind)
+        batch_probability, batch_log_probability = np.zeros((2, n_rows, N_ACTIONS), kind)
         return Ppo(
             constants=Constants(**constants | endless),
             actor=actor,
             critic=critic,
             parameters=self.parameters,
-            policy=Probabilities(
-                np.zeros(table, kind), np.zeros(table, kind), np.zeros(n_observations, np.bool_)
-            ),
-            values=net.values_of(n_observations, kind),
+            probability=probability,
+            log_probability=log_probability,
+            is_known=np.zeros(n_observations, np.bool_),
+            values=Values(np.zeros(n_observations, kind), np.zeros(n_observations, np.bool_)),
             steps=room_for_steps(settings.rollout),
-            rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),
-            batch=Batch(
-                observed=np.zeros(n_rows, np.int32),
-                distinct=net.distinct_of(n_observations, n_rows),
-                probability=np.zeros((n_rows, N_ACTIONS), kind),
-                log_probability=np.zeros((n_rows, N_ACTIONS), kind),
-            ),
+            old_log_probability=old_log_probability,
+            advantage=advantage,
+            value_target=value_target,
+            order=np.zeros(settings.rollout, np.int64),
+            observed=np.zeros(n_rows, np.int32),
+            distinct=Distinct(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64)),
+            batch_probability=batch_probability,
+            batch_log_probability=batch_log_probability,
             envs=self.envs,
             stream=self.learning,
         )
@@ -291,7 +277,7 @@ class PpoAgent(Agent):
     def table(self) -> Numbers:
         """Returns the action probabilities for all observations, (O, A)."""
         table = super().table()
-        _softmax(table, self.state.batch.log_probability[0])
+        _softmax(table, self.state.batch_log_probability[0])
         return table
 
 

@@ -1,16 +1,46 @@
-"""DQN and PPO of Stable-Baselines3 as algorithms of this project."""
+"""DQN and PPO of Stable-Baselines3, and any class like its own by its import path, as algorithms here.
 
+The settings of an imported class are this project's and the arguments in its signature, recorded with their
+defaults, so that a version with other defaults makes other runs. Values are checked by making an untrained
+agent.
+"""
+
+import inspect
+import sys
 from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import packages_distributions
 from pkgutil import resolve_name
-from typing import Any, Final
+from typing import Any, ClassVar, Final, Self
 
 from numpy.random import SeedSequence
+from pydantic import ConfigDict, create_model, model_validator
 
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
-from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
+from agents.sb3.settings import (
+    OUR_SETTINGS,
+    BufferSize,
+    Count,
+    DqnSettings,
+    PpoSettings,
+    Sb3Settings,
+    Share,
+    StepCount,
+)
 from envs import Model
+from envs.inputs import InputError
 from envs.observations import VECTORS
-from envs.packages import needed_by
+from envs.packages import imported, needed_by
+
+# What this project sets itself, and types of arguments that it understands.
+_SET_HERE: Final = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}
+_KNOWN: Final[dict[str, object]] = {
+    "gamma": Share,
+    "n_steps": StepCount,
+    "train_freq": Count,
+    "buffer_size": BufferSize,
+    "policy_kwargs": dict[str, Any],
+}
 
 
 @dataclass(frozen=True)
@@ -42,3 +72,79 @@ class Sb3Algorithm(SequentialAlgorithm):
 
 DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)
 PPO: Final = Sb3Algorithm("stable_baselines3:PPO", PpoSettings)
+
+
+def is_sb3_class(value: object) -> bool:
+    """Returns whether an object is a class of agents like those of SB3, without importing SB3."""
+    module = sys.modules.get("stable_baselines3.common.base_class")
+    return module is not None and isinstance(value, type) and issubclass(value, module.BaseAlgorithm)
+
+
+class ImportedSettings(Sb3Settings):
+    """What the settings of all imported classes have in common."""
+
+    model_config = ConfigDict(protected_namespaces=(), validate_default=True)
+
+    path: ClassVar[str]  # `module:class`
+
+    @property
+    def arguments(self) -> dict[str, object]:
+        """The arguments that are set."""
+        return self._fitted(self.model_dump(exclude=OUR_SETTINGS, exclude_unset=True, exclude_none=True))
+
+    @model_validator(mode="after")
+    def _agents_can_be_made(self) -> Self:
+        from agents.sb3.training import check_settings
+
+        check_settings(resolve_name(self.path), self, self.path)
+        return self
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickles the path, from which another process makes the class of the settings again."""
+        return _unpickled, (self.path, self.model_dump_json(exclude_unset=True))
+
+
+def _unpickled(path: str, settings: str) -> Sb3Settings:
+    cls = imported(path, "settings", "algorithm")
+    return algorithm_of(cls, path).settings.model_validate_json(settings)
+
+
+@lru_cache
+def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
+    """Makes an algorithm of a class with the import path `module:class`, see `is_sb3_class`."""
+    arguments = _arguments(cls)
+    if "gamma" not in arguments or not arguments.keys() & {"train_freq", "n_steps"}:
+        steps = "an argument train_freq or n_steps, the steps from one round of updates to the next"
+        accepted = f"a class with an argument gamma, its discount, and {steps}"
+        raise InputError(f"algorithm {path}: accepted: {accepted}.")
+    fields: dict[str, Any] = {
+        name: (_KNOWN.get(name, Any), {} if name == "policy_kwargs" else default)
+        for name, default in arguments.items()
+        if name in _KNOWN or not (name in _SET_HERE or hasattr(ImportedSettings, name))
+    }
+    settings: Any = create_model(f"{cls.__name__}Settings", __base__=ImportedSettings, **fields)
+    settings.path = path
+    modules = {base.__module__.partition(".")[0] for base in cls.__mro__} & packages_distributions().keys()
+    packages = tuple(sorted(modules | {"stable_baselines3", "torch"}))
+    return Sb3Algorithm(path, settings, packages)
+
+
+def _arguments(cls: type) -> dict[str, object]:
+    """Returns the named arguments of a class with their defaults: `...` for none, None for objects.
+
+    A class that passes `**kwargs` on has the arguments of the class above it, too.
+    """
+    arguments: dict[str, object] = {}
+    for base in cls.__mro__:
+        if "__init__" not in vars(base):
+            continue
+        _, *parameters = inspect.signature(vars(base)["__init__"]).parameters.values()
+        for parameter in parameters:
+            is_named = parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+            if is_named and not parameter.name.startswith("_"):
+                default = ... if parameter.default is parameter.empty else parameter.default
+                is_plain = isinstance(default, bool | int | float | str | type(...))
+                arguments.setdefault(parameter.name, default if is_plain else None)
+        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+            break
+    return arguments

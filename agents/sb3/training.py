@@ -26,9 +26,8 @@ from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
 from agents.sb3.settings import Sb3Settings
-from agents.sb3.tables import output_of, policy_table, readable_table
+from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
-from agents.sb3.wrappers import first_line
 from envs import InputError, Model, ProxemicVectorEnv, Scenario
 from envs.model import ACTIONS
 from envs.observations import observation_table

@@ -338,24 +338,6 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
     return advance  # type: ignore[no-any-return]
 
 
-@numba.njit
-def _new_table(
-    q: Numbers, constants: Constants, has_tree: bool, has_two_tables: bool, has_traces: bool
-) -> Table:
-    """Returns a table before training."""
-    q[:] = value = constants.initial_value
-    n_observations, n_pairs = len(q), q.size if has_traces else 0
-    return Table(
-        q,
-        np.full(n_observations, value),
-        np.full(n_observations, 1 if constants.takes_lowest else ALL_ACTIONS),
-        _new_tree(n_observations, value) if has_tree else np.empty(2),
-        np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), value),
-        np.empty(n_pairs, np.int64),
-        np.empty(n_pairs),
-    )
-
-
 @lru_cache
 def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
@@ -368,11 +350,22 @@ def compile_kernel(update: UpdateRule) -> Kernel:
         process: Process, constants: Constants, plan: Plan, streams: NDArray[np.uint64], results: Results
     ) -> None:
         """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
-        has_tree = results.table_max_q.shape[1] > 0
+        has_tree, value = results.table_max_q.shape[1] > 0, constants.initial_value
+        n_observations = process.n_observations
+        n_pairs = n_observations * N_ACTIONS if has_traces else 0
+        results.q[:] = value
         for n in range(len(streams)):
             max_q = results.max_q[n]
             table_max_q = results.table_max_q[n] if has_tree else np.empty_like(max_q)
-            table = _new_table(results.q[n], constants, has_tree, has_two_tables, has_traces)
+            table = Table(
+                results.q[n],
+                np.full(n_observations, value),
+                np.full(n_observations, 1 if constants.takes_lowest else ALL_ACTIONS),
+                _new_tree(n_observations, value) if has_tree else np.empty(2),
+                np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), value),
+                np.empty(n_pairs, np.int64),
+                np.empty(n_pairs),
+            )
             state, stream = draw_start(
                 process.starts, (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
             )

@@ -53,13 +53,8 @@ def test_damaged_files_are_compiled_again(file: Path, damage: str) -> None:
     (file.parent / "another.py").write_text(CODE)
     uses_files(file.parent / "another.py")
     (another,) = file.parent.rglob("another*.nbc")
-    path.write_bytes(
-        {
-            "cut": content[:-1],
-            "flipped": content[:-9] + bytes([content[-9] ^ 4]) + content[-8:],
-            "another's": another.read_bytes(),
-        }[damage]
-    )
+    flipped = content[:-9] + bytes([content[-9] ^ 4]) + content[-8:]
+    path.write_bytes({"cut": content[:-1], "flipped": flipped, "another's": another.read_bytes()}[damage])
     assert uses_files(file) == (0, 1)
     assert uses_files(file) == (1, 0)
 

@@ -12,7 +12,9 @@ from scipy import optimize, sparse
 
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
+from agents.process import process_of
 from envs import EVENTS, ZONES, Model, compile_scenario, load_scenario
+from envs.observations import compile_seen
 
 SCENARIOS = ("S1", "S2", "S3")
 
@@ -75,22 +77,28 @@ def test_evaluation_by_hand() -> None:
 
 def backward(model: Model, policy: NDArray[np.float64], horizon: int) -> NDArray[np.float64]:
     """All expectations from the start, (5 + zones,), by sweeping the policy's Bellman operator backwards."""
-    next_state = model.next_state[:, :, 0]
+    zones = [((model.zone[model.next_state] == z) * model.probability).sum(2) for z in range(len(ZONES))]
     gains = np.stack(
         [
             model.grid_reward,
             model.grid_reward + model.issuer_reward,
             model.event == EVENTS.index("target_ping"),
-            np.ones(next_state.shape),
+            np.ones(model.event.shape),
             np.isin(model.event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]),
-            *(model.zone[next_state] == zone for zone in range(len(ZONES))),
+            *zones,
         ]
     )
-    totals = np.zeros((len(gains), len(next_state)))
+    totals = np.zeros((len(gains), len(model.observation)))
     for _ in range(horizon):
-        following = np.where(model.terminated, 0.0, totals[:, next_state])
-        totals = (policy[model.observation] * (gains + following)).sum(axis=2)
-    return np.asarray(totals[:, model.start])
+        following = (totals[:, model.next_state] * model.probability).sum(axis=-1)
+        totals = (policy[model.observation] * (gains + ~model.terminated * following)).sum(axis=2)
+    return np.asarray(totals[:, model.starts].mean(axis=1))
+
+
+def check(model: Model, policy: NDArray[np.float64], horizon: int) -> None:
+    result = evaluate(model, policy, horizon)
+    sums = [result.grid_return, result.scenario_return, result.success, result.steps, result.wrong_pings]
+    assert [*sums, *result.zone_steps] == pytest.approx(backward(model, policy, horizon), abs=1e-9)
 
 
 @settings(max_examples=30)
@@ -103,9 +111,41 @@ def test_evaluation_equals_backward_sweep(name: str, weights: NDArray[np.float64
     model = model_of(name)
     policy = weights + 0.01 * (weights.sum(axis=1, keepdims=True) == 0)
     policy /= policy.sum(axis=1, keepdims=True)
-    result = evaluate(model, policy, horizon)
-    sums = [result.grid_return, result.scenario_return, result.success, result.steps, result.wrong_pings]
-    assert [*sums, *result.zone_steps] == pytest.approx(backward(model, policy, horizon), abs=1e-9)
+    check(model, policy, horizon)
+
+
+CIRCLE = {"kind": "circle", "radius": 1}
+ROOM: dict[str, Any] = {
+    "grid.rows": 4, "grid.columns": 5, "grid.start": "anywhere", "ping_limit": 2,
+    "observe": ["agent", "issuer"], "issuer.position": "anywhere", "group": {"people": 2, "apart": [2, 2.3]},
+    "regions": {"uncomfortable": CIRCLE, "target": CIRCLE | {"radius": 1.5}},
+}  # fmt: skip
+WALK = {"others": [{"position": [0, 1], "walk": {"corners": [[0, 3]]}}], "ping_limit": 1}
+PHASES: list[dict[str, Any]] = [
+    {"name": "calm", "next": {"tense": 0.3}},
+    {"name": "tense", "heading": "up", "next": {}},
+]
+TALKING = {"group": {"people": 3, "apart": [2, 3]}, "regions.target": {"kind": "ring", "width": 1}}
+
+
+@pytest.mark.parametrize("form", ["index", "two_nearest", "centre"])
+@pytest.mark.parametrize(
+    "scene", [{}, WALK, {"phases": PHASES}, TALKING], ids=["strangers", "walk", "moods", "talking"]
+)
+def test_evaluation_of_groups_equals_backward_sweep(scene: dict[str, Any], form: str) -> None:
+    model = compile_seen(load_scenario("S1", ROOM | scene), form)
+    check(model, np.random.default_rng(1).dirichlet(np.ones(5), model.n_observations), 25)
+
+
+def test_writing_out_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = model_of("S1", **ROOM | WALK)
+    whole = process_of(model)
+    assert len(whole.outcomes) < len(model.observation)  # states share their outcomes
+    for n_states in (1000, 777):
+        monkeypatch.setattr("agents.process._STATES_AT_ONCE", n_states)
+        chunked = process_of.__wrapped__(model)  # type: ignore[attr-defined]
+        assert chunked.outcomes.tobytes() == whole.outcomes.tobytes()
+        assert (chunked.first == whole.first).all()
 
 
 def test_wrong_policies_are_refused() -> None:

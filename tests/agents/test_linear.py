@@ -16,7 +16,6 @@ from envs.observations import compile_seen
 from tests.agents.test_tabular import MOVES
 from tests.agents.words import textbook
 
-FORMS = {"coordinates": "index", "offset_coordinates": "offset"}
 POINTS = (0, 1, 700, 2000)
 
 
@@ -24,18 +23,33 @@ def model_of(scenario: str, observation: str, **overrides: Any) -> Model:
     return compile_seen(load_scenario(scenario, overrides), observation)
 
 
-def test_tiles_of_two_tilings_by_hand() -> None:
-    """S1 shows the agent's cell alone, in 10 rows and 12 columns; tiles are 4 cells wide.
+PAIR: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere", "ping_limit": 1}
+PAIR |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
+PAIR |= {"group": {"people": 2, "apart": [2, 4]}}
 
-    The first tiling has its edges before rows 4 and 8. The second is displaced by 1 and 3 halves of a width,
-    that is, modulo a width, by 2 cells along both, so its edges are before rows and columns 2, 6 and 10.
-    """
-    tiles = tiles_of(model_of("S1", "coordinates"), 2, 4).reshape(10, 12, 2)
-    rows, columns = np.indices((10, 12))
-    first = rows // 4 * 3 + columns // 4
-    second = (rows + 2) // 4 * 4 + (columns + 2) // 4
+
+@pytest.mark.parametrize(
+    ("scenario", "observation", "overrides", "shape", "width", "shift"),
+    [
+        # S1 shows the agent's cell alone. The first tiling has its edges before rows 4 and 8. The second is
+        # displaced by 1 and 3 halves of a width, that is, modulo a width, by 2 cells along both, so its edges
+        # are before rows and columns 2, 6 and 10.
+        ("S1", "coordinates", {}, (10, 12), 4, 2),
+        ("Anywhere", "offset_coordinates", {}, (19, 23), 4, 2),  # with cells on both sides
+        # Centres of two people count halves of cells, so a tile of 4 cells is 8 wide.
+        ("Anywhere", "centre_coordinates", PAIR, (17, 21), 8, 4),
+    ],
+)
+def test_tiles_of_two_tilings_by_hand(
+    scenario: str, observation: str, overrides: Any, shape: tuple[int, int], width: int, shift: int
+) -> None:
+    tiles = tiles_of(model_of(scenario, observation, **overrides), 2, 4).reshape(*shape, 2)
+    rows, columns = np.indices(shape)
+    per_row, per_shifted = -(-shape[1] // width), -(-(shape[1] + shift) // width)
+    first = rows // width * per_row + columns // width
     assert (tiles[..., 0] == first).all()
-    assert (tiles[..., 1] == 9 + second).all()
+    second = (rows + shift) // width * per_shifted + (columns + shift) // width
+    assert (tiles[..., 1] == first.max() + 1 + second).all()
 
 
 def test_tilings_have_different_displacements() -> None:
@@ -55,25 +69,6 @@ def test_parts_without_order_have_tiles_of_their_own() -> None:
         assert all(len({*phase[tiling == tile]}) == 1 for tile in np.unique(tiling))
 
 
-def test_offsets_count_cells_on_both_sides() -> None:
-    tiles = tiles_of(model_of("Anywhere", "offset_coordinates"), 1, 3)
-    rows, columns = np.indices((19, 23))
-    assert (tiles[:, 0] == (rows // 3 * 8 + columns // 3).ravel()).all()
-
-
-PAIR: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere", "ping_limit": 1}
-PAIR |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
-PAIR |= {"group": {"people": 2, "apart": [2, 4]}}
-
-
-def test_centres_of_two_people_count_halves_of_cells() -> None:
-    """There are 17 x 21 of them, so a tile of 4 cells is 8 wide, and the second tiling is displaced by 4."""
-    tiles = tiles_of(model_of("Anywhere", "centre_coordinates", **PAIR), 2, 4).reshape(17, 21, 2)
-    rows, columns = np.indices((17, 21))
-    assert (tiles[..., 0] == rows // 8 * 3 + columns // 8).all()
-    assert (tiles[..., 1] == 9 + (rows + 4) // 8 * 4 + (columns + 4) // 8).all()
-
-
 def test_offsets_of_two_people_are_tiled_together() -> None:
     """Two tilings, 3 cells wide; the second is displaced by 1, 3, 5 and 7 halves of it, modulo a width."""
     model = model_of("Anywhere", "offset_coordinates", **PAIR)
@@ -91,52 +86,30 @@ def test_offsets_of_two_people_are_tiled_together() -> None:
     assert tiles[here, 1] == tiles[beside, 1]  # with edges before 1.5, 4.5, 7.5 and 10.5
 
 
-@pytest.mark.parametrize(
-    ("scenario", "observation"),
-    [
-        ("S2", "coordinates"),
-        ("Anywhere", "offset_coordinates"),
-        ("Noisy", "coordinates"),
-        ("MoodyHidden", "coordinates"),
-    ],
-)
-@pytest.mark.parametrize(
-    ("name", "table", "changes"),
-    [("linear_q_lambda", "watkins_q_lambda", {}), ("linear_sarsa_lambda", "sarsa", {"trace_decay": 0.0})],
-)
-def test_one_tiling_of_single_cells_is_the_table(
-    name: str, table: str, changes: dict[str, Any], observation: str, scenario: str
-) -> None:
-    linear: Any = load_algorithm(name)
-    tabular: Any = load_algorithm(table)
-    shared: dict[str, Any] = {"budget": 2000, "time_limit": 60, "initial_value": 0.2, "halved_after": 900}
-    settings = linear.settings(**shared, **changes, n_tilings=1, tile_width=1)
-    schedule, seeds = Schedule(2000, POINTS, (0, 2000)), [SeedSequence([3, i]) for i in range(3)]
-    ours = linear.train(model_of(scenario, observation), settings, observation, seeds, schedule)
-    form = FORMS[observation]
-    settings = tabular.settings(**shared, record_every=2000)
-    theirs = tabular.train(model_of(scenario, form), settings, form, seeds, schedule)
-    for key in ("q", "greedy", "values", "disagreements", "updates", "parameters"):
-        assert np.array_equal(getattr(ours, key), getattr(theirs, key)), key
-    assert (ours.q[0] != ours.q[1]).any()
-
-
-@pytest.mark.parametrize("scenario", ["S2", "people move"])
 @pytest.mark.parametrize("name", ["linear_q_lambda", "linear_sarsa_lambda"])
 @pytest.mark.parametrize(
-    "changes",
+    ("scenario", "overrides", "changes"),
     [
-        {"n_tilings": 4, "epsilon": 0.2},
-        {"n_tilings": 5, "tile_width": 2, "ties": "lowest", "initial_value": 0.3, "halved_after": 500},
+        ("S2", {}, {"n_tilings": 4, "epsilon": 0.2}),
+        (
+            "S2",
+            MOVES,
+            {"n_tilings": 5, "tile_width": 2, "ties": "lowest", "initial_value": 0.3, "halved_after": 500},
+        ),
+        ("Noisy", {}, {"n_tilings": 4, "epsilon": 0.2, "initial_value": 0.3}),
+        # With one tiling of single cells, the textbook's loop learns a table.
+        ("MoodyHidden", {}, {"n_tilings": 1, "tile_width": 1, "halved_after": 900}),
     ],
 )
-def test_kernel_equals_a_loop_in_plain_python(changes: dict[str, Any], name: str, scenario: str) -> None:
-    overrides = MOVES if scenario == "people move" else {}
-    model, algorithm = model_of("S2", "coordinates", **overrides), load_algorithm(name)
+def test_kernel_equals_a_loop_in_plain_python(
+    name: str, scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
+) -> None:
+    model, algorithm = model_of(scenario, "coordinates", **overrides), load_algorithm(name)
     settings: Any = algorithm.settings(budget=2000, time_limit=50, **changes)
     seeds = [SeedSequence([7, i]) for i in range(2)]
     training = algorithm.train(model, settings, "coordinates", seeds, Schedule(2000, POINTS))
     tiles = tiles_of(model, settings.n_tilings, settings.tile_width)
+    assert settings.tile_width > 1 or (tiles[:, 0] == np.arange(model.n_observations)).all()
     for key, expected in textbook(name, model, settings, seeds[1], POINTS, tiles).items():
         assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
 
@@ -180,17 +153,11 @@ def test_features_that_do_not_fit_memory_are_refused(tmp_path: Path) -> None:
         horizon = 200
         evaluation_every = 1000
         map_every = 1000
-        [algorithms.tiles]
-        algorithm = "linear_q_lambda"
-        observations = ["coordinates", "offset_coordinates"]
-        seeds = 2
         settings = { budget = 1000, n_tilings = 1024 }
-        [grids.rooms.axes.room.large]
-        scenario = { "grid.rows" = 20, "grid.columns" = 24, "issuer.places" = 150, ping_limit = 1 }
+        [algorithms]
+        tiles = { algorithm = "linear_q_lambda", observations = ["coordinates"], seeds = 2 }
         """,
         encoding="utf-8",
     )
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r"mine.toml: algorithms.tiles: n_tilings = 1024: "):
         load_experiment(path)
-    (line,) = caught.value.args
-    assert line.startswith(f"{path}: algorithms.tiles: n_tilings = 1024: ")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
+from scipy.special import softmax
 
 from agents import Schedule, check_training, load_algorithm
 from agents.dynamic_programming import evaluate, from_starts, solve
@@ -27,16 +27,11 @@ def model_of(changes: dict[str, Any]) -> Model:
     return compile_scenario(load_scenario("S1", changes))
 
 
-def softmax(logits: NDArray[np.float64]) -> NDArray[np.float64]:
-    weights = np.exp(logits)
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_gradient_is_that_of_exact_evaluation(name: str) -> None:
     model, horizon, step = model_of(SCENES[name]), 25, 1e-5
     logits = np.random.default_rng(1).standard_normal((model.n_observations, 5))
-    policy = softmax(logits)
+    policy = softmax(logits, axis=1)
     value, advantage = gradient(model, policy, horizon)
     assert value == pytest.approx(float(evaluate(model, policy, horizon).grid_return), abs=1e-9)
     # The derivative by a logit is the action's probability, times its advantage, times the expected visits:
@@ -48,7 +43,7 @@ def test_gradient_is_that_of_exact_evaluation(name: str) -> None:
             for sign in (1, -1):
                 moved = logits.copy()
                 moved[o, action] += sign * step
-                ends.append(float(evaluate(model, softmax(moved), horizon).grid_return))
+                ends.append(float(evaluate(model, softmax(moved, axis=1), horizon).grid_return))
             derivative.append((ends[0] - ends[1]) / (2 * step))
         expected = np.array(derivative) / policy[o]
         largest = abs(expected).argmax()

@@ -258,20 +258,17 @@ def test_updates_and_parameters_by_hand(prefix: str) -> None:
     assert ppo.parameters[0] == 2 * body + (64 * 5 + 5) + (64 + 1)
 
 
-ROOM: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.position": [2, 4]}
-RADII = {"regions.target_radius": 2, "regions.uncomfortable_radius": 1}
-SMALL = compile_scenario(load_scenario("S1", ROOM | RADII))
-
-
 def test_linear_layer_over_one_hot_learns_the_optimal_values() -> None:
     settings = DqnSettings(
         budget=4000, time_limit=50, train_freq=2, learning_rate=1e-2, gamma=0.9, batch_size=128,
         target_update_interval=50, exploration_fraction=1.0, exploration_final_eps=1.0,
         policy_kwargs=PolicyArguments(net_arch=()),
     )  # fmt: skip
-    q = METHODS["sb3_dqn"].train(SMALL, settings, "one_hot", [SeedSequence(1)], Schedule(4000)).q[0]
-    expected = solve(SMALL, 0.9).q[SMALL.start]  # with no wrong PING so far, and the moves alone
-    assert q[SMALL.start, :PING] == pytest.approx(expected[:PING], abs=0.1)
+    room = {"grid.rows": 5, "grid.columns": 6, "issuer.position": [2, 4], "regions.target_radius": 2}
+    small = compile_scenario(load_scenario("S1", room | {"regions.uncomfortable_radius": 1}))
+    q = METHODS["sb3_dqn"].train(small, settings, "one_hot", [SeedSequence(1)], Schedule(4000)).q[0]
+    expected = solve(small, 0.9).q[small.start]  # with no wrong PING so far, and the moves alone
+    assert q[small.start, :PING] == pytest.approx(expected[:PING], abs=0.1)
 
 
 @pytest.mark.parametrize("name", SETTINGS)

@@ -1,6 +1,5 @@
 """Update rules: by hand, and against the values that they converge to; see also `test_tabular`."""
 
-from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import expected, solve
-from agents.tabular.learner import TabularTraining
 from agents.tabular.updates import UpdateRule, greatest_value
 from envs import Model, compile_scenario, load_scenario
 from tests.agents.test_tabular import RULES
@@ -35,44 +33,23 @@ MOODS: Final[dict[str, Any]] = {
 }
 
 
-def learned(name: str, model: Any, settings: dict[str, Any]) -> TabularTraining:
-    """Trains an agent by an algorithm."""
-    algorithm: Any = load_algorithm(name)
-    values = {"record_every": settings["budget"]} | settings
-    schedule = Schedule(values["budget"])
-    training: TabularTraining = algorithm.train(
-        model, algorithm.settings(**values), "index", [SeedSequence([3, 0])], schedule
-    )
-    return training
+def learned(name: str, model: Model, settings: dict[str, Any]) -> NDArray[np.float64]:
+    """Returns the action values (O, A) of an agent that is trained by an algorithm."""
+    algorithm, budget = load_algorithm(name), settings["budget"]
+    values: Any = algorithm.settings.model_validate({"record_every": budget} | settings)
+    training = algorithm.train(model, values, "index", [SeedSequence([3, 0])], Schedule(budget))
+    return np.asarray(training.q[0])
 
 
-def small(following: list[list[int]], rewards: list[list[float]]) -> Any:
-    """Returns what training reads of a model whose states are observed; -1 follows where an episode ends."""
-    next_state = np.array(following)
-    n_states = len(next_state)
-    model = SimpleNamespace(
-        starts=np.array([0]),
-        next_state=np.maximum(next_state, 0)[..., None],
-        probability=np.ones((*next_state.shape, 1)),
-        grid_reward=np.array(rewards, dtype=np.float64),
-        issuer_reward=np.zeros(next_state.shape),
-        issuer_noise=np.zeros(next_state.shape),
-        terminated=next_state < 0,
-        is_wrong_ping=np.arange(5)[None].repeat(n_states, axis=0) > 0,  # counts all actions but the first
-        observation=np.arange(n_states),
-        n_observations=n_states,
-        n_outcomes=1,
-        is_noisy=False,
-    )
-    model.derived = {}
-    return type("Small", (), vars(model))  # has a hash, as models have
-
-
-# Three states in a row; the first action leads on, and ends the episode with a reward of 1 at the last.
-CHAIN: Final = small(
-    [[1, -1, -1, -1, -1], [2, -1, -1, -1, -1], [-1] * 5],
-    [[0, -1, -1, -1, -1], [0, -1, -1, -1, -1], [1, -1, -1, -1, -1]],
-)
+# Three cells in a column below the issuer. UP, the first action, leads on, and to the issuer from the last,
+# which ends the episode with a reward of 1.
+REWARDS: Final = dict.fromkeys(load_scenario("S1").rewards.model_dump(), 0.0) | {"issuer_reached": 1.0}
+COLUMN: Final[dict[str, Any]] = {
+    "grid": {"rows": 4, "columns": 1, "start": [3, 0]},
+    "issuer.position": [0, 0],
+    "regions": {"uncomfortable_radius": 0, "target_radius": 1},
+    "rewards": REWARDS,
+}
 GREEDY: Final[dict[str, Any]] = {"epsilon": 0.0, "ties": "lowest", "learning_rate": 0.5, "discount": 0.9}
 
 
@@ -90,19 +67,20 @@ GREEDY: Final[dict[str, Any]] = {"epsilon": 0.0, "ties": "lowest", "learning_rat
             [0.10125, 0.225, 0.5],
             [0.10125 + 0.050625 + 0.050625 + 0.050625, 0.225 + 0.1125 + 0.1125, 0.75],
         ),
-        # Initial values of 2 are lowered: 2 + 0.5 * (1.8 - 2) = 1.9 twice, and 1.5. Then every state has
-        # another best action, which ends the episode with -1: 2 + 0.5 * (-1 - 2) = 0.5, and again.
+        # Initial values of 2 are lowered: 2 + 0.5 * (1.8 - 2) = 1.9 twice, and 1.5. Then DOWN, LEFT and RIGHT
+        # are better in the first cell, stay there, and are lowered to 1.9 in turn.
         ("q_learning", {"initial_value": 2.0}, [1.9, 1.9, 1.5], [1.9, 1.9, 1.5]),
     ],
 )
 def test_two_episodes_by_hand(
     name: str, changes: dict[str, Any], first: list[float], second: list[float]
 ) -> None:
+    model = compile_scenario(load_scenario("S1", COLUMN))
     for budget, q in ((3, first), (6, second)):
-        training = learned(name, CHAIN, GREEDY | changes | {"budget": budget})
-        assert training.q[0, :, 0] == pytest.approx(q, abs=1e-12)
+        values = learned(name, model, GREEDY | changes | {"budget": budget})
+        assert values[[3, 2, 1], 0] == pytest.approx(q, abs=1e-12)
         if "initial_value" in changes and budget == 6:
-            assert training.q[0, 0].tolist() == [1.9, 0.5, 0.5, 0.5, 2.0]
+            assert values[3].tolist() == [1.9, 1.9, 1.9, 1.9, 2.0]
 
 
 def epsilon_greedy_values(model: Model, discount: float, epsilon: float) -> NDArray[np.float64]:
@@ -121,8 +99,8 @@ def epsilon_greedy_values(model: Model, discount: float, epsilon: float) -> NDAr
 def test_rules_converge_to_the_values_that_they_should(name: str) -> None:
     model = compile_scenario(load_scenario("S1", MOODS))
     discount, epsilon = 0.8, 0.5
-    changes = {"learning_rate": 0.003, "discount": discount, "epsilon": epsilon, "budget": 20_000_000}
-    (q,) = learned(name, model, changes).q
+    changes = {"learning_rate": 0.005, "discount": discount, "epsilon": epsilon, "budget": 30_000_000}
+    q = learned(name, model, changes)
     best, mixed = solve(model, discount).q, epsilon_greedy_values(model, discount, epsilon)
     goes_on = ~model.is_over
     assert np.abs(best - mixed)[goes_on].max() > 0.3

@@ -31,11 +31,6 @@ def xoshiro(state: Sequence[int]) -> Iterator[int]:
         s[3] = rotate(s[3], 45)
 
 
-def words(seed: SeedSequence) -> Iterator[int]:
-    """Yields the words of the agent of a seed."""
-    return xoshiro([int(word) for word in seed.generate_state(4, np.uint64)])
-
-
 def choose(word: int, epsilon: float, greedy: Sequence[int]) -> int:
     """Returns a random one of five actions with probability epsilon, else one of the greedy actions."""
     upper, lower = divmod(word, 2**32)
@@ -67,12 +62,6 @@ def take(model: Model, state: int, action: int, stream: Iterator[int]) -> tuple[
     return float(reward), int(model.next_state[(*at, outcome)])
 
 
-def best_of(row: NDArray[np.float64], ties: str) -> list[int]:
-    """Returns the greedy actions, given action values (A,)."""
-    best = [action for action in range(5) if row[action] == row.max()]
-    return best[:1] if ties == "lowest" else best
-
-
 class Textbook:
     """An agent of the textbook's algorithm: nothing is updated incrementally.
 
@@ -82,7 +71,8 @@ class Textbook:
     def __init__(
         self, name: str, model: Model, settings: Any, seed: SeedSequence, tiles: NDArray[np.int32] | None
     ) -> None:
-        self.name, self.model, self.settings, self.stream = name, model, settings, words(seed)
+        self.name, self.model, self.settings = name, model, settings
+        self.stream = xoshiro(seed.generate_state(4, np.uint64).tolist())
         self.tiles = (np.arange(model.n_observations)[:, None] if tiles is None else tiles).tolist()
         self.n_tables, self.n_tilings = 2 if name == "double_q_learning" else 1, len(self.tiles[0])
         shape = self.n_tables, 1 + max(map(max, self.tiles)), 5
@@ -101,7 +91,8 @@ class Textbook:
         return np.array([self.values(o) for o in range(self.model.n_observations)])
 
     def best(self, row: NDArray[np.float64]) -> list[int]:
-        return best_of(row, self.settings.ties)
+        best = [action for action in range(5) if row[action] == row.max()]
+        return best[:1] if self.settings.ties == "lowest" else best
 
     def choose(self, row: NDArray[np.float64]) -> int:
         return choose(next(self.stream), self.settings.epsilon, self.best(row))
@@ -170,10 +161,7 @@ def textbook(
         if unit in points:
             record["greedy"].append([sum(2**action for action in agent.best(row)) for row in agent.table()])
             record["disagreements"].append(agent.wrong)
-        visited, largest = (
-            [],
-            [],
-        )  # the largest values met in a unit of the budget, and those of the table then
+        visited, largest = [], []  # largest values met in a unit of the budget, and those of the table then
         is_over = unit == settings.budget
         while not is_over:
             visited.append(agent.values(int(model.observation[agent.state])).max())
