@@ -1,7 +1,7 @@
 """Learners, planners and evaluation. `ALGORITHMS` maps a name to an algorithm.
 
-An algorithm is imported when it is loaded. For those in `ALGORITHMS`, torch is imported only when a deep one
-trains, so that a tabular run does not wait for a deep-learning library.
+An algorithm is imported when it is loaded. Those in `ALGORITHMS` import torch only when an agent of
+Stable-Baselines3 is trained, so that other runs do not wait for it.
 """
 
 from typing import Final

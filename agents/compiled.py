@@ -1,7 +1,7 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
-numba trusts its files: with a damaged one it fails, crashes or computes something else. And it looks only at
-the file of a function, not at the files of what the function calls; all of them count.
+numba trusts its files: a damaged one makes it fail, crash or compute something else. Besides, it checks only
+the file of a function, not the files of functions that it calls; here, all of them count.
 """
 
 import hashlib

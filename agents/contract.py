@@ -1,4 +1,4 @@
-"""What an algorithm is to the rest of the project, and what training one returns.
+"""The interface of algorithms to the rest of the project, and what training returns.
 
 Axis letters: N agents, T evaluation steps, V map steps, O observations, A actions.
 """
@@ -45,8 +45,8 @@ class Schedule:
     map_steps: tuple[int, ...] = ()
     """(V,) those of them when the values of all observations are, too."""
     may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
-    """Whether training may end, given the index of an evaluation step and the table (O, A) there. Tabular
-    learners do not ask. After an early end, the remaining evaluations repeat the last one."""
+    """Whether training may end, given the index of an evaluation step and the table (O, A) there. Among the
+    shipped algorithms, only nets ask. After an early end, the remaining evaluations repeat the last one."""
     log: str = ""
     """Folder for what agents of Stable-Baselines3 log; empty if nothing is logged."""
     keep: Callable[[Any], object] | None = None

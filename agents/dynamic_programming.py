@@ -228,9 +228,9 @@ def solve(
 
 
 def largest_success(model: Model, horizon: int) -> float:
-    """Returns how often an agent that knows the state succeeds, at most, in episodes from the model's starts.
+    """Returns the largest success of an agent that knows the state, in episodes from the model's starts.
 
-    It is the optimal value if a correct PING alone has a reward, of 1.
+    It is the optimal value if only a correct PING is rewarded, by 1.
     """
     reward = (model.event == TARGET_PING).astype(np.float64)
     solution = solve(replace(model, grid_reward=reward), 1.0, horizon, issuer_rewards=False)

@@ -29,8 +29,8 @@ from envs.model import Model
 
 _FIRST_RATE: Final = 1.0  # the length of a step per unit of advantage
 _FASTER, _SLOWER, _MIN_RATE, _MAX_RATE = 1.5, 0.3, 1e-6, 1e6
-_MAX_GUIDANCE: Final = 100.0  # with which a policy hardly ever takes another action than the best
-_MIN_PROBABILITY: Final = 1e-12  # that an episode goes on, below which a sweep ends
+_MAX_GUIDANCE: Final = 100.0  # with it, a policy nearly always takes the best action
+_MIN_PROBABILITY: Final = 1e-12  # of an episode's going on; below it, a sweep ends
 
 
 class MemorylessSettings(LearnerSettings):

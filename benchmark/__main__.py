@@ -59,15 +59,15 @@ interrupted.
 
 def script() -> int:
     """Runs one command, as `python -m benchmark` does; returns the exit code."""
-    sys.path.append(str(Path.cwd()))  # for modules of users, which hide none
+    sys.path.append(str(Path.cwd()))  # last, so that users' modules hide no others
     return main()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
     _open_streams()
-    if arguments is None:  # this process, and those that it starts, are the command's alone
-        os.environ["MPLBACKEND"] = "agg"  # one of a notebook might not be there
+    if arguments is None:  # nothing else uses this process and its children
+        os.environ["MPLBACKEND"] = "agg"  # a notebook's backend might not be installed
         keep_running()
     command = ""
     try:
@@ -103,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _open_streams() -> None:
-    """Opens the standard streams that are closed, since a file would get the descriptor of one."""
+    """Opens closed standard streams, since a file would otherwise get one of their descriptors."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
@@ -190,7 +190,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(watch, "--learner", "NAME", about, default="q_learning")
     _add(watch, "--observation", "FORM", "a form of observation of a variant (default: its first)")
     _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
-    about = "whose settings are used; a missing run is trained and stored (default: compare_deep)"
+    about = "the learner's experiment; a missing run is trained and stored (default: compare_deep)"
     _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")
     _add(watch, "--save", "FILE", "the film, an animated .webp or .gif", Path, required=True)
 

@@ -187,7 +187,7 @@ def assess(
 def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
     """Returns a function's action probabilities, (O, A); it is called twice with every observation.
 
-    The second time, in reverse order, finds functions that remember or draw something.
+    The second call, in reverse order, detects functions with memory or randomness.
     """
     table = observation_table(model, observation)
 
@@ -241,7 +241,7 @@ def saved_model(path: Path) -> Path:
 
 
 def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic: bool) -> Policy:
-    """Reads the policy, (O, A), of a model of SB3, or of a saved one, given the rest of `agent_table`'s."""
+    """Reads the policy, (O, A), of a model of SB3, or of a saved one; `given` is for `agent_table`."""
     where = "agent" if algorithm is None else str(agent)
     with needed_by(f"{where}: a saved model"):
         from agents.sb3.tables import agent_table, saved_table
@@ -281,7 +281,7 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
     """Reads the results of all published runs in a scenario: experiment, learner, success, score.
 
     A folder counts if it is complete and has the scenario as it is now, and the same time limit; miniatures
-    and users' experiments do not. Reference implementations do not either: others have chosen their settings.
+    and users' experiments do not. Nor do reference implementations, which have the settings of others.
     """
     frames = []
     for name in experiment_names():

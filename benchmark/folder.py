@@ -69,7 +69,7 @@ class Folder:
         return titled(side, self.titles)
 
     def phrase(self, side: str) -> str:
-        """Returns the same for a sentence, in which a table has an article."""
+        """Returns the title for a sentence, in which a table gets an article."""
         title = self.title(side)
         return f"the {title}" if re.search(r"\btable\b", title) else title
 
@@ -86,7 +86,7 @@ class Folder:
         """Returns a file's content; raises an InputError if it is not listed, missing or changed."""
         with self.reading(file):
             if (path := self.path / file).exists() and not path.is_file():
-                raise ValueError("it is not a regular file")  # but a pipe, perhaps, which never ends
+                raise ValueError("it is not a regular file")  # it may be a pipe that never ends
             content = path.read_bytes()
             if hashlib.sha256(content).hexdigest() != self.manifest["files"][file]:
                 raise ValueError(f"{MANIFEST} lists another digest")
@@ -101,13 +101,13 @@ class Folder:
         return file if (file := f"{name}.svg") in self else ""
 
     def frame(self, name: str) -> pd.DataFrame:
-        """Returns a table, by the name of its file, without the ending `.csv` if that is all it has."""
+        """Returns a table by the name of its file, from which the ending `.csv` may be left out."""
         content = self.content(name if "." in name else f"{name}.csv")
         return read_csv(BytesIO(gzip.decompress(content) if name.endswith(".gz") else content))
 
     @contextmanager
     def reading(self, file: str = "") -> Iterator[None]:
-        """Turns what goes wrong while files of this folder are read into an `InputError`."""
+        """Turns an error while files of this folder are read into an `InputError`."""
         try:
             yield
         except InputError:

@@ -24,7 +24,7 @@ Where = str | Path
 
 
 def runs(experiment: Where, results: Where | None = None, source: str | None = None) -> pd.DataFrame:
-    """Returns what each run of an experiment reached: a row per run, and condition if several share it.
+    """Returns what each run of an experiment reached: a row per run, and per condition that shares it.
 
     Columns are `scenario`, `condition` and its axes, `learner` (`variant` and `observation`), `seed`, and
     exact results of the evaluated `policy` after `budget` steps: `success` (a probability), `score` (0:
@@ -70,7 +70,7 @@ def _read(experiment: Experiment, results: Where | None, source: str | None, whi
 
 
 def _stored(experiment: Experiment, results: Path, which: int, is_whole: bool) -> pd.DataFrame | str:
-    """Returns a table of stored runs; if some are missing, and it has to be whole, or if all are, says so."""
+    """Returns a table of stored runs, or a text if all are missing, or some although it must be whole."""
     path, n, n_all = results / "runs.db", 0, 0
     with suppress(NoRunsError), Store(path, read_only=True) as store:
         ended = store.ended()
@@ -84,7 +84,7 @@ def _stored(experiment: Experiment, results: Path, which: int, is_whole: bool) -
 
 
 def _published(experiment: Experiment, results: Path, which: int, is_whole: bool) -> pd.DataFrame | str:
-    """Returns a published table, or says that there is none; if it has to be whole, none of other runs."""
+    """Returns a published table, or a text if there is none, or one of other runs if it must be whole."""
     folder = Folder(results / experiment.name)
     file = next((name for name in _PUBLISHED[which] if name in folder), None)
     if file is None:

@@ -102,7 +102,7 @@ def _check_name(path: Path) -> None:
 
 
 def checked(path: Path) -> Submission:
-    """Reads a file, with scores computed again; one that says something else raises an InputError."""
+    """Reads a file, and computes its scores again; a file with other scores raises an InputError."""
     _check_name(path)
     submission = parse(Submission, read_toml(path, _MAX_FILE), str(path))
     for key, known in (("scenario", scenario_names()), ("observation", OBSERVATIONS)):
@@ -188,7 +188,7 @@ def _behaviour(submission: Submission) -> str:
 
 
 def _texts(values: list[float]) -> list[str]:
-    """Returns numbers with as many decimals, from four, as tell them apart from each other, 0 and 1.
+    """Returns numbers with at least four decimals, as many as tell them apart from each other, 0 and 1.
 
     >>> _texts([1.0, 0.999996, 0.5]), _texts([1.0, 0.5])
     (['1.000000', '0.999996', '0.500000'], ['1.0000', '0.5000'])

@@ -27,11 +27,11 @@ _NAME_RULE: Final = (
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 # Names that pandas or R would read as numbers, booleans or missing values.
 _VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
-# A key of many parts, for which the parser takes time that grows with the square of their number.
+# A key of many parts: the parser's time grows with the square of their number.
 _LONG_KEY: Final = re.compile(r"""(?<![\w-])((?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")
 # Control characters, among them line separators and those of writing direction.
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-# Letters, marks and signs without ink; those of formatting have a category of their own.
+# Characters that look blank, besides those of the category Cf, which `seen` removes.
 _BLANK: Final = re.compile(
     r"[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\ufe00-\ufe0f\U000e0100-\U000e01ef]"
 )
@@ -146,7 +146,7 @@ def seen(text: str) -> str:
 
 
 def distinct(values: ValuesT, where: str = "") -> ValuesT:
-    """Refuses, by a ValueError, values of which two are the same as readers see them, see `seen`."""
+    """Returns the values; raises a ValueError if two of them look the same to readers, see `seen`."""
     known = set[str]()
     for text in (seen(str(value)) for value in values):
         require(text not in known, f"{where}{shortened(text)} is named twice", "each once")
@@ -278,7 +278,7 @@ def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwi
 
 
 def guess(name: str, accepted: Iterable[str]) -> str:
-    """Returns a question with the accepted name that is most like another one; empty if none is like it."""
+    """Returns a question that suggests the accepted name most like a given one; empty if none is close."""
     lower = {other.lower(): other for other in accepted}
     nearest = difflib.get_close_matches(name[:_MAX_NAME].lower(), lower, n=1, cutoff=0.6)
     return f" (did you mean {lower[nearest[0]]}?)" if nearest else ""

@@ -29,9 +29,9 @@ class Layout:
     """Places of the person with its group, (J,), in each of P phases; C cells."""
 
     grid: Grid
-    stages: tuple[Phase, ...]  # (P,) those of walks are where people are; a single one without any
+    stages: tuple[Phase, ...]  # (P,) declared phases, or positions on walks, or one that never ends
     others: tuple[tuple[Person, ...], ...]  # (P, others) the other people
-    ways: NDArray[np.int_]  # (J, people) cells of the person and the group when an episode starts; rising
+    ways: NDArray[np.int_]  # (J, people) cells of the person and the group at the start; rows are sorted
     first_phases: NDArray[np.int_]  # phases of the ticks in which episodes may start
     zone: NDArray[np.int8]  # (J, P, C) index into `envs.regions.ZONES`
     is_start: NDArray[np.bool_]  # (J, first ticks, C) where episodes may start
@@ -85,7 +85,7 @@ class Layout:
         return tuple(divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist())
 
     def shown_cells(self, fraction: float, draw: int) -> tuple[Cell, ...]:
-        """Returns the coordinates shown for each cell, (I,); for a fraction, those of the next one drawn."""
+        """Returns the cell that is shown for each issuer cell, (I,); a drawn fraction is permuted."""
         n_permuted = round(fraction * len(self.issuer_cells))
         order = sorted(self.issuer_cells, key=lambda cell: _rank([cell], draw))[:n_permuted]
         following = dict(zip(order, [*order[1:], *order[:1]], strict=True))
@@ -122,7 +122,7 @@ def _ticks(stages: Sequence[Phase]) -> NDArray[np.int_]:
 
 
 def _rank(place: Sequence[object], draw: int) -> bytes:
-    """Returns what a cell, or a group's cells, are drawn by; the same in all rooms."""
+    """Returns the key by which a cell, or a group's cells, are drawn; it is the same in all rooms."""
     parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
     return hashlib.sha256(json.dumps([draw, *parts]).encode()).digest()
 
@@ -139,7 +139,7 @@ def timeline(
 ) -> tuple[tuple[Phase, ...], tuple[tuple[Person, ...], ...]]:
     """Returns the P phases, and the other people in each, (P, others).
 
-    If people walk, a phase is the time in which nobody leaves a cell, and all last until everybody is back.
+    If people walk, nobody changes cells within a phase, and all phases together end when everybody is back.
     """
     walking = walkers(issuer, others)
     if not walking:
@@ -257,7 +257,7 @@ def _find_starts(grid: Grid, zone: NDArray[np.int8], first: NDArray[np.int_]) ->
     allowed = np.isin(np.arange(len(grid.position)), grid.cells_of(grid.start))
     is_start = np.zeros((len(zone), len(first), len(allowed)), dtype=np.bool_)
     for some in np.array_split(np.arange(len(zone)), 1 + zone.size // _AT_ONCE):
-        # In some phase. Nobody passes walls, or someone who never moves.
+        # In at least one phase. Walls, and people who never move, block the way.
         is_target = (zone[some] == ZONES.index("target")).any(axis=1)
         is_free = (zone[some] != ZONES.index("issuer")).any(axis=1) & ~grid.is_wall
         has_way = connected(*(cells.reshape(-1, *grid.size) for cells in (is_target, is_free)))

@@ -3,8 +3,8 @@
 A scenario is a finite Markov decision process. Its state is (place of the issuer, tick of the clock, whether
 feedback is to come, wrong PINGs so far, the agent's cell), numbered in this order, the cell last. In the
 paper's scenarios all but the last two have a single value, so the number is `pings * C + row * columns +
-column` with C cells: 120 cells and 600 states. The place, which of a group is where all of its people stand,
-is drawn at the start of an episode and stays.
+column` with C cells: 120 cells and 600 states. The place (for a group, where all of its people stand) is
+drawn at the start of an episode and stays.
 
 `envs/scenarios/README.md` says what happens in a step, and in which order. Everything that acts, learns,
 plans or evaluates reads the arrays. A time limit is not in them: it truncates an episode, and learners
@@ -121,7 +121,7 @@ class Model:
 
     @cached_property
     def has_cell_maps(self) -> bool:
-        """Whether one map shows all: cells are observed, with one place and phase and no wall, as in S1."""
+        """Whether one map shows every observation: only cells, one place and phase, no wall, as in S1."""
         is_cell = self.scenario.observe == ("agent",)
         return is_cell and not self.context.any() and not self.scenario.grid.is_wall.any()
 
@@ -160,7 +160,7 @@ class Model:
 
 
 def kept_with_model(derive: Callable[Concatenate[Model, P], T]) -> Callable[Concatenate[Model, P], T]:
-    """Decorates what is derived from a model: it is computed once, and kept as long as the model."""
+    """Decorates a function of a model: its result is computed once, and kept as long as the model."""
 
     @wraps(derive)
     def derived(model: Model, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -185,7 +185,7 @@ def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbe
 def compile_scenario(scenario: Scenario) -> Model:
     """Compiles a scenario; equal scenarios share one `Model` while it is among the latest."""
     compiled = _compile if math.prod(_shape(scenario)) <= _STATES_AT_ONCE else _compile_large
-    # A notebook may have changed its functions.
+    # A notebook may have redefined a user's function.
     return compiled(scenario, *(its.function(scenario.name) for its in scenario.own_feedback))
 
 
@@ -359,10 +359,10 @@ def _components(
 def _relative(
     scenario: Scenario, name: str, context: NDArray[np.int32], cell: NDArray[np.int32]
 ) -> Component:
-    """Returns what is observed of where people stand relative to the agent, see `RELATIVE`.
+    """Returns the component that says where people stand relative to the agent, see `RELATIVE`.
 
-    The offsets of several people are in the order of their Euclidean distance from the agent, and of those
-    that are equally far, in the order of rows and columns.
+    The offsets of several people are sorted by their Euclidean distance from the agent, and those that are
+    equally far by rows and columns.
     """
     grid, n = scenario.grid, scenario.n_people
     farthest, columns = np.array(grid.size) - 1, 2 * grid.columns - 1
@@ -468,8 +468,8 @@ def _own_rewards(
 ) -> NDArray[np.float64]:
     """Returns the lowest and highest rewards by a user's function, (2, J, ping_limit, C).
 
-    It is asked in a phase and by the person with a number, `at`, in the places and cells of `asked`, (n, 2).
-    Distances are of each cell, (J, C), and of the farthest start, (J,).
+    `at` is the phase and the number of the person. The function is called for the places and cells in
+    `asked`, (n, 2). `far` has the distance of each cell, (J, C), and `from_start` that of the farthest start.
     """
     phase, person = at
     layout, n_pings = scenario.layout, scenario.ping_limit

@@ -1,9 +1,9 @@
 """Forms of observation, as tables of all observations.
 
-Most forms are egocentric: instead of the agent's cell and those of the person and the group, the agent is
-given where people stand relative to itself. "offset" is about all of them, "nearest" about the nearest,
-"two_nearest" about two, and "centre" about the centre of all; for a single person, these are the same. Where
-the person is not seen, they are the same as the first three.
+Most forms are egocentric: instead of its own cell and people's cells, the agent observes people's positions
+relative to itself. "offset" gives those of all people, "nearest" that of the nearest, "two_nearest" those of
+two, and "centre" the centre of all; for a single person, these are the same. Where the person is not seen,
+they equal "index", "one_hot" and "coordinates".
 """
 
 from typing import Any, Final

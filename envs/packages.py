@@ -1,4 +1,4 @@
-"""Packages that this project may need: which extra brings each, and what is said if one is not installed."""
+"""Packages that this project may need: which extra installs each, and the error if one is missing."""
 
 import os
 import posix
@@ -52,7 +52,7 @@ def package_of(module: str) -> str:
 
 
 def imported(name: str, source: str, kind: str) -> object:
-    """Imports what the name `module:attribute` of some kind in a source means, or raises an InputError.
+    """Imports the object that a source names as `module:attribute`, or raises an InputError.
 
     The message recommends only packages of this project's extras: a misspelt name could be any other's.
     """
@@ -129,7 +129,7 @@ def _missing(error: BaseException) -> str | None:
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
     module = error.name.partition(".")[0]
-    # If it is there, another version of it has the missing submodule.
+    # If the package is installed, only this version of it lacks the submodule.
     return module if find_spec(module) is None else None
 
 

@@ -21,9 +21,9 @@ Steps = Annotated[int, Field(ge=1, le=1000)]
 class PlainFeedback(Table):
     """No reward, or minus the person's L1 distance from the agent, relative to the farthest start.
 
-    Of several people, both distances are those of the nearest one, who answers. Delayed feedback, also by
-    distance, comes with the action after the PING, and never if the PING ends the episode. The person must
-    not move then, since the model does not remember where it stood at the PING.
+    The nearest of several people answers, and both distances are measured from that person. Delayed feedback,
+    also by distance, comes with the action after the PING, and never if the PING ends the episode. With it,
+    nobody may move, since the model does not remember where people stood at the PING.
     """
 
     kind: Literal["none", "distance", "delayed"]
@@ -40,7 +40,7 @@ class NoisyFeedback(Table):
 
 
 class BoundedFeedback(Table):
-    """Drawn at each PING, uniformly between two bounds; or `high` if it is correct, `low` if it is wrong."""
+    """A reward drawn uniformly between two bounds at each PING, or `high` if it is correct, else `low`."""
 
     kind: Literal["uniform", "binary"]
     """Drawn between the bounds, or one of them."""
@@ -164,7 +164,7 @@ class Issuer(Table):
     """How many of the cells of `position` are places, drawn once, see `draw`; all by default. With a
     `group`, how many of the ways in which all of them may stand."""
     unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
-    """Further such places, drawn after these: part of the observations, but no episode starts with them."""
+    """Further places, drawn after these: part of the observations, but never used in training episodes."""
     permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of cells shown with another cell's coordinates."""
     feedback: Feedback
@@ -186,9 +186,9 @@ Chances = Annotated[
 class Phase(Table):
     """What is different about the person for some time, and how the phase ends.
 
-    Either every phase lasts a number of `steps`, and the first follows the last; or every phase names with
-    which probability which other phase follows after each step (`next`), and stays otherwise. What a phase
-    does not give is as in the scenario's other tables.
+    Either every phase lasts a number of `steps`, and the first follows the last; or every phase has `next`,
+    the probability of each other phase to follow after a step, and otherwise goes on. Keys that a phase omits
+    have the values of the scenario's other tables.
     """
 
     omitted_at_default: ClassVar[Set[str]] = {"position", "heading", "regions", "steps", "next"}
@@ -204,7 +204,7 @@ class Phase(Table):
     steps: Steps | None = None
     """How many steps the phase lasts."""
     next: Chances | None = None
-    """With which probability which other phase follows after each step, by name; the sum is at most 1."""
+    """The probability of each other phase to follow after a step, by name; the sum is at most 1."""
 
 
 class Group(Table):

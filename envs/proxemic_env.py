@@ -29,7 +29,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     region; a PING anywhere else meets the person's disagreement.
 
     S1 to S3 are the scenarios of the paper, which differ in the person's feedback. Comments in the files of
-    `envs/scenarios` describe them and the others. `envs.model` says in which order things happen in a step.
+    `envs/scenarios` describe all scenarios, and `envs/scenarios/README.md` the order of events in a step.
 
     ## Action Space
     `Discrete(5)`: 0 UP (row - 1), 1 DOWN (row + 1), 2 LEFT (column - 1), 3 RIGHT (column + 1), 4 PING.
@@ -40,8 +40,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     cell, the phase or the number of wrong PINGs. Components with n1, n2, ... values are combined in this
     order, in one of these forms (`observation`):
 
-    - `"index"`: `Discrete(n1 * n2 * ...)`, v1 + n1 * (v2 + n2 * ...) for values v1, v2, ... from 0. Of the
-      agent's cell alone, row * columns + column
+    - `"index"`: `Discrete(n1 * n2 * ...)`, v1 + n1 * (v2 + n2 * ...) for values v1, v2, ... from 0. For the
+      agent's cell alone, it is row * columns + column
     - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per component, with a 1 at its value
     - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number per other component,
       each divided by its maximum

@@ -160,11 +160,11 @@ class Regions(Table):
     }  # fmt: skip
 
     uncomfortable_radius: Annotated[int, Field(ge=0, le=1000)] | None = None
-    """Of a square; together with `target_radius`, in place of shapes."""
+    """Radius of a square; together with `target_radius`, in place of shapes."""
     target_radius: Annotated[int, Field(ge=1, le=1000)] | None = None
-    """Of the square around both regions; more than `uncomfortable_radius`."""
+    """Radius of the square around both regions; more than `uncomfortable_radius`."""
     unit: Literal["cells", "metres"] = "cells"
-    """Of the lengths of shapes; metres need `grid.metres_per_cell`."""
+    """Unit of the lengths of shapes; metres need `grid.metres_per_cell`."""
     uncomfortable: Shape | None = None
     """Shape of the uncomfortable region."""
     target: Shape | None = None

@@ -89,7 +89,7 @@ class Scenario(Table):
 
     @cached_property
     def _every_way(self) -> Layout:
-        # Scenarios that differ in nothing else than what is drawn, observed and answered share it.
+        # Scenarios that differ only in what is drawn or observed share it.
         issuer = self.issuer.model_copy(update={"places": None, "unseen": 0, "permuted": 0.0})
         tables = self.group, self.regions, self.others, self.phases, self.first_phase
         return resolve(self.grid, issuer, *tables)
@@ -121,7 +121,7 @@ class Scenario(Table):
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """What does not follow from what is observed: other components, "clock" and "feedback to come"."""
+        """What observations do not determine: other components, "clock" and "feedback to come"."""
         layout = self.layout
         n_places, n_phases, n_people = layout.standing.shape
         _, place = np.unique(layout.standing.reshape(-1, n_people), axis=0, return_inverse=True)
@@ -154,7 +154,7 @@ class Scenario(Table):
 
     @cached_property
     def observed_sizes(self) -> dict[str, tuple[int, int]]:
-        """How many values each observed component has, at most, and numbers its one-hot form."""
+        """The largest number of values of each observed component, and the width of its one-hot form."""
         (n_places, n_phases, n), n_cells = self.layout.standing.shape, len(self.grid.position)
         n_offsets = math.prod(2 * length - 1 for length in self.grid.size)
         n_centres = math.prod(2 * n * (length - 1) + 1 for length in self.grid.size)

@@ -45,8 +45,8 @@ COLOUR_MAP: Final = "cividis"  # colour map of values, wherever they are drawn
 DIVERGING: Final = "PuOr"  # colour map of values of both signs; its middle is zero
 CLIPPED_SHARE: Final = 0.01  # share of values beyond each end of a colour scale; outliers would stretch it
 _ASIDE: Final = MOVES[:, ::-1]
-# Of each move, (row, column) from the cell's centre: corners of its triangle, the third of which is the
-# centre, and of its arrow head, the first of which is the tip.
+# For each move, (row, column) from the cell's centre: the corners of its triangle, the third of which is the
+# centre, and those of its arrowhead, the first of which is the tip.
 TRIANGLES: Final = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES], axis=1) / 2
 _BASE: Final = 0.27 * MOVES
 ARROWHEADS: Final = np.stack([0.46 * MOVES, _BASE + 0.13 * _ASIDE, _BASE - 0.13 * _ASIDE], axis=1)
@@ -77,14 +77,14 @@ class Scene:
 
     rows: int
     columns: int
-    zone: tuple[str, ...]  # (O,) one of ZONES; of a bystander's cell the first
+    zone: tuple[str, ...]  # (O,) one of ZONES; "outside" for a bystander's cell
     position: NDArray[np.int_]  # (O, 2) row and column of each cell
     is_over: NDArray[np.bool_]  # (O,) in which cells the episode is over, so that nothing can be done
     is_wall: NDArray[np.bool_]  # (O,)
     outlines: dict[str, tuple[Loop, ...]]  # of the regions in `BORDERS`
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
-    circle: tuple[float, float, float] | None  # row, column and radius of that on which people who talk stand
+    circle: tuple[float, float, float] | None  # row, column and radius of the circle of people who talk
 
     @property
     def n_cells(self) -> int:

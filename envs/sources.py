@@ -1,4 +1,4 @@
-"""Code of users, which has no version: where its modules are found, and the digest of their sources."""
+"""Users' own modules, which have no version: where they are found, and the digest of their sources."""
 
 import ast
 import hashlib
@@ -58,12 +58,12 @@ def digest_of_source(module: str) -> str:
     return hashlib.sha256("".join(digests).encode()).hexdigest() if sources else ""
 
 
-# As it was when this process first asked: what it has imported stays the same.
+# The digest when this process first asked for it: modules stay as they were imported.
 digest_when_loaded: Final = cache(digest_of_source)
 
 
 def _imports(tree: ast.Module, package: str) -> Iterator[str]:
-    """Yields the names that a module of a package imports; some may be no modules, but what is in them."""
+    """Yields the names that a module of a package imports: modules, and perhaps their attributes."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

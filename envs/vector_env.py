@@ -143,7 +143,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         return self.observe(), _with_masks(info, mask)
 
     def step(self, actions: Actions) -> tuple[Observations, Rewards, Ends, Ends, Info]:
-        """Takes an action in every env, of (N,) integers, 0 to 4; others are an InputError.
+        """Takes an action in every env, (N,) integers from 0 to 4; others raise an InputError.
 
         Returns:
           Observations (N, ...), rewards (N,), terminated (N,), truncated (N,), and the info of
@@ -208,7 +208,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
 
     def restart(self, envs: NDArray[np.intp], draw: Draw) -> None:
-        """Moves the agents of these envs, (n,), to a start, of several by draws from [0, 1), (n,)."""
+        """Moves the agents of these envs, (n,), to a start; several starts need draws (n,) from [0, 1)."""
         n = len(self._starts)
         self._state[envs] = self._starts[(draw() * n).astype(np.intp) if n > 1 else 0]
         self._steps[envs] = 0

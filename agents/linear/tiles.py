@@ -31,8 +31,8 @@ def check_tiles(n_observations: int, n_tilings: int) -> None:
 def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     """Returns the features of every observation, (O, n_tilings), numbered from 0.
 
-    Positions are tiled together, by tiles of so many cells along each side. Components without a position,
-    such as a phase, are not: each of their values has tiles of its own.
+    Positions are tiled jointly, by tiles `width` cells wide. Components without a position, such as a phase,
+    are not tiled: each combination of their values has tiles of its own.
     """
     check_tiles(model.n_observations, n_tilings)
     positions, others, per_cell = [], [], []
@@ -46,7 +46,7 @@ def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     odd, unit = 2 * np.arange(cells.shape[1]) + 1, np.array(per_cell)
     tiles, n_tiles = np.empty((model.n_observations, n_tilings), dtype=np.int32), 0
     for t in range(n_tilings):
-        # In whole numbers, which have no rounding: a unit of the numbers is n_tilings long.
+        # Whole numbers avoid rounding: everything is multiplied by n_tilings.
         tile = (cells * n_tilings + t * odd % n_tilings * width * unit) // (width * unit * n_tilings)
         first, number = numbered([*tile.T, *others])
         tiles[:, t] = n_tiles + number

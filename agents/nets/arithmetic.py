@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 LANES: Final = 16  # columns of a product that are computed together; arrays are padded to a multiple
-_ROWS: Final = 6  # rows that are: the registers of AVX2 hold 6 x 16 sums of float32
+_ROWS: Final = 6  # rows computed together: AVX2's registers hold 6 x 16 sums of float32
 
 _F: Final = np.float32
 _EXP: Final = tuple(1.0 / math.factorial(k) for k in range(13, -1, -1))
@@ -31,8 +31,8 @@ Kind = type[np.floating[Any]]  # the type of an agent's numbers
 Vector = tuple[Numbers, int]  # a flat array, and where in it the vector begins
 Matrix = tuple[Numbers, int, int, int]  # the same, and the distances from row to row and column to column
 
-# For functions that compiled code calls. In Python's model of errors, a loop that divides has an exit for
-# zero, and then numba uses no vector registers.
+# For functions that compiled code calls. With Python's model of errors, a loop that divides has an exit for
+# zero, which keeps numba from vectorising it.
 inlined: Final = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
@@ -115,8 +115,8 @@ _six, _two, _one = _block(_ROWS), _block(2), _block(1)
 def multiply(shape: tuple[int, int, int], start: Vector, a: Matrix, b: Matrix, c: Matrix) -> None:
     """Multiplies matrices: c[r, j] = start[j] + sum of a[r, k] * b[k, j] over k, in this order.
 
-    `shape` has the numbers of rows of a and c, of columns of b and c, a multiple of `LANES`, and of columns
-    of a and rows of b. The columns of b and c are next to each other. Nothing is checked.
+    `shape` is (rows of a and c, columns of b and c, columns of a and rows of b); the second is a multiple of
+    `LANES`. The columns of b and c are contiguous. Nothing is checked.
     """
     n_rows, n_columns, n_inner = shape
     (starts, start_at), (a_numbers, a_at, a_row, a_inner) = start, a

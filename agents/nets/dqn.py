@@ -158,7 +158,7 @@ def _draw_batch(agent: Dqn) -> None:
 
 @inlined
 def _update(agent: Dqn) -> None:
-    """Adds what follows on the returns, by the target net, and makes a gradient step by the Huber loss."""
+    """Adds the target net's estimates to the returns, and takes a gradient step on the Huber loss."""
     q_net, parameters, observed, distinct = agent.net, agent.parameters, agent.observed, agent.distinct
     net.compute_values(q_net, agent.target, agent.next_observed, agent.target_values)
     n_distinct = net.list_distinct(observed, distinct)

@@ -32,9 +32,9 @@ class Net(NamedTuple):
     weights_at: NDArray[np.int64]  # (L,) of weights (inputs with padding, width)
     biases_at: NDArray[np.int64]  # (L,)
     end: int  # the index after its last parameter
-    is_relu: bool  # what follows each layer but the last, else tanh
-    ones: NDArray[np.int32]  # (O, ones) which inputs are 1, if all others are 0; else (O, 0)
-    table: Numbers  # (O, inputs) if they are not; else (O, 0)
+    is_relu: bool  # whether each layer but the last is followed by ReLU, else by tanh
+    ones: NDArray[np.int32]  # (O, ones) which inputs are 1, in one-hot forms; else (O, 0)
+    table: Numbers  # (O, inputs) in other forms; else (O, 0)
     n_rows: int  # B
     stride: int  # W
     observed: NDArray[np.int32]  # (B,)

@@ -213,7 +213,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
             entropy -= probability[a] * log_probability[a]
         for a in range(N_ACTIONS):
             p = float(probability[a])
-            # The slope goes through the action's log-probability, and by the softmax through all.
+            # Through the softmax, the action's log-probability depends on all logits.
             total = slope * (p - (1.0 if a == action else 0.0))
             total += constants.ent_coef * p * (log_probability[a] + entropy)
             slopes[at + r * actor.stride + a] += total / n_rows

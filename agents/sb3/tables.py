@@ -90,7 +90,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns `policy_table` of an agent of any class; raises an exception if it does not say all."""
+    """Returns `policy_table` of an agent of any class; raises an exception if a table is not enough."""
     name = type(agent).__name__
     methods = (agent.predict, getattr(agent.policy, "get_distribution", agent.predict))
     extra = {argument for method in methods for argument in [*signature(method).parameters][1:]} - _ARGUMENTS

@@ -1,4 +1,4 @@
-"""Trains agents of Stable-Baselines3 so that a run does not depend on where it runs, or next to what.
+"""Trains agents of Stable-Baselines3 so that a run does not depend on what else runs beside it.
 
 SB3's classes do the learning, on the native vector env, with one torch thread, random streams from one seed,
 and exactly the declared number of environment steps.
@@ -39,7 +39,7 @@ def make_agent(cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv) -> 
     with warnings.catch_warnings():  # the last mini-batch of a rollout is allowed to be smaller
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
         agent = cls("MlpPolicy", env, **arguments)
-    # The same Adam, a step in one call. As an argument it would unset the epsilon that SB3 gives Adam.
+    # Fused, Adam takes the same step in one call. As an argument, that would unset SB3's epsilon of Adam.
     optimizer = getattr(agent.policy, "optimizer", None)
     if isinstance(optimizer, torch.optim.Adam):
         for group in optimizer.param_groups:

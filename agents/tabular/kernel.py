@@ -2,11 +2,11 @@
 
 `compile_kernel` makes the loop of an update rule. Each agent acts epsilon-greedily.
 
-A step takes one 64-bit word. Its upper half decides whether to explore; its lower half decides which of the
-candidates to take: all actions when exploring, else the greedy ones. Then follow, each only where there is
-something to draw: a word for the reward of a noisy issuer, at each PING; one for the outcome of the action;
-one for the table that a rule with two tables updates; and, when the episode is over, one for the next start.
-An on-policy rule draws the next step's word before the update, also where the time limit then truncates.
+A step draws one 64-bit word. Its upper half decides whether to explore; its lower half picks one of the
+candidates: all actions when exploring, else the greedy ones. Then it draws, each only if it is needed: a word
+for the reward of a noisy issuer, at each PING; one for the outcome of the action; one for the table that a
+rule with two tables updates; and, when the episode is over, one for the next start. An on-policy rule draws
+the next step's word before the update, even if the time limit then truncates the episode.
 
 Axis letters: N agents, S states, O observations, A actions, K outcomes, B starts, T evaluation steps, V map
 steps, R records.
@@ -65,7 +65,7 @@ class Plan(NamedTuple):
 
 
 class Results(NamedTuple):
-    """Where a loop writes, see `TabularTraining`; that of linear learners leaves the last four."""
+    """Where a loop writes, see `TabularTraining`; linear learners do not use the last four fields."""
 
     q: Numbers  # (N, O, A)
     greedy: NDArray[np.uint8]  # (N, T, O)
@@ -178,7 +178,7 @@ def _update_tree(tree: Numbers, o: np.uint64, best: float) -> None:
 
 @numba.njit
 def _trace(traced: NDArray[np.int64], weights: Numbers, n_traces: int, decay: float, pair: np.uint64) -> int:
-    """Decays the traces, drops the least, and sets that of a pair to 1; returns how many there are."""
+    """Decays the traces, drops those below `MIN_TRACE`, sets that of a pair to 1; returns their number."""
     n_kept = 0
     for i in range(n_traces):
         weight = decay * weights[i]

@@ -58,7 +58,7 @@ class ValueSettings(LearnerSettings):
 
     @property
     def constants(self) -> Constants:
-        """What compiled loops take of the settings."""
+        """The settings that compiled loops take."""
         return Constants(
             learning_rate=self.learning_rate,
             halved_after=self.halved_after or math.inf,
@@ -116,7 +116,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
 
     @abstractmethod
     def loop(self, model: Model, settings: Any) -> tuple[Callable[..., None], int]:
-        """Returns the loop, which takes a plan, streams and results, and an agent's parameters."""
+        """Returns the loop, which takes a plan, streams and results, and the number of parameters."""
 
     def records(self, n_agents: int, settings: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG002
         """Returns room for the further fields of `training`."""
@@ -130,7 +130,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
     ) -> TrainingT:
-        """Trains agents; what their loop needs too much memory for is an InputError."""
+        """Trains agents; raises an InputError if their loop needs too much memory."""
         loop, n_parameters = self.loop(model, settings)
         n_agents, n_steps, n_maps = len(seeds), len(schedule.evaluation_steps), len(schedule.map_steps)
         table = model.n_observations, len(ACTIONS)
@@ -166,7 +166,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
             block = slice(first, first + self.batch_size)
             started_s = time.thread_time()
             train_block(block)
-            # One agent may train too briefly to be timed; each gets its share, by its steps.
+            # One agent may train too briefly to be timed: all get equal shares, spread evenly over steps.
             seconds = (time.thread_time() - started_s) / len(streams[block])
             result.cpu_time_s[block] = seconds * plan.points[:-1] / settings.budget
         is_lost = (result.greedy == 0).any(axis=2)  # (N, T), where values are not finite

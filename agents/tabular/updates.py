@@ -35,8 +35,8 @@ class Successor(NamedTuple):
 class UpdateRule:
     """A way to update a table of action values.
 
-    `bootstrap` is a plain function that numba can compile. What it refers to belongs in its module: cached
-    code is compiled again when that file has changed, but not when another has.
+    `bootstrap` is a plain function that numba can compile. Cached code is compiled again when its file, or a
+    module of yours that this file imports, has changed.
     """
 
     bootstrap: Callable[[Successor], float]

@@ -1,6 +1,6 @@
-"""What is stored of runs as two tidy tables: `runs`, a row a run, and `curves`, a row a run and evaluation.
+"""Stored runs as two tidy tables: `runs`, a row per run, and `curves`, a row per run and evaluation.
 
-All published tables and figures are computed from these two, but for maps of what agents value.
+All published tables and figures are computed from these two, except for maps of action values.
 """
 
 import math
@@ -50,8 +50,8 @@ def tables(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Returns the tables `runs` and `curves`, in the order of the groups and their runs.
 
-    They have all results that are recorded, or only these columns of them. A missing or damaged record, and
-    a learner that does not learn the policy that counts, are an InputError.
+    They have all recorded results, or only the given columns. Raises an InputError if a record is missing or
+    damaged, or if a learner does not learn the policy that counts.
     """
     runs, curves = [], []
     for group in groups:
@@ -89,7 +89,7 @@ def _recorded(run: RunSpecification) -> set[str]:
 
 
 def _over_training(name: str, start: str, records: Records, policy: str) -> Floats:
-    """Returns what the policy that counts is evaluated as, (N, T)."""
+    """Returns the evaluations of the policy that counts, (N, T)."""
     if name in ("score", "unbounded_score"):
         scores = records.unbounded_scores(policy, start)
         return scores if name == "unbounded_score" else np.clip(scores, 0.0, 1.0)
@@ -118,7 +118,7 @@ def _unseen(when: int, named: str, records: Records, counting: str) -> Floats:
 
 
 def _area(records: Records, policy: str) -> Floats:
-    """Returns the area under curves of success, (N,), relative to that of a success of 1 from the start."""
+    """Returns the area under curves of success, (N,), as a share of the largest possible."""
     success, steps = _over_training("success", "start", records, policy), records.evaluation_steps
     return np.asarray(np.trapezoid(success, steps) / (steps[-1] - steps[0]))
 
@@ -178,7 +178,7 @@ _MAPPED: Final = {
 
 
 def by_population(frame: pd.DataFrame, *without: str) -> Iterator[tuple[dict[str, str], pd.DataFrame]]:
-    """Yields the rows of every population, with its keys; without some of the keys, those of several."""
+    """Yields the rows of every population with its keys; leaving out keys merges populations."""
     names = [name for name in KEYS if name not in without]
     for values, rows in frame.groupby(names, sort=False):
         yield dict(zip(names, map(str, values), strict=True)), rows
@@ -192,7 +192,7 @@ def by_step(curves: pd.DataFrame, column: str) -> Floats:
 def learned(success: Floats, steps: Sequence[int], level: float, until: float = math.inf) -> NDArray[np.int_]:
     """Returns the index of the first evaluation, (N,), from which success stays at or above a level.
 
-    It has to stay there until so many times as many steps, or to the end; T if it never does.
+    It has to stay there until `until` times as many steps, or to the end; T if it never does.
 
     >>> curves = np.array([[0.0, 1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, 0.0, 0.0]])
     >>> steps = [0, 100, 200, 300, 400]

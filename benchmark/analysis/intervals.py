@@ -15,8 +15,8 @@ from scipy import optimize, special, stats
 
 RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
-MAX_Z: Final = 8.0  # standard errors: smaller p-values count as zero
-_NONE: Final = 1e-12  # a count below is zero but for rounding
+MAX_Z: Final = 8.0  # standard errors beyond which p-values count as zero
+_NONE: Final = 1e-12  # smaller counts are rounding errors
 LEVEL: Final = 0.95  # confidence, unless another is given
 TAIL: Final = (1 - LEVEL) / 2  # what an interval leaves out on each side
 
@@ -99,9 +99,9 @@ def mean_over_scenarios(values: Sequence[NDArray[np.float64]]) -> Estimate:
 
 
 def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float) -> float:
-    """Returns the one-sided p-value of a weighted sum of means being at most a value.
+    """Returns the one-sided p-value of the hypothesis that a weighted sum of means is at most a value.
 
-    It is the tail of the interval `combined` whose lower end is the value; 1 if there is none, as where the
+    It is the tail for which the lower end of `combined` is the value; 1 if there is none, as when the
     observed sum is at most the value.
     """
 

@@ -82,8 +82,8 @@ class Records:
     def values_ping(self) -> NDArray[np.bool_]:
         """(N, F) in which fresh states an agent values PING after training.
 
-        With action values, where PING's is above zero, and is not what the table began with; with
-        probabilities, also of a learner that has both, where PING is the likeliest action.
+        With action values, PING's is above zero and differs from the initial value; with probabilities, also
+        of a learner that has both, PING is the likeliest action.
         """
         stochastic, q = self.arrays["stochastic"], self.arrays["q"]
         if stochastic.shape[1]:
@@ -163,7 +163,7 @@ def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[n
 
 
 def optimal_values(records: Records) -> NDArray[np.float64]:
-    """Returns Q* of every fresh state, (F, A); undiscounted, up to the horizon."""
+    """Returns the learner's Q* of fresh states, (F, A); with discount 1, up to the horizon."""
     discount = records.run.settings.discount_factor
     horizon = None if discount < 1 else records.run.horizon
     return solve(records.model, discount, horizon).q[records.model.fresh_state]

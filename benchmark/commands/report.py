@@ -46,7 +46,7 @@ def main(options: argparse.Namespace) -> int:
         finding = report.study.finding
         if prose.written(Folder(directory), finding) is None and finding is not None and finding.is_file():
             print(f"{experiment.name}: {finding} is not used, since it is about all declared runs.")
-    except prose.ClaimError as error:  # on another type of processor, nets learn differently
+    except prose.ClaimError as error:  # Stable-Baselines3's results depend on the type of processor
         print(f"{error}\n{experiment.name}: so its text is not used.")
     return 0
 
@@ -68,7 +68,7 @@ def _rewrite(options: argparse.Namespace) -> int:
 
 
 def _write_texts(folder: Path) -> None:
-    """Writes the texts of a folder of results; those of a user's experiment without its code stay."""
+    """Writes the texts of a folder of results; if a user's code for them is missing, they stay."""
     try:
         document.write(folder)
     except InputError as error:
@@ -96,7 +96,7 @@ def _write_chosen(analysis: SearchAnalysis, folder: Folder) -> None:
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
-    """Returns the given seeds; None if every variant has these, or its proportional share."""
+    """Returns the given seeds, or None if they select exactly the declared runs."""
     return None if all(each.taken(seeds) == each.seeds for each in experiment.populations) else seeds
 
 

@@ -104,7 +104,7 @@ def _check_log(options: argparse.Namespace) -> None:
 
 
 def _log_curves(groups: Iterable[Group], store: Store, folder: Path) -> None:
-    """Logs how each run did during training, whenever that was."""
+    """Logs the evaluations of each run, even if it was trained earlier."""
     from agents.sb3.training import log_curve
 
     for group in groups:

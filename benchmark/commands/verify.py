@@ -1,4 +1,4 @@
-"""Verifies what is stored and published: checksums, some runs repeated, results drawn again."""
+"""Checks stored and published results: verifies checksums, repeats some runs, draws results again."""
 
 import argparse
 import secrets
@@ -51,7 +51,7 @@ def main(options: argparse.Namespace) -> int:
 def _problems(
     experiments: list[Experiment], store: Store, options: argparse.Namespace, scratch: Path
 ) -> Iterator[str]:
-    """Yields what is wrong, a sentence each; prints what is right."""
+    """Yields a sentence for each problem; prints what is correct."""
     path = options.results / "runs.db"
     if structure := store.problem():
         yield f"{path} is damaged: {structure}; {REPAIR_ADVICE}."
@@ -90,7 +90,7 @@ def _problems(
 
 
 def _opened(path: Path, scratch: Path) -> Store:
-    """Returns the store; without any, an empty one, since published files can be verified all the same."""
+    """Returns the store, or an empty one if there is none: published files can be verified without it."""
     if path.exists():
         return Store(path, read_only=True)
     print(f"{path}: there are no stored runs, so none is repeated.")
@@ -163,7 +163,7 @@ def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
 
 
 def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator[str]:
-    """Yields which files are not as manifests list them, and which texts are not what the tables make.
+    """Yields files that differ from their manifests, and texts that differ from what the tables make.
 
     `reports` are those of the published experiments that are verified, by name.
     """

@@ -71,12 +71,12 @@ _RC: Final = {
 
 
 def settings() -> AbstractContextManager[None]:
-    """Sets all that figures depend on in matplotlib, until the end, whatever users have set there."""
+    """Sets, within a `with` block, all of matplotlib that figures depend on, whatever users have set."""
     return context(["default", _RC])
 
 
 def colour_map(name: str) -> Colormap:
-    """Returns one of matplotlib's; how finely it is divided is a setting that matplotlib reads only once."""
+    """Returns a colour map of matplotlib in 256 colours; it reads its own setting for these only once."""
     return mpl.colormaps[name].resampled(256)
 
 

@@ -24,7 +24,7 @@ _EMPTY: Final = re.compile(r"<(g|defs)>\s*</\1>|<(g|defs) ?/>")
 def compact(text: str, in_dark: Mapping[str, str]) -> str:
     """Returns matplotlib's SVG, which has texts as texts, smaller and with colours for dark mode.
 
-    These are given by those in light mode, as "#rrggbb"; other colours stay, except greys.
+    `in_dark` has these by the colours of light mode, "#rrggbb"; others stay, except greys.
     """
     text = _TAG.sub(_rounded, _LEFT_OUT.sub("", text))
     text = re.sub(r' transform="rotate\(-?0 [^"]*"', "", text)

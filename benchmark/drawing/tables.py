@@ -129,7 +129,7 @@ def show(value: object, decimals: int | None = None) -> str:
 def decimals_of(frame: pd.DataFrame, name: str) -> int | None:
     """Returns how many decimals a column needs to show three significant digits of its largest number.
 
-    Returns None without such a number, or if another one would be shown as 0 and these are no shares with
+    Returns None if there is no such number, or if a smaller one would be shown as 0, except for shares with
     intervals, which say how uncertain they are.
 
     >>> frame = pd.DataFrame({"a": [1.0, math.inf], "b": [12.5, 1.0], "c": [1.0, 1e-5], "c_low": [0.0, 0.0]})

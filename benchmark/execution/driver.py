@@ -30,9 +30,9 @@ def run(
     an interrupt, executors end what is running; the records of jobs that have finished by then are stored.
     A missing package is an InputError.
 
-    `jobs` jobs are submitted at a time, to an executor that is cancelled at the end; by default, their
-    placements decide to which. `on_progress` gets the digests of the runs of every job that has ended, and
-    how many have failed.
+    At most `jobs` jobs are submitted at a time, by default to the executor of each one's placement; executors
+    are cancelled at the end. `on_progress` gets the digests of the runs of every job that has ended, and how
+    many have failed.
     """
     todo = pending(runs, store)
     # Missing packages are refused before any work.

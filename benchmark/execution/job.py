@@ -22,11 +22,8 @@ from envs.observations import compile_seen
 from envs.packages import contained
 
 EXPLORED: Final = 0.05  # probability of a random action in the stochastic policy of learners that have none
-POLICY: Final = (
-    "greedy",
-    "q",
-    "stochastic",
-)  # fields of `Training` that runs until solved record for exports
+# Fields of `Training` that exports need, also of runs that record only curves.
+POLICY: Final = ("greedy", "q", "stochastic")
 
 
 def execute_job(job: Job) -> list[Record]:
@@ -115,9 +112,10 @@ def _train_and_evaluate(job: Job) -> Arrays:
 def _train_until_solved(run: RunSpecification) -> Arrays:
     """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
 
-    A curve is continued with the point at which that is certain; if the run is trained to its budget, since
-    its algorithm cannot end early or there are unseen places, its last point is that of its last policy. In
-    unseen places, `unseen_success` (1, 2, 2) is that when learned and at the budget, greedy and stochastic.
+    After the point at which that is certain, a curve repeats its value. If the run is trained to its budget,
+    because its algorithm cannot end early or there are unseen places, the last point is that of the last
+    policy. `unseen_success` (1, 2, 2) is success in unseen places: when learned and at the budget, by the
+    greedy and the stochastic policy.
     """
     assert run.solved is not None
     enough, is_greedy = float(run.solved["success"]), run.solved["policy"] == "greedy"

@@ -1,4 +1,4 @@
-"""What this process may use: cores and memory under its control groups (version 2), and what it locks."""
+"""The cores and memory that this process may use, by its control groups (version 2), and file locks."""
 
 import fcntl
 import os

@@ -12,8 +12,8 @@ from benchmark.experiments import RunSpecification
 
 Job = list[RunSpecification]
 
-# A job with several runs has at most so many budget units, since an interrupt waits for jobs in threads,
-# and bytes of records.
+# Limits of a job with several runs: budget units, since an interrupt waits for jobs in threads, and bytes of
+# records.
 MAX_JOB_WORK: Final = 10_000_000
 MAX_JOB_SIZE: Final = 250_000_000
 

@@ -19,7 +19,7 @@ _LINE_EVERY_S: Final = 30.0  # where the output is not a terminal
 def estimate(
     missing: Sequence[RunSpecification], folder: Path, workers: int
 ) -> tuple[str, Mapping[str, float]]:
-    """Estimates how long so many workers take for runs, by the results of the same learners in a folder.
+    """Estimates how long runs take on some workers, from the results of the same learners in a folder.
 
     Returns the time in words, and the seconds of each run by digest. If there are no such results, the time
     is unknown, and each run counts as a second.
@@ -38,7 +38,7 @@ def estimate(
 def _seconds(folder: Folder) -> dict[tuple[str, str], float]:
     """Returns the seconds of a published run, by variant and observation.
 
-    Runs share the time of all of them by their CPU time or, without a table of costs, equally.
+    The total time is divided in proportion to CPU time or, without a table of costs, equally.
     """
     manifest = folder.manifest
     mean = manifest["busy_time_s"] / manifest["runs"]
@@ -54,11 +54,11 @@ def _seconds(folder: Folder) -> dict[tuple[str, str], float]:
 class Display(ProgressColumn):
     """A bar, or occasional lines where the output is not a terminal.
 
-    The time left is judged by what has been done since the start; it falls while nothing ends.
+    The time left is extrapolated from the work done so far, and counts down between updates.
     """
 
     def __init__(self, name: str, costs: Mapping[str, float], n_done: int = 0) -> None:
-        """Takes what each thing to do costs, in any unit, and how many more are done already."""
+        """Takes the cost of each item, in any unit, and the number of items already done."""
         super().__init__()
         self._costs, self._n = costs, n_done + len(costs)
         self._n_done, self._n_failed = n_done, 0
@@ -79,7 +79,7 @@ class Display(ProgressColumn):
             self._print_line()
 
     def advance(self, ended: Sequence[str], n_failed: int = 0, name: str | None = None) -> None:
-        """Notes what has ended, how many of that have failed, and perhaps what follows."""
+        """Counts items that have ended, and failures among them; `name` says what follows."""
         self._n_done, self._n_failed = self._n_done + len(ended) - n_failed, self._n_failed + n_failed
         self._progress.update(self._task, advance=sum(self._costs[key] for key in ended), description=name)
         now_s = time.monotonic()

@@ -108,7 +108,7 @@ def reset_peak_memory() -> None:
 def peak_memory_mb() -> float | None:
     """Returns the most memory, in MB, that this process has used since `reset_peak_memory`, if known.
 
-    `ru_maxrss` is at least what the parent used, as it survives `fork` and `exec` on Linux.
+    `ru_maxrss` would include the parent's peak: on Linux, it survives `fork` and `exec`.
     """
     with suppress(OSError):
         status = Path("/proc/self/status").read_text(encoding="ascii")

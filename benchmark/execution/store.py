@@ -76,9 +76,9 @@ class Record:
     """What is stored of a run.
 
     Its arrays are the fields of the algorithm's `Training`, without the axis N, and those of `Evaluation`,
-    named by `evaluated`. But `values` are rounded to `VALUE_DECIMALS`, as they are published; `stochastic` is
-    that of the last evaluation step alone, (1, O, A), or (0, O, A) if there is none; and `cpu_time_s` is part
-    of the provenance.
+    named by `evaluated`. However, `values` are rounded to `VALUE_DECIMALS`, as they are published;
+    `stochastic` has only the last evaluation step, (1, O, A), or (0, O, A) if there is none; and `cpu_time_s`
+    is part of the provenance.
     """
 
     digest: str
@@ -135,8 +135,8 @@ class _Packed(Arrays):
 class Store:
     """An open `runs.db`, used as a context manager.
 
-    A file whose structure is damaged is replaced when it is opened for writing: by one with its intact
-    records. The damaged one is kept beside it, with a message on stderr.
+    When a file with a damaged structure is opened for writing, it is replaced by one with its intact records.
+    The damaged file is kept beside it, and a message is printed on stderr.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
@@ -197,7 +197,7 @@ class Store:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Waits until no other process trains into this store, which would train the same runs again.
+        """Waits until no other process trains into this store: both would train the same runs.
 
         The system releases the lock, on an empty file beside the store, however the process ends. Where
         nothing can be locked, there is no wait.
@@ -260,7 +260,7 @@ class Store:
         return damaged
 
     def discard_damaged(self, digests: Iterable[str]) -> int:
-        """Removes the damaged records of those of these runs that have ended; returns how many."""
+        """Removes damaged records of these runs, if they have ended; returns how many."""
         damaged = self.damaged(self.ended(digests))
         if damaged:
             with self._input_errors(), self._connection:
@@ -321,7 +321,7 @@ class Store:
         self._check_place()
 
     def _check_place(self) -> None:
-        """Refuses to go on if the open file is gone from its path, where SQLite would still use it."""
+        """Raises an InputError if the open file is gone from its path: SQLite would go on using it."""
         if self._opened is None:
             return
         try:

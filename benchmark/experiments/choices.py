@@ -1,4 +1,4 @@
-"""What an experiment takes from a search: chosen settings, but none of its scenarios and seeds."""
+"""Settings that an experiment takes from a search, whose scenarios and seeds it must not use."""
 
 import hashlib
 import json
@@ -14,9 +14,9 @@ from envs.inputs import unknown_name
 
 
 def chosen_for(declared: Declaration, variant: str, observation: str, other: str = "") -> Chosen | None:
-    """Returns the settings that a learner takes from its search or another, and their effort; None without.
+    """Returns the settings that a search has chosen for a learner, and its effort; None without a search.
 
-    Refuses, by an InputError, a search that has chosen nothing for it, or was declared otherwise then.
+    Raises an InputError if the search has chosen nothing for it, or has been changed since.
     """
     name, searched = source_of(declared, variant, other)
     if not name:
@@ -39,7 +39,7 @@ def chosen_for(declared: Declaration, variant: str, observation: str, other: str
 
 
 def sources_of(declared: Declaration) -> list[tuple[str, str]]:
-    """Lists each variant with "", for the search that it names, and with others that grids name for it."""
+    """Lists pairs of a variant and "", for the search it names, or another search that a grid names."""
     pairs = (
         (name, search)
         for condition in declared.conditions.values()
@@ -51,9 +51,9 @@ def sources_of(declared: Declaration) -> list[tuple[str, str]]:
 
 
 def source_of(declared: Declaration, variant: str, other: str = "") -> tuple[str, str]:
-    """Returns the search that has chosen a variant's settings, and the variant there; empty if none has.
+    """Returns the search that a variant's settings come from, and the variant's name there, or empty texts.
 
-    Where a grid names another search, that one has.
+    A search that a grid names takes precedence.
     """
     name, _, searched = declared.algorithms[variant].tuned_by.rpartition(":")
     return other if name and other else name, searched
@@ -85,8 +85,8 @@ def digest_of_search(search: Declaration) -> str:
     algorithms = [load_algorithm(variant.algorithm).version for variant in search.algorithms.values()]
     if search.solved is not None:
         content["solved"] = search.solved.model_dump(mode="json", exclude={"levels"})
-        content["search"]["around"] = False  # another one
-    content["sweep"] = {}  # another one
+        content["search"]["around"] = False  # also a key of earlier versions
+    content["sweep"] = {}  # likewise
     content["versions"] = [*algorithms, dynamic_programming.VERSION]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -111,7 +111,7 @@ def check_source(declared: Declaration, variant: str, path: Path, other: str = "
 def check_seeds(declared: Declaration, variant: str, path: Path, other: str = "", n_seeds: int = 0) -> None:
     """Refuses, by an InputError, seeds on which a variant's settings were chosen.
 
-    They are those that the variant declares, or as many as `n_seeds`, if these are more.
+    It checks the seeds that the variant declares, or the first `n_seeds` if that is more.
     """
     name, searched = source_of(declared, variant, other)
     taken = _search(name).declared.seeds_of_search(searched) if name else ()
@@ -131,7 +131,7 @@ def check_unseen(scenario: Scenario, search: str) -> None:
 
 
 def content_of(scenario: Scenario) -> str:
-    """Returns what makes a scenario another task than others: all but its texts."""
+    """Returns a scenario as JSON without its name and description, which do not change the task."""
     return scenario.model_dump_json(exclude={"name", "description"})
 
 

@@ -36,9 +36,9 @@ class Learner:
     family: str
     """What its variant counts as, see `_Loading.learners` and `Algorithm.family`."""
     chosen: Chosen | None
-    """What its search has chosen for it; a grid may name another one."""
+    """What its search has chosen for it; a grid may name another search."""
     changed: tuple[str, ...] = ()
-    """The settings among these that the experiment changes."""
+    """The chosen settings that the experiment overrides."""
 
     @property
     def name(self) -> str:
@@ -166,14 +166,14 @@ class _Loading:
 
     def __init__(self, declared: schema.Declaration, path: Path) -> None:
         self.declared, self.path = declared, path
-        self.mistakes: dict[str, str] = {}  # by what tells them apart
+        self.mistakes: dict[str, str] = {}  # lines, by their distinctive part
 
     def experiment(self) -> Experiment:
         """Returns the experiment; raises an InputError with all mistakes at once."""
         declared, variants = self.declared, self.declared.algorithms
         check_number(declared.most_runs, str(self.path))
         sources = choices.sources_of(declared)
-        check_all(  # what all else depends on
+        check_all(  # everything else depends on these
             *(partial(_check_observations, declared, name, self.path) for name in variants),
             *(partial(choices.check_source, declared, name, self.path, other) for name, other in sources),
             partial(_check_scenarios, declared, self.path),
@@ -192,7 +192,7 @@ class _Loading:
 
     @contextmanager
     def noted(self, prefix: str = "", common: str = "") -> Iterator[None]:
-        """Notes what is refused, after a prefix; once, if lines differ in their beginning `common` alone."""
+        """Collects mistakes, after a prefix; lines that differ only in a first part `common` count once."""
         try:
             yield
         except InputError as error:
@@ -215,7 +215,7 @@ class _Loading:
                 chosen = choices.chosen_for(self.declared, name, observation)
             changed = tuple(choices.changed_settings(self.declared, name))
             learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed))
-        with suppress(InputError):  # of settings, which is noted under each condition
+        with suppress(InputError):  # `populations` reports wrong settings
             families = {_family(learner, self._settings(learner, first)) for learner in learners}
         family = families.pop() if len(families) == 1 else algorithm.family
         yield from (replace(learner, family=family) for learner in learners)
@@ -363,7 +363,7 @@ def check_size(run: RunSpecification) -> None:
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
-    """Lists every run of an experiment once, see `interleaved`; of one with stages, those of the first."""
+    """Lists every run of an experiment once, see `interleaved`; with stages, only those of the first."""
     populations = experiment.populations
     n_runs = sum(len(population.taken(seeds)) for population in populations)
     check_number(n_runs, experiment.argument)

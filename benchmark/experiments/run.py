@@ -134,7 +134,7 @@ class RunSpecification:
 def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
     """Lists when policies are evaluated: from 0 to the budget, the end always included.
 
-    All others are multiples of `every`. With a growth, each is about so many times as late as the one before.
+    All but the budget are multiples of `every`. Each is about `growth` times as late as the one before.
 
     >>> evaluation_steps(600, 250), evaluation_steps(1600, 100, 1.5)
     ([0, 250, 500, 600], [0, 100, 200, 300, 500, 800, 1200, 1600])
@@ -153,8 +153,8 @@ def solved(
 ) -> tuple[int, bool]:
     """Returns from which evaluation on success stays at or above a level, and whether that is final.
 
-    It has to stay until so many times as many steps, or to the end of the curve so far. The result is an
-    index among the `steps` of all evaluations, or the curve's length if it never stays.
+    It has to stay there until `until` times as many steps, or to the end of the curve so far. The result is
+    an index into `steps`, or the curve's length if success never stays there.
 
     >>> steps = [0, 100, 200, 300, 400, 500]
     >>> solved([0, 1, 0, 1, 1], steps, 0.9), solved([0, 1, 1, 0], steps, 0.9)

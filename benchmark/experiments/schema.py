@@ -125,7 +125,7 @@ class Reading(Changes):
 
 
 _BY_DEFAULT: Final = Reading(question="How is the paper read?", answer="as it is by default")
-# Fifteen digits are as many as tell numbers apart.
+# A float distinguishes numbers of at most fifteen digits.
 _NUMBER: Final = re.compile(r"(?=.{1,15}$)[0-9]+(\.[0-9]+)?(x[0-9]+)?")
 
 
@@ -144,7 +144,7 @@ Value = Annotated[
 
 
 def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
-    """Returns the points of a product of axes, which have a value of each, by name.
+    """Returns the points of a product of axes by name; each has a value of every axis.
 
     >>> _points_of({"room": ["5x6"], "places": ["4", "8"]}).keys()
     dict_keys(['room=5x6/places=4', 'room=5x6/places=8'])
@@ -167,7 +167,7 @@ class Grid(Changes):
     is_compared: bool = True
     """Whether a map decides contrasts at its points."""
     tuned_by: Line = ""
-    """Another search, from which learners take their settings here: of the variant in their `tuned_by`."""
+    """Another search, from which learners of this grid take the settings of the variant in `tuned_by`."""
     without: tuple[str, ...] = ()
     """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
@@ -199,9 +199,9 @@ class Grid(Changes):
 class Solved(Table):
     """When a run has solved its scenario.
 
-    It has at the first evaluation from which exact success stays at or above a level until twice as many
-    steps, or to the end of the budget. A run ends once that is certain if its algorithm can end early, and
-    only curves are recorded.
+    It has solved it at the first evaluation from which exact success stays at or above a level until twice as
+    many steps, or to the end of the budget. If its algorithm can end early, a run ends once that is certain.
+    Only curves are recorded.
     """
 
     omitted_at_default: ClassVar[Set[str]] = {"levels"}
@@ -209,7 +209,7 @@ class Solved(Table):
     success: Annotated[float, Field(gt=0, le=1)] = 0.9
     """The level."""
     growth: Annotated[float, Field(ge=1.001, le=2)] = 1.15
-    """About how many times as late each evaluation is as the one before."""
+    """Approximate ratio of the steps of one evaluation to those of the one before."""
     levels: tuple[Annotated[float, Field(gt=0)], ...] = ()
     """Further levels, at most `success`, at which a map decides its contrasts, too; runs stay the same."""
 
@@ -239,7 +239,7 @@ class Condition:
     learners: tuple[str, ...] = ()
     """Names of the learners, or of their variants, that run under it; all if it is empty."""
     tuned_by: str = ""
-    """The search from which learners take their settings, if it is another one than theirs."""
+    """The search from which learners take their settings, if not from their own."""
     of_variants: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     """Further changes of settings, by variant: those of a trial."""
 
@@ -267,7 +267,7 @@ class Declaration(Table):
     description: Text
     """What the experiment is about, for readers."""
     report: dict[str, object] | None = None
-    """What is drawn, see below; its kind alone as a text, too. Without it, runs are stored and not drawn."""
+    """What is drawn, see below; a text stands for a table with this `kind`. Without it, nothing is drawn."""
     note: Text = ""
     """For readers of the results, for example how settings were chosen."""
     stream: Name = ""
@@ -293,7 +293,7 @@ class Declaration(Table):
     grids: dict[Name, Grid] = Field(default_factory=dict)
     """Further conditions, by name: products of axes."""
     solved: Solved | None = None
-    """If it is there, runs are measured until they solve their scenario; a search compares how early."""
+    """With this table, runs are measured until they solve their scenario; a search compares how early."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -364,7 +364,7 @@ class Declaration(Table):
         return self.name if self.name in experiment_names() else f"PATH/{self.name}.toml"
 
     def schedule(self, variant: str) -> tuple[int, int]:
-        """Returns after how many steps a variant is evaluated, and its values are mapped."""
+        """Returns the steps between a variant's evaluations, and between records of its values."""
         declared = self.algorithms[variant]
         return declared.evaluation_every or self.evaluation_every, declared.map_every or self.map_every
 
@@ -388,7 +388,7 @@ class Declaration(Table):
             if condition.has(variant, learner.removeprefix(f"{variant}, ")):
                 n += len(self.seeds_of(variant, condition))
         if (search := self.search) is not None:
-            # Trial 0 runs again, too, and the best trial of a scenario.
+            # Trial 0 and the best trial of each scenario are run again, too.
             n += len(self._learners) * (search.finalists + 2) * search.seeds
         return n * len(self.scenarios)
 
@@ -436,8 +436,8 @@ class Extension(Table):
     description: str
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key. The other's `note` and `report.question` do not hold here, nor does the
-    title of a variant whose `algorithm` changes."""
+    """New values, by dotted key. The base's `note` and `report.question` are dropped, and so is the title of
+    a variant whose `algorithm` changes."""
 
 
 def overlap(a: range, b: range) -> bool:
@@ -500,7 +500,7 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         if base in (path, *extended_by):
             raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
         data = _read(base, (path, *extended_by))
-        # What is said of the other's runs, question and algorithms need not be true here.
+        # Texts about the base's runs, question and algorithms may be false of this one.
         texts = ["note", *(["report.question"] if "report" in data else [])]
         replaced = [key for key in extension.changes if re.match(r"algorithms\..*\.algorithm$", key)]
         texts += [f"{key[:-9]}title" for key in replaced]

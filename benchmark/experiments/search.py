@@ -1,7 +1,7 @@
 """The search for settings that an experiment declares, and the settings that it has chosen.
 
 Trial 0 has a learner's settings as they are. The others are points of a scrambled Sobol sequence (Sobol 1967,
-Owen 1998), one sequence per variant. So trial t is the same however many there are, and whoever executes it.
+Owen 1998), one sequence per variant. So trial t depends neither on how many there are nor on who executes it.
 """
 
 import hashlib
@@ -46,7 +46,7 @@ class Span(Table):
         return self
 
     def at(self, share: float) -> float:
-        """Returns the value that a share, from 0 to 1, of the range lies below.
+        """Returns the value below which a share, from 0 to 1, of the range lies.
 
         >>> Span(low=0.01, high=1, scale="log", why="-").at(0.5)
         0.1
@@ -140,12 +140,12 @@ class Finalist(Table):
 
 
 class Chosen(Finalist):
-    """The settings that a search has chosen for a learner, and what it took to find them."""
+    """The settings that a search has chosen for a learner, and the effort of the search."""
 
     others: tuple[Finalist, ...] = ()  # the second and the third best finalist, if there are so many
     trials: int  # that were tried, without trial 0
     runs: int  # on which the choice depends
-    steps: int  # environment steps of all these runs; at most so many if they end when they have learned
+    steps: int  # environment steps of all these runs; an upper bound if they can end early
     cpu_time_s: float  # of their training
 
 

@@ -1,10 +1,10 @@
 """A report as a document: Markdown with places for items. README is one rendering of it, the page another.
 
-The template of a kind of report has the functions `show` and `fold`, which place an item by its name (of
-what is folded, README has the figure and a link to the table), `has`, which says whether there is such an
-item, and `others`, which places the items that an experiment adds. `manifest`, `folder` and the filter
-`text`, which makes a text of users inert, are there, too. All of it is made from published files alone, so
-texts can be corrected without a single run.
+The template of a kind of report can use the functions `show` and `fold`, which place an item by its name
+(README has the figure of a folded one, and a link to its table), `has`, which says whether there is such an
+item, and `others`, which places the items that an experiment adds, as well as `manifest`, `folder`,
+`document`, and the filter `text`, which makes a user's text inert. Documents are made from published files
+alone, so texts can be corrected without a single run.
 """
 
 import html
@@ -33,10 +33,10 @@ class Document:
     """The document of a folder of results."""
 
     def __init__(self, path: Path, study: Study[Any, Any] | None = None) -> None:
-        """Takes the study of an experiment, see `report_of`, or finds that of this project.
+        """Takes the study of an experiment, see `report_of`, or finds one of this project.
 
-        Manifests come from anywhere, so they name no code of others. Something that is damaged or missing
-        raises an InputError.
+        Manifests can come from anywhere, so they may only name code of this project. An InputError says what
+        is damaged or missing.
         """
         self.folder = Folder(path)
         declared, source = self.folder.manifest["report"], str(path / MANIFEST)
@@ -75,8 +75,8 @@ class Document:
     ) -> str:
         """Returns the document as Markdown.
 
-        `insert` returns what stands for an item, given whether it is shown on demand alone. The template is
-        by default that of the report; `more` is what it needs besides.
+        `insert` returns the text for an item, given whether it is only shown on demand. The template is by
+        default that of the report; `more` has further variables of it.
         """
         n_own = len(self.items) - len(self.folder.manifest["report"]["items"])
         named = {item.name: item for item in self.items}

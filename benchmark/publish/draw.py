@@ -46,7 +46,7 @@ def draw(
     data = report.data(store, seeds, partial=partial)
     inputs, name = _inputs(data, seeds), directory.name
     measured = [file for item in study.items if item.is_measured for file in item.files()]
-    measured += ["README.md"] if measured else []  # which repeats the sentences
+    measured += ["README.md"] if measured else []  # it repeats measured numbers
     if sameness.is_up_to_date(directory, inputs):
         with files.alone(directory.parent):
             document.write(directory, study)

@@ -1,7 +1,7 @@
 """Writes results so that readers never see a mixture of old and new ones, and a crash loses nothing.
 
-What is being made has a name that begins with a dot and ends in `.making`. Since one process at a time writes
-to a folder of results, what has such a name when a process begins was left by a killed one.
+Unfinished files and folders have names that begin with a dot and end in `.making`. Since only one process at
+a time writes to a folder of results, those that it finds when it begins were left by a killed process.
 """
 
 import os
@@ -44,8 +44,8 @@ def alone(folder: Path) -> Iterator[None]:
 def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
     """Yields an empty folder that takes a folder's place at the end, unless there is an exception.
 
-    What the old one has besides stays, except files with stale names: these were made before. The caller must
-    be `alone` in the folder around it. What cannot be written raises an InputError.
+    Other files of the old folder stay, except those with stale names, which were made earlier. The caller
+    must be `alone` in the parent folder. An InputError means that something cannot be written.
     """
 
     def outdated(directory: str, names: list[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The manifest of a folder of results: what was run, and from the records what ran it."""
+"""The manifest of a folder of results: what was run, and with which code and machines."""
 
 import hashlib
 import json
@@ -52,7 +52,7 @@ def manifest_of(data: Data[Any], seeds: Sequence[int] | None) -> dict[str, objec
 
 
 def digest_of(runs: Sequence[RunSpecification]) -> str:
-    """Returns what tells runs from any others."""
+    """Returns a digest that identifies a set of runs."""
     return hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
 
 

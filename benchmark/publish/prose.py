@@ -3,8 +3,8 @@
 The finding of an experiment is a template beside its file: of `when.toml`, it is `when.md.jinja`. If there is
 a function `finding` in `when.py`, it checks the claims and returns what the template can name, see
 `benchmark.experiments.finding`. Every number is a link to its rows. The first paragraph is the answer. A
-paragraph may start with a title in bold, by which the README of this repository includes it and those after
-it. Results of other seeds, or of some of the runs, have no such text.
+paragraph may start with a title in bold, by which the README of this repository includes it, and those
+without a title after it. Results of other seeds, or of only some of the runs, have no such text.
 """
 
 import re
@@ -70,7 +70,7 @@ def _named(path: Path, tables: Tables) -> Names:
 
 
 def paragraphs(folder: Folder, title: str = "") -> str:
-    """Returns the paragraphs of a folder's text below a title, by default above all, as one without links."""
+    """Returns a folder's text under a title, by default before the first, as one paragraph without links."""
     first, *others = _TITLE.split(tables.plain(written(folder) or ""))
     titled = {name: f"**{name}.** {text}" for name, text in zip(others[::2], others[1::2], strict=True)}
     return " ".join(({"": first} | titled)[title].split())
@@ -128,6 +128,6 @@ class Lookups:
         return tables.link(listed(map(str, rows[column].unique())), table, rows)
 
     def claim(self, is_true: object, sentence: str) -> str:
-        """Checks that a sentence is true of the tables; returns an empty text."""
+        """Notes a sentence in `failed` unless it is true; returns an empty text."""
         self.failed += [] if is_true else [sentence]
         return ""

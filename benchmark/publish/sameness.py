@@ -25,7 +25,7 @@ REPOSITORY: Final = Path(__file__).parents[2]
 
 
 class Certificate(NamedTuple):
-    """What comparing a folder with another one gave."""
+    """The result of comparing a folder with another."""
 
     is_identical: bool
     text: str
@@ -50,7 +50,7 @@ def compare(folder: Path, name: str, measured: Collection[str]) -> Certificate |
 
 
 def differing(made: Mapping[str, object], expected: Mapping[str, object]) -> list[str]:
-    """Lists the names under which two mappings hold different things, or only one of them holds any."""
+    """Lists the keys whose values differ between two mappings, or that only one of them has."""
     return sorted(name for name in made.keys() | expected.keys() if made.get(name) != expected.get(name))
 
 

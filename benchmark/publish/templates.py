@@ -14,7 +14,7 @@ from jinja2.sandbox import SandboxedEnvironment
 from benchmark.drawing import tables
 from envs import InputError
 
-# Of data frames and arrays, what computes. Much else runs code or writes files: `query`, `apply`, `to_csv`.
+# Methods of data frames and arrays that compute. Others run code or write files: `query`, `apply`, `to_csv`.
 _COMPUTING: Final = re.compile(
     "abs|all|any|between|contains|count|diff|drop_duplicates|dropna|duplicated|endswith|eq|first|ge|get|groupby"
     "|gt|head|idxmax|idxmin|iloc|isin|isna|items|last|le|loc|lt|max|mean|median|min|ne|notna|nunique|pivot"

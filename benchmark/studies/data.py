@@ -19,7 +19,7 @@ Style = dict[str, Any]  # arguments of matplotlib
 
 @dataclass(frozen=True, eq=False)
 class Data(Generic[D]):
-    """What the tables and figures of a report are computed from; read when it is asked for."""
+    """What the tables and figures of a report are computed from; read on first use."""
 
     experiment: Experiment
     declared: D

@@ -1,9 +1,9 @@
 """The data of the page's explorer, one file of compressed JSON: what agents have learned, and where.
 
 Values over training are those of the first seed's agent, which was chosen before any result was seen; large
-tables are left out. Of the other agents there is the final greedy policy, of as many as fit. In the compiled
-scenarios, the page looks up what follows a step, and computes the optimum. Of a scenario with very many
-places, only some are shown, evenly spread among them, with what is observed there.
+tables are left out. For as many other agents as fit, there is the final greedy policy. From the compiled
+scenarios, the page looks up the outcomes of a step and computes the optimum. If a scenario has very many
+places, only some, evenly spread among them, are shown, with the observations there.
 """
 
 import gzip
@@ -28,8 +28,8 @@ from envs.scene import scene_of
 
 FILE: Final = "agents.json.gz"
 MAX_VALUED: Final = 500  # observations of a learner whose values are shown
-MAX_STATES: Final = 70_000  # of a scenario, in as many places as fit, but in one at least
-MAX_MASKS: Final = 480  # of the final policies of a learner, but of one agent at least
+MAX_STATES: Final = 70_000  # per scenario: those of as many places as fit, at least one
+MAX_MASKS: Final = 480  # per learner: final policies of as many agents as fit, at least one
 _PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene` that the page's script uses
 _NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
 _FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one on
@@ -42,7 +42,7 @@ explorer_item: Final = writing(
 
 
 def write(shown: Sequence[Records], path: Path) -> None:
-    """Writes the explorer's file; agents refer to their scene and to what they see by index."""
+    """Writes the explorer's file; each agent refers to its scene and its sight by index."""
     models = {records.model.scenario: records.model for records in shown}
     scenes: list[dict[str, object]] = []  # shared by scenarios that differ in what is observed
     sights: list[dict[str, object]] = []
@@ -138,10 +138,10 @@ def _seen(model: Model) -> NDArray[np.int_]:
 
 
 def _scene(model: Model) -> dict[str, object]:
-    """Returns what a scenario looks like and what follows each action, whatever is observed of it.
+    """Returns the looks of a scenario and the effects of each action, whatever is observed of it.
 
-    `views` has a map for each place that is shown and phase. What follows is the same in many states, so
-    each refers to one of some `kinds`: flattened (kinds, A, K) lists of outcomes, (kinds, A) of others.
+    `views` has a map for each shown place and phase. Effects are the same in many states, so each refers to
+    one of the `kinds`: flattened lists, (kinds, A, K) of outcomes, (kinds,) of `over`, else (kinds, A).
     """
     scenario, shown = model.scenario, _shown(model)
     views = [scene_of(model, context) for context in np.unique(model.context[shown]).tolist()]
@@ -158,7 +158,7 @@ def _scene(model: Model) -> dict[str, object]:
     effects["over"] = model.is_over[shown].astype(int)
     starts = np.concatenate([model.starts, model.unseen_starts])
     n_places = len(views) // len(scenario.layout.stages)
-    # Both only where there is something to tell, so that other files stay the same.
+    # Both keys are only set where they matter, so that other files stay the same.
     more = {"group": scenario.n_people} if scenario.group else {}
     more |= {"of_places": model.n_places} if n_places < model.n_places else {}
     return more | {
@@ -182,7 +182,7 @@ def _listed(values: NDArray[np.float64]) -> list[float | None]:
 
 
 def _integers(maps: NDArray[np.floating]) -> list[int]:
-    """Returns maps, (V, O, A), as integers, each less that of the map before: most are zero, and zip well."""
+    """Returns maps, (V, O, A), as integer differences from the map before: mostly zeros, which zip well."""
     scaled = np.rint(maps.astype(np.float64) * 10**VALUE_DECIMALS)
     # Only the values of nets about to diverge exceed two million; their digits are noise.
     whole = np.where(np.isnan(scaled), _NO_NUMBER, np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1))

@@ -36,7 +36,7 @@ _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say wh
 
 @dataclass(eq=False)
 class Item(Generic[A]):
-    """A table, a figure, or both; or a file of another form. A decorator of the table's function."""
+    """A table, a figure, both, or a file in another format. A decorator of the table's function."""
 
     name: str  # the stem of its files
     description: str  # what its files hold
@@ -46,7 +46,7 @@ class Item(Generic[A]):
     meanings: Mapping[str, str] = field(default_factory=dict)  # if not the same as elsewhere
     where: Show | None = None  # chooses the rows that readers see
     is_measured: bool = False  # whether it holds measured times or memory, which differ every time
-    best: str = ""  # the column by which readers see rows sorted, the largest first; "-": the smallest
+    best: str = ""  # the column by which rows are shown sorted, largest first; with "-": smallest first
     compute: Callable[..., Rows] | None = None
     file: str = ""  # of another form
     write: Callable[..., None] | None = None

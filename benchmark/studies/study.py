@@ -63,11 +63,11 @@ class Study(Generic[D, A]):
     document: Path  # a template of Markdown with places for the items, see `benchmark.publish.document`
     # Yields the runs of one stage after the other, given those that are stored; by default there is one stage
     stages: Callable[[Experiment, D, Store], Iterator[list[Group]]] | None = None
-    # Returns the number of runs, at most, over all stages; by default as declared
+    # Returns the maximum number of runs over all stages; by default as declared
     most_runs: Callable[[Experiment, D], int] = lambda experiment, _: experiment.declared.most_runs
     headline: Callable[[Folder], str | None] = lambda _: None  # one sentence in Markdown, from tables alone
     finding: Path | None = None  # the template of a text by hand, see `benchmark.publish.prose`
-    lead: str = ""  # the item whose figure stands above the headline on the page
+    lead: str = ""  # the item whose figure stands below or beside the headline
     packages: Sequence[str] = ()  # that it needs beyond the basic ones
     reads_curves: bool = False  # whether curves alone are enough, see `Solved` in the experiments' schema
     can_be_partial: bool = False  # whether it can be drawn if runs are missing
@@ -83,9 +83,9 @@ class Report(Generic[D, A]):
     declared: D
 
     def check(self, *, is_drawn: bool = True) -> Self:
-        """Returns the report if it fits the experiment, and if it can be drawn, should it be drawn now.
+        """Returns the report if it fits the experiment and, unless `is_drawn` is false, can be drawn.
 
-        Else it raises an InputError, for example if a package is missing.
+        Otherwise, it raises an InputError, for example if a package is missing.
         """
         experiment, study, where = self.experiment, self.study, self.experiment.argument
         if is_drawn and self.declared.kind == _NONE.name:
@@ -102,7 +102,7 @@ class Report(Generic[D, A]):
         return self
 
     def stages(self, store: Store, seeds: Sequence[int] | None = None) -> Iterator[list[Group]]:
-        """Yields the runs of one stage after the other, as long as those before are stored."""
+        """Yields the runs of each stage in turn, as long as those of earlier stages are stored."""
         if self.study.stages is None:
             yield [Group(each, each.runs(each.taken(seeds))) for each in self.experiment.populations]
             return
@@ -117,8 +117,8 @@ class Report(Generic[D, A]):
     def data(self, store: Store, seeds: Sequence[int] | None = None, *, partial: bool = False) -> Data[D]:
         """Finds what is stored of the experiment.
 
-        If runs may be missing, learners with fewer than two runs somewhere are left out. An InputError says
-        which runs are missing, or too few.
+        If it is `partial`, learners with fewer than two runs in some population are left out. Otherwise, an
+        InputError says which runs are missing, or too few.
         """
         experiment, has_stages = self.experiment, self.study.stages is not None
         name, statuses = experiment.name, store.statuses()
@@ -148,7 +148,7 @@ class Report(Generic[D, A]):
         return Data(experiment, self.declared, store, shown, columns, " ".join(notes), bool(missing))
 
 
-# Of an experiment without a report, whose runs are stored and not drawn
+# The study of an experiment without a report, whose runs are only stored
 _NONE: Final = Study[Declared, None](
     name="none",
     question="",
@@ -195,7 +195,7 @@ def with_items(study: Study[D, A], declared: Mapping[str, Any], source: str) -> 
 
 
 def report_of(experiment: Experiment) -> Report[Any, Any]:
-    """Returns the study of an experiment, whose table `report` is checked by itself; see `Report.check`."""
+    """Returns the report of an experiment; only its table is parsed, `Report.check` checks the rest."""
     given, where = experiment.declared.report, experiment.argument
     study = _NONE if given is None else load_study(str(given.get("kind", "")), where)
     wrapped = create_model("Wrapped", __base__=Table, report=(study.declared, ...))

@@ -66,7 +66,7 @@ class Cluster:
             self._client.close(_ANSWER_S)
 
     def _checked_workers(self, here: Mapping[str, Mapping[str, str]]) -> int:
-        """Waits for the first worker, and returns how many there are; refuses what `refusal` does."""
+        """Waits for the first worker, checks all by `refusal`, and returns how many there are."""
         if not self._client.scheduler_info()["workers"]:
             print(f"waiting up to {_WORKER_S} s for a worker at {self._address}", file=sys.stderr)
         try:
@@ -87,8 +87,8 @@ class Cluster:
         call = _Call(name, environment(name), pickle.dumps(job), SEARCHED)
         try:
             if self._client.status != "running":
-                raise ClosedClientError  # Dask might not, and wait forever
-            # The scheduler unpickles a task, but not bytes, and so it needs nothing of this project.
+                raise ClosedClientError  # Dask might wait forever instead
+            # The scheduler unpickles tasks but not bytes, so it needs no code of this project.
             records = await self._client.submit(pickle.loads, pickle.dumps(call), pure=False)
         except (FutureCancelledError, ClosedClientError, OSError) as error:
             raise ConnectionError(f"the scheduler {self._address} is gone, or has dropped the job") from error
@@ -132,7 +132,7 @@ def refusal(
     for folder in folders:
         find_modules_in(folder)
     worker = f"worker {dask_worker.address}"
-    if dask_worker.state.nthreads != 1:  # torch has settings of the process, and so has the peak of memory
+    if dask_worker.state.nthreads != 1:  # torch's settings and peak memory are those of the process
         return f"{worker} has {dask_worker.state.nthreads} threads; accepted: 1, as with --nthreads 1."
     for algorithm, values in expected.items():
         try:

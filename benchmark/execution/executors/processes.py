@@ -35,8 +35,8 @@ class Processes:
     # if a worker is killed while it writes one, as the driver, too, has the writing end of the pipe open.
 
     def __init__(self, jobs: int) -> None:
-        # Workers inherit that the terminal's interrupt is blocked, since `cancel` ends them. The resource
-        # tracker, which the first worker would start, unblocks it.
+        # Workers inherit the blocked SIGINT, since `cancel` ends them. The resource tracker, which would
+        # otherwise start with the first worker, unblocks it.
         resource_tracker.ensure_running()
         blocked = signal.SIG_BLOCK, [signal.SIGINT]
         self._pool = ThreadPoolExecutor(jobs, initializer=signal.pthread_sigmask, initargs=blocked)

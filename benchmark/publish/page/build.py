@@ -1,8 +1,8 @@
 """Writes the page: one HTML file with the answer, the explorer and every report, made of published files.
 
-Nothing is computed here, so no run is needed. A document is that of README, with a figure or a sortable
-table in the place of every item. A number is an entry of a CSV file beside the page, and links to its row,
-counted as by RFC 7111.
+Nothing is computed here, so no run is needed. A report has the same document as its README, with a figure or
+a sortable table in the place of every item. Every number is an entry of a CSV file beside the page, and links
+to its row, numbered as in RFC 7111.
 """
 
 import base64
@@ -152,7 +152,7 @@ class _Part:
         def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
-            # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
+            # A folded item with a table is shown without its figure, since figures make the page large.
             has_figure = item in drawn and item not in (top, lead) and not (table and is_folded)
             shown = {"item": item, "table": table, "is_folded": is_folded}
             shown |= {"figure": self._figure(item) if has_figure else None}
@@ -182,7 +182,7 @@ class _Part:
         return report | {"making": Markup(templates.get_template("made.html").render(report=report))}
 
     def _map(self) -> dict[str, object] | None:
-        """Returns what the page's map needs but for its tables; None if this is no map of a single scene."""
+        """Returns what the page's map needs besides tables; None if this is no map of a single scene."""
         report = self.folder.manifest["report"]
         if report["kind"] != "map" or any("grid" in panel for panel in report.get("panels", ())):
             return None
@@ -201,7 +201,7 @@ class _Part:
         return {"folder": self.prefix, "looks": looks}
 
     def inline(self, text: str) -> Markup:
-        """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
+        """Returns a text in Markdown as HTML within a paragraph; HTML in the text itself is escaped."""
         return self._html(self._parser.parseInline(local_only(text)))
 
     def _html(self, tokens: Sequence[Token]) -> Markup:

@@ -1,6 +1,6 @@
-"""Comparisons of learners: what each reached, how cells of the table differ, what it cost, and what it knows.
+"""Comparisons of learners: what each reached, how they differ, what they cost, and what they have learned.
 
-The axes of the table are scenarios, conditions and learners.
+Learners are compared across scenarios and conditions.
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
 """What is computed of a comparison, once: its cells, their differences, and the verdicts on them.
 
-A *cell* is the runs of a learner in a scenario under a condition. All that is compared is the difference of
-two cells, or of two means of cells over scenarios: x minus y. Contrasts that name scenarios or conditions
-have no part in the outcome.
+A *cell* is the runs of a learner in a scenario under a condition. Every contrast is the difference of two
+cells, or of two means of cells over scenarios: x minus y. Contrasts that name scenarios or conditions do not
+affect the outcome.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -128,7 +128,7 @@ class ComparisonAnalysis:
 
     @cached_property
     def same_input(self) -> list[Row]:
-        """Contrasts with tables and linear learners of a net's input, if some baseline has another one."""
+        """Contrasts of nets with tables and linear learners of the same input, if a baseline has another."""
         others = [name for name, family in self.plan.learners.items() if family in ("tabular", "linear")]
         inputs = {*map(knowledge, self.plan.baseline)}
         pairs = [
@@ -194,7 +194,7 @@ class ComparisonAnalysis:
         return rows
 
     def _cases(self, pair: Pair, cells: Sequence[Row], *without: str) -> list[Case]:
-        """Returns the pairs of cells that two sides name, by what names their row; without some columns."""
+        """Pairs the cells that two sides name, and groups them by the columns of their row, but some."""
         named = {*pair.x, *without, *(("variant", "observation") if "learner" in pair.x else ())}
         keys = [name for name in self.names if name not in named]
         matched = dict[tuple[str, ...], list[tuple[Row, Row]]]()
@@ -249,7 +249,7 @@ def _cell(keys: Mapping[str, str], learner: Learner, runs: pd.DataFrame) -> Row:
 
 
 def _difference(case: Case) -> Row:
-    """Returns what a row says besides its endpoints: sizes, policies, wrong PINGs, and the random policy."""
+    """Returns a row without its endpoints: number of runs, policies, wrong PINGs, and the random policy."""
     both = [cell for own in case.cells for cell in own]
     row: Row = {**case.names, "n": min(cell["n"] for cell in both)}
     for side, own, means in zip("xy", case.cells, case.means("success"), strict=True):

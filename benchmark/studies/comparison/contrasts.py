@@ -90,11 +90,11 @@ def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
 
 
 def over_scenarios(decided: str, x: Means, y: Means, margin: float) -> tuple[str, list[int]]:
-    """Returns a verdict on a mean over scenarios as these allow, and the indices of those that stand out.
+    """Returns a verdict on a mean over scenarios, *mixed* if some contradict it, and the indices of these.
 
-    Scenarios contradict a verdict if their difference does by the margin or more; they make it *mixed*, since
-    opposite differences must not cancel. If there is none, those stand out whose 90 % interval alone does not
-    rule out such a difference.
+    A scenario contradicts a verdict if its own difference does so by the margin or more: opposite differences
+    must not cancel. If none does, the indices are those of scenarios whose own 90 % interval does not exclude
+    such a difference.
     """
     if len(x.means) == 1 or decided not in ("better", "worse", "equivalent"):
         return decided, []
@@ -132,14 +132,14 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
 def outcome(rows: pd.DataFrame, baselines: Sequence[str], n_nets: int, n_budgets: int) -> str:
     """Returns the outcome of the contrasts of nets with baselines, in one scenario or of means over all.
 
-    It depends on how many nets there should be, and how many budgets the learners have.
+    `n_nets` is how many nets there should be, `n_budgets` how many budgets learners have.
     """
     verdicts, net, success = standings(rows, baselines), rows["x"], rows["success_verdict"]
     if "no verdict" in set(verdicts) or len(verdicts) < n_nets:
         return "no verdict"
     x_has_learned, y_has_learned = rows["p_random_x"] <= ALPHA, rows["p_random_y"] <= ALPHA
     has_same_input = net.map(knowledge) == rows["y"].map(knowledge)
-    # Winners are better in all of their contrasts: in success, than random, not worse in score
+    # In all contrasts, winners are better in success and than random, and not worse in score
     is_better = (success == "better") & x_has_learned
     is_won = (is_better & ~rows["score_verdict"].isin(["worse", "mixed"])).groupby(net).transform("all")
     is_shown = is_won & y_has_learned

@@ -31,11 +31,11 @@ class ComparisonDeclared(Declared):
     """What a comparison decides and how, declared before its runs.
 
     A side of a contrast names a learner, such as "dqn, one_hot", a scenario, or a condition; two or
-    three of these are joined by " @ ". What it leaves open is varied on both sides together.
+    three of these are joined by " @ ". What it does not name varies on both sides together.
     """
 
     baseline: Names = ()
-    """The learners, of any family, that deep ones have to beat; none if the question is another."""
+    """The learners, of any family, that deep ones have to beat; empty for another question."""
     pool: Literal["scenarios", "none"] = "scenarios"
     """Whether verdicts are on means over scenarios."""
     margins: Margins = Margins()
@@ -58,7 +58,7 @@ class Plan:
     learners: Mapping[str, str]  # the family of each, by name, without planners and references
     baseline: Sequence[str]
     contrasts: Sequence[Pair]
-    nets: Sequence[str]  # deep learners, except baselines, that are compared with baselines wherever both are
+    nets: Sequence[str]  # deep learners, except baselines, that are compared with some baseline
     drawn: Sequence[str]  # learners that the outcome is about, or else those compared, or else all
 
 
@@ -97,7 +97,7 @@ def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
 
 
 def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
-    """Refuses, by an InputError, what cannot be compared, and baselines that deep learners need not beat."""
+    """Raises an InputError if something cannot be compared, or a net is not compared with all baselines."""
     source, plan = experiment.argument, plan_of(experiment, declared)
     if not plan.learners:
         raise InputError(f"{source}: algorithms: accepted: at least one that is not a planner.")

@@ -40,7 +40,7 @@ _THRESHOLDS: Final = np.linspace(0.0, 1.0, 51)
 
 
 @tables.contrasts.figure(
-    "The contrasts: differences with their 90 % (thick) and 95 % intervals, the margin (grey), and verdicts."
+    "Contrasts: differences in success with 90 % (thick) and 95 % intervals, the margin (grey), and verdicts."
 )
 def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
     """Draws contrasts in success, a row each, unless there are too many."""
@@ -112,9 +112,9 @@ def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | 
 
 
 def _grouped(analysis: ComparisonAnalysis, scenarios: list[str]) -> tuple[list[str], dict[int, str]]:
-    """Returns scenarios sorted by outcome, if there are outcomes of each, and the titles of their groups.
+    """Returns scenarios, sorted by outcome if each has its own, and the titles of their groups.
 
-    Each title is by the index of its first scenario.
+    The key of each title is the index of the group's first scenario.
     """
     if analysis.is_pooled or not analysis.outcomes:
         return scenarios, {0: ""}

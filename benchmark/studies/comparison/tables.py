@@ -33,7 +33,7 @@ _DRAWS: Final = 1_000  # of a bootstrap
 
 
 def _item(name: str, description: str, shown: str = "", **more: Any) -> Item[ComparisonAnalysis]:
-    """Makes an item of what the analysis has of its name; readers see the columns `shown`, by default all."""
+    """Makes an item of the analysis's attribute of its name; `shown` has the columns for readers."""
     meanings = {**COLUMNS["comparison"], **COLUMNS.get(f"comparison_{name}", {})}
     labels = COLUMNS["comparison_labels"] if shown else {}
     found = Item[ComparisonAnalysis](name, description, shown, labels=labels, meanings=meanings, **more)
@@ -102,7 +102,7 @@ aggregate = _item(
     best="iqm",
 )
 def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
-    """Computes aggregates, and of drawn learners the probability of improvement over the first baseline."""
+    """Computes aggregates, and drawn learners' probability of improvement over the first baseline."""
     from rliable import metrics
 
     plan, measures = analysis.plan, [getattr(metrics, f"aggregate_{key}") for key in AGGREGATES]
@@ -272,7 +272,7 @@ scores.meanings = {**COLUMNS["comparison"], "training_wrong_pings": "wrong PINGs
 
 @explorer.explorer_item
 def agents(analysis: ComparisonAnalysis, path: Path) -> None:
-    """Writes what all learners know, but for reference implementations."""
+    """Writes what all learners but reference implementations have learned."""
     drawn = [
         analysis.experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
         for names, learner, rows in analysis.populations(analysis.runs)

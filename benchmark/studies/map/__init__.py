@@ -29,7 +29,7 @@ def headline(folder: Folder) -> str:
             parts.append(f"{sides}: {', '.join(counts)}")
         sentences.append(f"In {unit}, {'; '.join(parts)}.")
     until = f"until exact success stays at or above {level} for as long again, in the grid `{grid}`"
-    return " ".join([f"What runs take {until}.", *sentences])
+    return " ".join([f"Contrasts compare what runs need {until}.", *sentences])
 
 
 STUDY: Final = Study[MapDeclared, MapAnalysis](

@@ -75,6 +75,6 @@ def point_of(population: Population) -> dict[str, object]:
 
 
 def learner_of(population: Population) -> dict[str, object]:
-    """Returns the same columns, and those that name the learner."""
+    """Returns the columns of `point_of`, and those that name the learner."""
     learner = population.learner
     return point_of(population) | {"variant": learner.variant, "observation": learner.observation}

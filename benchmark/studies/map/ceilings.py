@@ -1,4 +1,4 @@
-"""How much tables lose by what their rows cannot tell apart, computed exactly: an item for groups."""
+"""An item for groups: what tables lose because a row covers several states, computed exactly."""
 
 from collections.abc import Iterator, Mapping
 
@@ -24,7 +24,7 @@ from envs.observations import INDICES, compile_seen
     meanings=COLUMNS["ceilings"],
 )
 def ceilings(analysis: MapAnalysis) -> Iterator[Mapping[str, object]]:
-    """Tabulates the scene of each panel, with all places that there are, and each form of index."""
+    """Tabulates each form of index in the scene of each panel, with all possible places."""
     experiment = analysis.data.experiment
     horizon, populations = experiment.declared.horizon, experiment.populations
     scenes = {population.condition.axes["grid"]: population.scenario for population in populations}

@@ -23,7 +23,7 @@ class Margins(Table):
     """Differences that are too small to matter."""
 
     faster: Annotated[float, Field(gt=0, le=0.2)] = 0.2
-    """Of the probability of being faster, from 1/2."""
+    """Distance of the probability of being faster from 1/2."""
 
 
 class Panel(Table):
@@ -64,7 +64,7 @@ class MapDeclared(Declared):
     panels: tuple[Panel, ...] = ()
     """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
     answer: Answer | None = None
-    """What the figure of a map's answer shows; without it, there is none."""
+    """What the figure of a map's answer shows; without it, there is no figure."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -99,7 +99,7 @@ def curve_grids(experiment: Experiment, *, unseen: bool = False) -> list[str]:
 
 
 def axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float]]:
-    """Returns the only axis of a grid, and its values as numbers, by name and rising; 5x6 is 30."""
+    """Returns the only axis of a grid, and its values as numbers by name, ascending; 5x6 is 30."""
     ((axis, names),) = experiment.declared.grids[grid].axes.items()
     values = {name: prod(map(float, name.split("x"))) for name in names}
     return axis, dict(sorted(values.items(), key=lambda pair: pair[1]))
@@ -140,7 +140,7 @@ def _shown_in(experiment: Experiment, grid: str) -> list[str]:
 def compared(
     experiment: Experiment, contrasts: Iterable[tuple[str, str]]
 ) -> list[tuple[Population, Population]]:
-    """Lists the two populations of each contrast at each point where there are both."""
+    """Lists the two populations of each contrast at each point that has both."""
     points: dict[str, dict[str, Population]] = {}
     for population in experiment.populations:
         if experiment.declared.grids[population.condition.axes["grid"]].is_compared:
@@ -151,14 +151,14 @@ def compared(
 
 
 def most_runs(experiment: Experiment, declared: MapDeclared) -> int:
-    """Returns the number of runs, at most, over all looks; one of several conditions counts for each."""
+    """Returns the maximum number of runs over all looks; one that conditions share counts for each."""
     sides = {side for pair in compared(experiment, declared.contrasts) for side in pair}
     last = declared.looks[-1]
     return sum(max(len(p.seeds), last * (p in sides)) for p in experiment.populations)
 
 
 def check(experiment: Experiment, declared: MapDeclared) -> None:
-    """Refuses, by an InputError, what does not fit a map: grids, contrasts, budgets, seeds or figures."""
+    """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
     _refuse(experiment, *_of_grids(experiment))
     runs = [*_of_contrasts(experiment, declared), *_of_budgets(experiment)]
     _refuse(experiment, *runs, *_of_panels(experiment, declared), *_of_answer(experiment, declared))
@@ -248,7 +248,7 @@ def _of_answer(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
 
 
 def _unreachable(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
-    """Yields contrasts that no grid has, and the first point at which no policy succeeds often enough."""
+    """Yields contrasts that no grid has, and the first point whose level is unreachable or trivial."""
     pairs, solved = compared(experiment, declared.contrasts), experiment.declared.solved
     assert solved is not None
     for contrast in sorted({*declared.contrasts} - {(x.learner.name, y.learner.name) for x, y in pairs}):
@@ -267,7 +267,7 @@ def _unreachable(experiment: Experiment, declared: MapDeclared) -> Iterator[str]
 
 @lru_cache(maxsize=1024)
 def _success_range(scenario: Scenario, horizon: int) -> tuple[float, float]:
-    """Returns how often the random policy succeeds, and the best one."""
+    """Returns the success of the random policy and of the best one."""
     model = compile_scenario(scenario)
     random = float(evaluate(model, uniform_policy(model), horizon).success)
     return random, largest_success(model, horizon)

@@ -8,10 +8,10 @@ the interval of a proportion, and what a scenario draws is part of its width.
 Looks share an error of 5 % equally. At each, intervals hold for all contrasts at once, so it does not matter
 why a contrast gets more runs (repeated confidence intervals: Jennison and Turnbull 1989, Journal of
 the Royal Statistical Society B 51:305-361). Which learner is faster is decided step by step, as by Holm
-(1979): once some are, the intervals of all others, also of those that are equally fast, are narrower, as for
-so many. So any claim that a learner is faster, or that neither learns, is wrong with a probability of at most
-5 %, and any that both are equally fast with a third of it. Steps need independent contrasts (Shaffer 1980,
-Annals of Statistics 8:1342-1347), or else simulation.
+(1979): each such decision narrows the intervals by which the others are decided, as if there were fewer
+contrasts. So the probability of any wrong claim that a learner is faster, or that neither learns, is at most
+5 %, and that of any wrong claim of equal speed a third of it. Deciding step by step assumes independent
+contrasts (Shaffer 1980, Annals of Statistics 8:1342-1347); otherwise, it relies on simulation.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,28 +42,28 @@ UNITS: Final = {"steps": "steps", "disagreements": "wrong PINGs"}  # in which co
 _ERROR: Final = 0.05  # the probability of any wrong verdict
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
 _OPEN: Final = (UNDECIDED, NO_VERDICT)  # further looks may decide these
-_COARSE: Final = 1.25  # an evaluation that is more than so many times as late as the one before
+_COARSE: Final = 1.25  # largest ratio of successive evaluation steps that are not too far apart
 
 Numbers = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Rows = Mapping[Population, pd.DataFrame]
-Runs = NDArray[np.void]  # (N,): what the runs of a population took, see `until_learned`
+Runs = NDArray[np.void]  # (N,): what the runs of a population needed, see `until_learned`
 Sides = tuple[Runs, Runs]  # those of x and y
 Key = TypeVar("Key")
 
 
 class Decision(NamedTuple):
-    """What a look at a contrast says in a unit."""
+    """The decision of a look at a contrast in a unit."""
 
     n: int  # pairs of runs
     verdict: str
-    why: str  # there is no verdict; else empty
+    why: str  # why there is no verdict; empty if there is one
     faster: Estimate  # the probability that x takes less; intervals hold for all contrasts and looks at once
 
 
 @dataclass(frozen=True, eq=False)
 class Contrast:
-    """Two learners at a point of a map, and what the first look that decides says, or else the last one."""
+    """Two learners at a point of a map, with the decision of the first look that decides, or the last."""
 
     x: Population
     y: Population
@@ -85,8 +85,8 @@ class Contrast:
 def ratio(x: Runs, y: Runs, n: int, unit: str) -> Estimate:
     """Returns the median of y divided by that of x, over n pairs of runs, see `until_learned`.
 
-    Where most runs never learn, what they spend within the budget counts, so the ratio is a bound. It
-    is NaN if that is so of both, or if a median is 0. The 95 % interval is by resampling pairs.
+    Where most runs never learn, what they spend within the budget counts, so the ratio is a bound. It is NaN
+    if this holds for both learners, or if a median is 0. The 95 % interval comes from resampling pairs.
     """
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
@@ -101,9 +101,9 @@ def ratio(x: Runs, y: Runs, n: int, unit: str) -> Estimate:
 
 
 def tail_of(n_contrasts: int, error: float) -> float:
-    """Returns the probability that one end of an interval may leave out, of a look with a share of the error.
+    """Returns the tail probability beyond one end of an interval, given a look's share of the error.
 
-    >>> round(tail_of(10, 0.03), 6)  # three ends each
+    >>> round(tail_of(10, 0.03), 6)  # three ends for each contrast
     0.001
     """
     return error / (_ENDS * n_contrasts)
@@ -114,9 +114,9 @@ def decide(
 ) -> tuple[str, Estimate]:
     """Compares what runs of the same seeds took, (N,) each, infinite if they never learned.
 
-    The larger of the tails is that by which one learner is faster, the first all others. `is_open` (N,) marks
-    pairs of which evaluations are too rare to tell who took less: there is a verdict only if it does not
-    depend on them. Returns the verdict, and the probability that x takes less with the interval of the first.
+    *Faster* and *slower* use the larger of the tails, other verdicts the first. `is_open` (N,) marks pairs
+    whose evaluations are too far apart to tell which run took less: there is a verdict only if it does not
+    depend on them. Returns it, and the probability that x takes less, with its interval by the first tail.
     """
     wins = np.where(x == y, 0.5, x < y)
     means = [case.mean() for case in (wins, np.where(is_open, 0.0, wins), np.where(is_open, 1.0, wins))]
@@ -136,7 +136,8 @@ def until_learned(curves: pd.DataFrame, level: float) -> Runs:
     """Returns what the runs of a population took until they had learned, as a structured array (N,).
 
     It has the keys of `SPENT`, infinite if the run never learned; the same at the evaluation before
-    (`before_`) and at the last one (`spent_`); and whether the first and last policy reach the level.
+    (`before_`) and at the last one (`spent_`); the last success; and whether the first and last
+    policy reach the level.
     """
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
     first, last = learned(success, steps, level, until=2), len(steps) - 1
@@ -176,14 +177,14 @@ def learned_at(experiment: Experiment, curves: Rows) -> dict[float, dict[Populat
 
 
 def digests(x: Population, y: Population) -> tuple[str, str]:
-    """Returns what tells two populations from any others, but for the same runs in another grid."""
+    """Returns a key of two populations, which is the same for the same runs in another grid."""
     return x.first.digest, y.first.digest
 
 
 def contrasts_of(
     experiment: Experiment, declared: MapDeclared, learned: Mapping[float, Mapping[Population, Runs]]
 ) -> list[Contrast]:
-    """Lists the contrasts that have enough runs for a look; one of two grids is decided once."""
+    """Lists the contrasts with enough runs for a look; one that is in two grids is decided once."""
     pairs, none, (first, *further) = compared(experiment, declared.contrasts), np.array([], np.void), learned
     runs: dict[float, dict[tuple[str, str], Sides]] = {
         level: {digests(x, y): (rows.get(x, none), rows.get(y, none)) for x, y in pairs}
@@ -247,7 +248,7 @@ def _look(sides: Sides, n: int, margin: float, tails: tuple[float, float], unit:
 def stages(experiment: Experiment, declared: MapDeclared, store: Store) -> Iterator[list[Group]]:
     """Yields the declared runs, and for every further look those of contrasts that are undecided before it.
 
-    Whoever asks for the next stage has stored those before.
+    The caller stores each stage before it asks for the next.
     """
     sides = {side for pair in compared(experiment, declared.contrasts) for side in pair}
     groups = [Group(population, population.runs()) for population in experiment.populations]

@@ -39,7 +39,7 @@ def cells(analysis: MapAnalysis) -> pd.DataFrame:
     "cpu", "measured: median CPU seconds of training until a run has learned", is_measured=True, where=no_rows
 )
 def cpu(analysis: MapAnalysis) -> Iterator[Row]:
-    """Tabulates the time of training alone: no evaluation counts."""
+    """Tabulates the time of training, without evaluations."""
     for population, runs in analysis.learned.items():
         yield learner_of(population) | {"n": len(runs), "cpu_time_s": median(runs["cpu_time_s"])}
 
@@ -101,7 +101,7 @@ def levels(analysis: MapAnalysis) -> Iterator[Row]:
 
 
 def _kept(verdict: str, others: Sequence[str]) -> str:
-    """Returns what other levels make of a verdict, one of `_KEPT`; empty if it names no winner."""
+    """Returns how a verdict fares at other levels, one of `_KEPT`; empty if it names no winner."""
     winners, n = {FASTER, SLOWER}, others.count(verdict)
     if verdict not in winners:
         return ""
@@ -112,7 +112,7 @@ def _kept(verdict: str, others: Sequence[str]) -> str:
 
 @item(
     "looks",
-    "how many pairs of runs the contrasts took, and how they ended, by unit",
+    "how many pairs of runs the contrasts needed, and their verdicts, by unit",
     labels={"n": "pairs of runs"},
 )
 def looks(analysis: MapAnalysis) -> Iterator[Row]:
@@ -150,7 +150,7 @@ def crossings(analysis: MapAnalysis) -> Iterator[Row]:
         steps = [[[medians[name, v] for v in values] for name in pair] for pair in combinations]
         first, second = np.array(steps).swapaxes(0, 1)  # (combinations, values)
         fewer = (first < second) * 1 - (first > second) * 1
-        # After how many values x needs fewer at all that follow, by combination
+        # By combination: the index of the first value from which on x always needs fewer
         n_before = [len(values) - int(np.minimum.accumulate(row[::-1] > 0).sum()) for row in fewer]
         crossed = [numbers[values[i]] for i in n_before if 0 < i < len(values)]
         yield {"grid": grid, "x": x, "y": y} | {
@@ -172,7 +172,7 @@ def crossings(analysis: MapAnalysis) -> Iterator[Row]:
     labels=_LABELS | {"n": "runs of x", "steps": "median steps of x"},
 )
 def reference(analysis: MapAnalysis) -> Iterator[Row]:
-    """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""
+    """Compares runs with different seeds and code, by all pairs of one run of each."""
     steps = {
         (population.condition.name, population.learner.name): runs["steps"]
         for population, runs in analysis.learned.items()

@@ -19,12 +19,12 @@ __all__ = ["STUDY"]
 
 @explorer.explorer_item
 def agents(analysis: ReplicationAnalysis, path: Path) -> None:
-    """Writes what some of the agents know."""
+    """Writes what the shown agents learned."""
     explorer.write([*analysis.few.values()], path)
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, all but the paper's scenarios and one table that records the maximum Q."""
+    """Raises an InputError unless one table, which records the maximum Q, is in the paper's scenarios."""
     source = experiment.argument
     first, *others = experiment.learners.values()
     if others or first.family != "tabular" or "record_every" not in first.algorithm.settings.model_fields:
@@ -43,7 +43,7 @@ def check(experiment: Experiment) -> None:
         is_square = model.scenario.regions.target_radius is not None
         if not (model.has_cell_maps and len(model.starts) == 1 and is_square):
             where = f"{source}: scenarios: {name} ({population.condition.name})"
-            needed = "the agent observes its cell alone, there is one start and one phase, no wall"
+            needed = "the agent observes only its cell, there are one start, one phase and no walls"
             squares = "the regions are squares by their radii"
             raise InputError(f"{where}: in a replication {needed}, and {squares}.")
 

@@ -28,7 +28,7 @@ class ReplicationAnalysis:
 
     data: Data[Declared]
     few_and_all: Sequence[Agents]
-    """As many agents as the paper has, by the first seeds; all, too, if there are twice as many."""
+    """As many agents as in the paper, by the first seeds; and all if these are at least twice as many."""
     claims: pd.DataFrame
     """Every part of every claim, see `claims.judge`, with few agents and with all; see `agreement`."""
     claim_sets: pd.DataFrame
@@ -43,7 +43,7 @@ class ReplicationAnalysis:
 
     @cached_property
     def max_q(self) -> pd.DataFrame:
-        """The maximum Q of the visited cell, and of the table, over agents at each record."""
+        """Statistics over agents of the maximum Q of visited cell and table, at each record."""
         frames = []
         for name, agents in self.few.items():
             visited, table = (spread(agents.arrays[key]) for key in _CURVES.values())
@@ -114,7 +114,7 @@ def agreement(parts: pd.DataFrame, sets: pd.DataFrame) -> pd.DataFrame:
 
 
 def differing(agents: Records) -> Floats:
-    """Returns the share of agents whose greedy action is not optimal, (O,); if they draw it, in part."""
+    """Returns the share of agents whose greedy action is not optimal, (O,); ties count in part."""
     best = contains(greedy_masks(optimal_values(agents), OPTIMUM_TOLERANCE))  # (O, A)
     greedy = contains(agents.arrays["greedy"][:, -1])  # (N, O, A)
     wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)

@@ -1,8 +1,8 @@
 """The paper's claims as measured rows, each with a threshold and a verdict.
 
-What a claim, its parts, states and verdicts are, and which intervals they have, is said in the document of
-the report. What depends on which cells have a mean above zero has simultaneous intervals of all cells' means:
-a resampled count of signs is biased, since noise turns means near zero more often one way than the other.
+The document of the report explains claims, their parts, states, verdicts and intervals. Numbers that depend
+on which cells have a mean above zero use simultaneous intervals of all cells' means: a resampled count of
+signs is biased, since noise moves means near zero across it more often in one direction than in the other.
 """
 
 import math

@@ -13,7 +13,7 @@ from envs import InputError
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, an experiment without a search, or with further levels of success."""
+    """Raises an InputError if an experiment has no search, or has further levels of success."""
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
     if experiment.declared.solved is not None and experiment.declared.solved.levels:

@@ -1,8 +1,8 @@
 """A search for settings: which runs it has, which settings it chooses, and what these reach.
 
 First, every trial of every learner runs in all scenarios. Then the trials with the largest means, and trial
-0, run again with fresh seeds. That with the largest mean on these is chosen, so one that was merely lucky is
-not. In each scenario, the trial that is best there runs again, too. Means are of a measure of each run: the
+0, run again with fresh seeds. The one with the largest mean on these is chosen, so mere luck is not enough.
+In each scenario, the trial that is best there runs again, too. Means are of a measure of each run: the
 area under its curve of exact success or, with `[solved]`, how early it has learned.
 """
 
@@ -29,8 +29,8 @@ from envs.scenario import RELATIVE
 
 Row = dict[str, object]
 
-COLUMNS: Final = ("area", "earliness", "cpu_time_s")  # of runs, that a search needs as far as they have them
-ALL: Final = "all"  # scenarios together
+COLUMNS: Final = ("area", "earliness", "cpu_time_s")  # columns of runs that a search needs, if they exist
+ALL: Final = "all"  # stands for all scenarios
 _SEARCHED, _FRESH = "search", "fresh"  # stages
 _KEYS: Final = ["variant", "observation"]
 
@@ -49,7 +49,7 @@ class Outcome:
 
     @cached_property
     def ranked(self) -> list[int]:
-        """Finalists by their mean on fresh seeds, the chosen one first, after trial 0 if that beats all."""
+        """Finalists by their mean on fresh seeds, the best first; trial 0 leads if it beats all of them."""
         means = {trial: float(np.mean(self.again(trial))) for trial in (*self.finalists, 0)}
         ranked = sorted(self.finalists, key=means.__getitem__, reverse=True)
         return [0, *ranked] if means[0] > means[ranked[0]] else ranked
@@ -108,7 +108,7 @@ def analyse(data: Data[Declared]) -> SearchAnalysis:
 
 
 def stages(experiment: Experiment, _: Declared, store: Store) -> Iterator[list[Group]]:
-    """Yields the runs of both stages; whoever asks for the second has stored the first."""
+    """Yields the runs of both stages; the caller stores the first before it asks for the second."""
     search, names = experiment.declared.search, [*experiment.scenarios]
     assert search is not None
     first = [Group(each, each.runs(), {"stage": _SEARCHED}) for each in experiment.populations]
@@ -230,7 +230,7 @@ def chances(means: Floats, b: int) -> Floats:
 
 
 def picked(trials: pd.DataFrame, families: Mapping[str, str]) -> Iterator[Row]:
-    """Yields how the pick from b trials compares with that of a reference, for b from 1 to all.
+    """Yields how the pick from b trials compares with that of a reference, for b = 1, 2, 4, ..., and all.
 
     A pick is the trial of the largest mean over scenarios among b that are drawn, without trial 0. Picks are
     compared by this mean, and by that in each scenario; ties count as a half. The reference is the learner

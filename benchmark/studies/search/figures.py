@@ -24,8 +24,8 @@ _PANELS_IN_A_ROW: Final = 3
 
 
 @tables.picks.figure(
-    "How often the best of b trials beats the best of b of the reference: by means over all scenarios, and, "
-    "if they are few, in each."
+    "Probability that the best of b trials beats the best of b trials of the reference, by means over all "
+    "scenarios and, if there are few, in each."
 )
 def picks(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure | None:
     """Draws a panel for all scenarios, and perhaps one for each, with a line per learner."""

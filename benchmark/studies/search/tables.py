@@ -57,7 +57,7 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
     "picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows
 )
 def picks(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates what is `picked` of the trials, with the digits that trials.csv has."""
+    """Tabulates what `picked` yields for trials rounded as in trials.csv."""
     learners = analysis.data.experiment.learners.values()
     trials = analysis.trials.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
     yield from picked(trials, {learner.variant: learner.family for learner in learners})

@@ -10,7 +10,7 @@ export const learnerOf = (named) => LEARNER.map((key) => named[key]).join(", ");
 // The numbers of the actions in a mask.
 export const members = (mask) => explorer.actions.map((_, a) => a).filter((a) => (mask >> a) & 1);
 
-// Values from integers, each of which is less that of the map before.
+// Values from integers, which are differences from the map before.
 function unpacked(changes, nMaps) {
   const integers = Float64Array.from(changes);
   for (let i = integers.length / nMaps; i < integers.length; i++) integers[i] += integers[i - integers.length / nMaps];

@@ -37,8 +37,8 @@ function refresh() {
   if (hasAddress) addressTimer = setTimeout(() => history.replaceState(null, "", address), 150);
 }
 
-// The first agent that walks to success and whose training can be played, and beside it the first such net of the same
-// scenario, or what is no net beside a net. Where there is none, success counts more than the training.
+// The first agent that walks to success and whose training can be played, and beside it the first such agent
+// of the same scenario and experiment; one of the two is a net, if possible. Success outranks training.
 function firstPair() {
   const isNet = (agent) => agent.family === "deep";
   const walked = (agent) => new Walk(agent, agent.steps.length - 1, agent.room.starts[0]).finish().at(-1)?.event;

@@ -24,6 +24,6 @@ const parts = await Promise.all([...document.querySelectorAll("script.agents")].
 }));
 
 export const csv = await unzippedCsv;
-// Of several experiments, the agents and rooms one after the other; all else is the same.
+// The agents and rooms of all experiments, concatenated; everything else is the same.
 const all = (key) => parts.flatMap((part) => part[key]);
 export const explorer = parts.length ? { ...parts[0], agents: all("agents"), rooms: all("rooms") } : null;

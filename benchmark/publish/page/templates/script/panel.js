@@ -35,8 +35,7 @@ export class Panel {
     }
     this.find(".map").addEventListener("keydown", (event) => this.key(event));
   }
-  // Chooses the agent that has what is wished for, as far as there is one; the block is one of a room, by default
-  // of the agent's.
+  // Chooses the agent that fits a wish best; its block is one of `roomOfBlock`, or else of the agent's room.
   choose(wish, roomOfBlock) {
     const changed = [];
     const choose = (key, names) => {

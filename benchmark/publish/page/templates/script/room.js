@@ -9,7 +9,7 @@ export class Room {
     this.nActions = this.kinds.event.length / this.kinds.over.length;
     this.nOutcomes = this.kinds.change.length / this.kinds.event.length;
     this.optima = new Map();
-    // The cells of the issuer and its group, by place; of who walks, in all phases.
+    // The cells of the issuer and its group, by place; if they walk, also by phase.
     this.places = [...new Map(this.views.map((view) => [String(this.groupOn(view)), this.groupOn(view)])).values()].sort((a, b) => a[0] - b[0]);
     // A person who walks is in another phase in every cell, and each cell of a map tells which.
     this.hasNamedPhases = this.phases.length > 1 && this.views.length > this.places.length;
@@ -80,7 +80,7 @@ export class Room {
       probability: outcomes.map((outcome) => probability[outcome]),
     };
   }
-  // The optimal values of a state's actions, for who knows the state; undiscounted, within a horizon.
+  // The optimal values of a state's actions, if the state is known; within a horizon if undiscounted.
   optimumAt(state, discount, horizon) {
     const nStates = this.kind.length / this.shape[0]; // of a place, which an episode never leaves
     const place = Math.floor(state / nStates);
