@@ -496,7 +496,11 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         find_modules_in(str(path.parent.resolve()))
     if "extends" in data:
         extension = inputs.parse(Extension, data, str(path))
-        base = _path(extension.extends)
+        beside = join(path.parent, extension.extends)  # noqa: PTH118
+        is_beside = isfile(beside) and not isfile(extension.extends)  # as of a scenario  # noqa: PTH113
+        base = _path(beside if is_beside else extension.extends)
+        if not base.exists():
+            raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: there is no such file.")
         if base in (path, *extended_by):
             raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
         data = _read(base, (path, *extended_by))

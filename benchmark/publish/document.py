@@ -8,8 +8,10 @@ alone, so texts can be corrected without a single run.
 """
 
 import html
+import inspect
 import re
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +21,7 @@ import pandas as pd
 from benchmark.drawing import tables
 from benchmark.folder import MANIFEST, README, Folder, with_titles
 from benchmark.publish import files, prose
+from benchmark.publish.templates import mistakes_in
 from benchmark.publish.templates import templates_in as templates_in
 from benchmark.studies import STUDIES, Study, load_study
 from benchmark.studies.item import COLUMNS, Item, entry
@@ -27,6 +30,11 @@ from envs import InputError
 
 SPEED: Final = "speed"  # the folder of measurements of this project, and its table
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
+
+
+def _named(path: Path) -> AbstractContextManager[None]:
+    """Names file and line of mistakes in a file of users; this project's fail if a folder is damaged."""
+    return nullcontext() if path.is_relative_to(Path(__file__).parents[1]) else mistakes_in(path)
 
 
 class Document:
@@ -55,8 +63,11 @@ class Document:
     def headline(self) -> str | None:
         """The finding in Markdown: as it is written by hand, or else the sentence that the report makes."""
         try:
-            return prose.written(self.folder, self.finding) or self._headline(self.folder)
+            if written := prose.written(self.folder, self.finding):
+                return written
         except prose.ClaimError:
+            pass
+        with _named(Path(inspect.getfile(self._headline))):
             return self._headline(self.folder)
 
     def has(self, name: str) -> bool:
@@ -90,7 +101,8 @@ class Document:
         template = template or self.template
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
         known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
-        text = templates_in(template.parent).get_template(template.name).render(**known, **more)
+        with _named(template):
+            text = templates_in(template.parent).get_template(template.name).render(**known, **more)
         return tables.local_only(re.sub(r"\n{3,}", "\n\n", text).strip("\n"))
 
     def readme(self) -> str:

@@ -14,6 +14,7 @@ from benchmark.folder import MANIFEST, write_manifest
 from benchmark.publish import document, files, sameness
 from benchmark.publish.manifest import manifest_of
 from benchmark.studies import Data, Report
+from benchmark.studies.item import called
 from envs import InputError
 from envs.sources import digest_of_source
 
@@ -42,7 +43,8 @@ def draw(
     """
     study = report.study
     if partial and not study.can_be_partial:
-        raise InputError(f"--partial: {directory.name}: accepted: a comparison or a map.")
+        what = "a report that can be drawn of some of its runs, such as a comparison or a map"
+        raise InputError(f"--partial: {report.experiment.name}: accepted: {what}.")
     data = report.data(store, seeds, partial=partial)
     inputs, name = _inputs(data, seeds), directory.name
     measured = [file for item in study.items if item.is_measured for file in item.files()]
@@ -53,7 +55,7 @@ def draw(
         return Made(is_new=False, certificate=sameness.compare(directory, name, measured))
     stale = {*sameness.listed(directory), *(file for item in study.items for file in item.files())}
     with files.alone(directory.parent), files.replaced(directory, stale) as aside:
-        analysis = study.analyse(data)
+        analysis = called(study.analyse, data)
         made = {item.name: item.tabulate(analysis) for item in study.items}
         frames = {table: frame for table, frame in made.items() if frame is not None}
         for table, frame in frames.items():

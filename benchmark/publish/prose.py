@@ -8,7 +8,7 @@ without a title after it. Results of other seeds, or of only some of the runs, h
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -66,7 +66,10 @@ def _named(path: Path, tables: Tables) -> Names:
         texts = {
             key.lower(): text for key, text in vars(module).items() if key.isupper() and isinstance(text, str)
         }
-        return texts | (module.finding(tables) if hasattr(module, "finding") else {})
+        names = module.finding(tables) if hasattr(module, "finding") else {}
+    if not isinstance(names, Mapping):
+        raise InputError(f"{path}: finding returns {names!r}; accepted: names, each with what it stands for.")
+    return {**texts, **names}
 
 
 def paragraphs(folder: Folder, title: str = "") -> str:

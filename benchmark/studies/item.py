@@ -73,8 +73,11 @@ class Item(Generic[A]):
         rows = None if self.compute is None else called(self.compute, analysis)
         if rows is None or isinstance(rows, pd.DataFrame):
             return rows
-        flat = [expanded(row) for row in rows]
-        return pd.DataFrame(flat) if flat else None
+        rows = [rows] if isinstance(rows, str | Mapping) else [*rows]
+        if any(not isinstance(row, Mapping) for row in rows):
+            accepted = "a data frame, or rows, each a dictionary"
+            raise InputError(f"item {self.name}: its function returns other rows; accepted: {accepted}.")
+        return pd.DataFrame(map(expanded, rows)) if rows else None
 
     def save(self, analysis: A, tables: Frames, directory: Path, *, is_partial: bool = False) -> None:
         """Writes the figure, marked if runs are missing, or the other file."""
@@ -82,6 +85,9 @@ class Item(Generic[A]):
             table = tables.get(self.name, pd.DataFrame() if self.compute is None else None)
             figure = called(self.draw, analysis, table) if self.draw and table is not None else None
             if figure is not None:
+                if not isinstance(figure, Figure):
+                    found = f"item {self.name}: its figure is {type(figure)}"
+                    raise InputError(f"{found}; accepted: a figure of matplotlib, or None.")
                 if is_partial:
                     figure.suptitle("PARTIAL: runs are missing", color="firebrick")
                 save_figure(figure, directory / f"{self.name}.svg")
@@ -124,13 +130,12 @@ item: Final[type[Item[Any]]] = Item  # as a decorator
 
 
 def called(function: Callable[..., T], *arguments: object) -> T:
-    """Calls a function of an item; one that does not take these arguments raises an InputError."""
+    """Calls a function of a study; one that does not take these arguments raises an InputError."""
     try:
         inspect.signature(function).bind(*arguments)
     except TypeError as error:
-        accepted = "(analysis) for a table, (analysis, table) for a figure, (analysis, path) for a file"
         where = f"{function.__module__}: {function.__name__}"
-        raise InputError(f"{where}: {error}; accepted: a function of {accepted}.") from error
+        raise InputError(f"{where}: {error}; benchmark/studies/README.md has its arguments.") from error
     return function(*arguments)
 
 

@@ -17,7 +17,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, interleaved
 from benchmark.folder import Folder
 from benchmark.studies.data import Data
-from benchmark.studies.item import Item
+from benchmark.studies.item import Item, called
 from envs import InputError
 from envs.inputs import Label, Names, Table, parse, unknown_name
 from envs.packages import imported, missing_package
@@ -98,7 +98,7 @@ class Report(Generic[D, A]):
             raise InputError(f"{where}: solved {found}: accepted: map or search.")
         if experiment.declared.search is not None and study.stages is None:
             raise InputError(f"{where}: search {found}: accepted: kind = search.")
-        study.check(experiment, self.declared)
+        called(study.check, experiment, self.declared)
         return self
 
     def stages(self, store: Store, seeds: Sequence[int] | None = None) -> Iterator[list[Group]]:
@@ -173,7 +173,18 @@ def load_study(name: str, source: str = "benchmark.studies") -> Study[Any, Any]:
     """
     if name not in STUDIES and ":" not in name:
         unknown_name(source, "report", name, STUDIES, "module:attribute")
-    return _of_class(STUDIES.get(name, name), source, "report", Study)
+    study = _of_class(STUDIES.get(name, name), source, "report", Study)
+    for item in study.items:
+        if not isinstance(item, Item):
+            raise InputError(
+                f"{source}: {name}: items: {item!r}: accepted: items, made by the decorator `item`."
+            )
+    names = [item.name for item in study.items]
+    if len({*names}) < len(names) or study.lead not in ("", *names):
+        raise InputError(
+            f"{source}: {name}: accepted: items of different names, and one of these as its lead."
+        )
+    return study
 
 
 def with_items(study: Study[D, A], declared: Mapping[str, Any], source: str) -> Study[D, A]:
@@ -202,7 +213,9 @@ def report_of(experiment: Experiment) -> Report[Any, Any]:
     read = parse(wrapped, {"report": given or {"kind": study.name}}, where)
     declared: Declared = vars(read)["report"]
     study = with_items(study, declared.model_dump(), where)
-    return Report(experiment, replace(study, finding=experiment.path.with_suffix(".md.jinja")), declared)
+    finding = experiment.path.with_suffix(".md.jinja")
+    is_document = finding.resolve() == study.document.resolve()  # both are named after the experiment
+    return Report(experiment, replace(study, finding=None if is_document else finding), declared)
 
 
 def _of_class(name: str, source: str, kind: str, cls: type[_T]) -> _T:
