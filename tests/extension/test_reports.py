@@ -1,6 +1,7 @@
 """Reports extended from outside: an item in one short file, and a kind of report in this one."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from benchmark.studies import Data, Declared, Study, load_study, report_of
 from benchmark.studies.item import Estimate, called, item
 from envs import InputError
 from tests.benchmark.studies.conftest import experiment_of, results_of
-from tests.support import small_experiment, variant
+from tests.support import ROOT, small_experiment, variant
 
 ITEM = Path(__file__).with_name("lost.py")
 EXPERIMENT = small_experiment(
@@ -118,10 +119,23 @@ def test_mistakes_get_one_sentence(tmp_path: Path, report: str, names: list[str]
 def test_a_function_of_other_arguments_is_named() -> None:
     def counted(runs: object, curves: object) -> None: ...
 
-    with pytest.raises(InputError, match=r"counted: missing a required argument: 'curves'; accepted: a func"):
+    with pytest.raises(InputError, match=r"counted: missing a required argument: 'curves'; benchmark/studies"):
         called(counted, None)
 
 
 def test_a_folder_without_results_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there are no results; run the experiment with --report first"):
         Document(tmp_path)
+
+
+def test_study_of_the_guide(tmp_path: Path) -> None:
+    guide = (ROOT / "benchmark" / "studies" / "README.md").read_text(encoding="utf-8")
+    lost, spread = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)
+    (tmp_path / "lost_too.py").write_text(lost, encoding="utf-8")
+    (tmp_path / "spread.py").write_text(spread, encoding="utf-8")
+    (tmp_path / "spread_document.md.jinja").write_text('{{ show("spread") }}\n', encoding="utf-8")
+    report = 'report = { kind = "spread:STUDY", digits = 2, items = ["lost_too:lost"] }'
+    folder = results_of(tmp_path, f"{EXPERIMENT}{report}\n")
+    deviations = pd.read_csv(folder / "spread.csv")["deviation"]
+    assert deviations.tolist() == deviations.round(2).tolist()
+    assert (folder / "lost.svg").is_file()
