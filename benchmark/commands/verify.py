@@ -7,7 +7,6 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.folder import README, Folder, digests
 from benchmark.publish import document, draw, files, front, sameness
 from benchmark.publish.page import build as page
-from benchmark.studies import Report, Study, report_of, runs_of
+from benchmark.studies import AnyReport, AnyStudy, report_of, runs_of
 from envs import InputError
 
 
@@ -68,7 +67,7 @@ def _problems(
     ended -= {*damaged}
     stored = [run for digest, run in declared.items() if digest in ended]
     yield from _differences(stored, store, scratch / "runs.db", options)
-    reports = dict[str, Study[Any, Any]]()
+    reports = dict[str, AnyStudy]()
     for experiment in experiments:
         folder = options.results / experiment.name
         is_stored = [run.digest in ended for run in known[experiment.name]]
@@ -133,7 +132,7 @@ def difference_of(before: Record, after: Record) -> str:
     return f"differs in {', '.join(names)}" + f" (recorded with {'; '.join(changed)})" * bool(changed)
 
 
-def _redrawn(report: Report[Any, Any], store: Store, folder: Path, scratch: Path) -> Iterator[str]:
+def _redrawn(report: AnyReport, store: Store, folder: Path, scratch: Path) -> Iterator[str]:
     experiment = report.experiment
     name, made = experiment.name, scratch / experiment.name
     print(f"{name}: drawing tables and figures again ...", file=sys.stderr)
@@ -162,7 +161,7 @@ def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
         yield str(error)
 
 
-def rewritten(reports: Mapping[str, Study[Any, Any]], results: Path) -> Iterator[str]:
+def rewritten(reports: Mapping[str, AnyStudy], results: Path) -> Iterator[str]:
     """Yields files that differ from their manifests, and texts that differ from what the tables make.
 
     `reports` are those of the published experiments that are verified, by name.

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pandas as pd
 
@@ -23,7 +23,7 @@ from benchmark.folder import MANIFEST, README, Folder, with_titles
 from benchmark.publish import files, prose
 from benchmark.publish.templates import mistakes_in
 from benchmark.publish.templates import templates_in as templates_in
-from benchmark.studies import STUDIES, Study, load_study
+from benchmark.studies import STUDIES, AnyItem, AnyStudy, load_study
 from benchmark.studies.item import COLUMNS, Item, entry
 from benchmark.studies.study import with_items
 from envs import InputError
@@ -40,7 +40,7 @@ def _named(path: Path) -> AbstractContextManager[None]:
 class Document:
     """The document of a folder of results."""
 
-    def __init__(self, path: Path, study: Study[Any, Any] | None = None) -> None:
+    def __init__(self, path: Path, study: AnyStudy | None = None) -> None:
         """Takes the study of an experiment, see `report_of`, or finds one of this project.
 
         Manifests can come from anywhere, so they may only name code of this project. An InputError says what
@@ -75,14 +75,14 @@ class Document:
         has_files = f"{name}.csv" in self.folder or self.folder.figure(name)
         return bool(has_files) and name in [item.name for item in self.items]
 
-    def shown(self, item: Item[Any]) -> pd.DataFrame:
+    def shown(self, item: AnyItem) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts; empty if there is none here."""
         if f"{item.name}.csv" not in self.folder:
             return pd.DataFrame()
         return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
 
     def render(
-        self, insert: Callable[[Item[Any], bool], str], template: Path | None = None, **more: object
+        self, insert: Callable[[AnyItem, bool], str], template: Path | None = None, **more: object
     ) -> str:
         """Returns the document as Markdown.
 
@@ -109,7 +109,7 @@ class Document:
         """Returns README of the folder; raises an InputError if it cannot be made, or a file was changed."""
         self.folder.check()
 
-        def insert(item: Item[Any], is_folded: bool) -> str:
+        def insert(item: AnyItem, is_folded: bool) -> str:
             file, frame = self.folder.figure(item.name), self.shown(item)
             parts, table = [f"![{item.caption}]({file})"] if file else [], f"{item.name}.csv"
             if is_folded and table in self.folder:
@@ -190,15 +190,15 @@ def _shown(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 _ABOUT: Final = "rates of this project and of common alternatives, from the same run"
-_SPEED: Final[Item[Any]] = Item(SPEED, _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS[SPEED])
+_SPEED: Final[AnyItem] = Item(SPEED, _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS[SPEED])
 
 
-def document_of(path: Path, study: Study[Any, Any] | None = None) -> Document:
+def document_of(path: Path, study: AnyStudy | None = None) -> Document:
     """Returns the document of a folder of results, see `Document`, or of measured speed."""
     is_speed = Folder(path).manifest["report"]["kind"] == SPEED
     return Measurements(path) if is_speed else Document(path, study)
 
 
-def write(path: Path, study: Study[Any, Any] | None = None) -> None:
+def write(path: Path, study: AnyStudy | None = None) -> None:
     """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
     files.write_text(path / README, document_of(path, study).readme())

@@ -13,7 +13,7 @@ from benchmark.execution.store import Store
 from benchmark.folder import MANIFEST, write_manifest
 from benchmark.publish import document, files, sameness
 from benchmark.publish.manifest import manifest_of
-from benchmark.studies import Data, Report
+from benchmark.studies import AnyReport, Data, Declared
 from benchmark.studies.item import called
 from envs import InputError
 from envs.sources import digest_of_source
@@ -28,7 +28,7 @@ class Made(NamedTuple):
 
 
 def draw(
-    report: Report[Any, Any],
+    report: AnyReport,
     store: Store,
     directory: Path,
     seeds: Sequence[int] | None = None,
@@ -73,7 +73,7 @@ def draw(
     return Made(is_new=True, certificate=certificate, analysis=analysis)
 
 
-def _inputs(data: Data[Any], seeds: Sequence[int] | None) -> str:
+def _inputs(data: Data[Declared], seeds: Sequence[int] | None) -> str:
     declared = data.experiment.declared
     measured = [json.dumps(dict(run), sort_keys=True) for run in data.provenance]
     named = [variant.algorithm for variant in declared.algorithms.values()]

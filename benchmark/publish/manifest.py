@@ -8,10 +8,10 @@ from typing import Any
 
 from benchmark.execution.store import Provenance
 from benchmark.experiments import DEFAULT_CONDITION, RunSpecification
-from benchmark.studies.data import Data
+from benchmark.studies import Data, Declared
 
 
-def manifest_of(data: Data[Any], seeds: Sequence[int] | None) -> dict[str, object]:
+def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, object]:
     """Returns the manifest; drawing again gives the same."""
     declared, runs = data.experiment.declared, data.specifications
     sizes = Counter(run.population for run in runs)
@@ -57,7 +57,7 @@ def digest_of(runs: Sequence[RunSpecification]) -> str:
 
 
 def _variants(
-    data: Data[Any], first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
+    data: Data[Declared], first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
 ) -> dict[str, dict[str, Any]]:
     variants: dict[str, dict[str, Any]] = {}
     settings: dict[str, dict[str, object]] = {}

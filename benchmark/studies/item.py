@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeAlias, TypeVar
 
 import pandas as pd
 from matplotlib import pyplot as plt
@@ -126,7 +126,8 @@ class Item(Generic[A]):
         return pd.concat(rows.sort_values(by, ascending=by != self.best, kind="stable") for _, rows in parts)
 
 
-item: Final[type[Item[Any]]] = Item  # as a decorator
+AnyItem: TypeAlias = Item[Any]  # of whatever study
+item: Final[type[AnyItem]] = Item  # as a decorator
 
 
 def called(function: Callable[..., T], *arguments: object) -> T:
@@ -144,12 +145,12 @@ def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.iloc[:0]
 
 
-def drawing(name: str, description: str, caption: str) -> Callable[[Draw], Item[Any]]:
+def drawing(name: str, description: str, caption: str) -> Callable[[Draw], AnyItem]:
     """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
     return lambda function: Item(name, description, caption=caption, draw=function)
 
 
-def writing(name: str, description: str, file: str) -> Callable[[Callable[..., None]], Item[Any]]:
+def writing(name: str, description: str, file: str) -> Callable[[Callable[..., None]], AnyItem]:
     """Makes an item of a function that writes a file of another form, whose argument `path` is its path."""
     return lambda function: Item(name, description, file=file, write=function)
 

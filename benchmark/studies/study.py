@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, Generic, Self, TypeVar
+from typing import Any, Final, Generic, Self, TypeAlias, TypeVar
 
 from pydantic import create_model
 
@@ -149,6 +149,9 @@ class Report(Generic[D, A]):
 
 
 # The study of an experiment without a report, whose runs are only stored
+AnyStudy: TypeAlias = Study[Any, Any]  # whatever its kind
+AnyReport: TypeAlias = Report[Any, Any]
+
 _NONE: Final = Study[Declared, None](
     name="none",
     question="",
@@ -166,7 +169,7 @@ def runs_of(groups: Iterable[Group]) -> list[RunSpecification]:
     return interleaved([(group.population, group.runs) for group in groups])
 
 
-def load_study(name: str, source: str = "benchmark.studies") -> Study[Any, Any]:
+def load_study(name: str, source: str = "benchmark.studies") -> AnyStudy:
     """Returns a study, by a key of `STUDIES`, or `module:attribute` of one that lives elsewhere.
 
     Anything but a study raises an InputError, whose message begins with the source, the file that named it.
@@ -205,7 +208,7 @@ def with_items(study: Study[D, A], declared: Mapping[str, Any], source: str) -> 
     return replace(study, items=tuple(items.values()))
 
 
-def report_of(experiment: Experiment) -> Report[Any, Any]:
+def report_of(experiment: Experiment) -> AnyReport:
     """Returns the report of an experiment; only its table is parsed, `Report.check` checks the rest."""
     given, where = experiment.declared.report, experiment.argument
     study = _NONE if given is None else load_study(str(given.get("kind", "")), where)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import quote
 
 import jinja2
@@ -31,7 +31,7 @@ from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, Folder
 from benchmark.publish import files, prose, sameness
 from benchmark.publish.document import SPEED, Document, document_of, templates_in
-from benchmark.studies import Item, Study, explorer
+from benchmark.studies import AnyItem, AnyStudy, explorer
 from envs import InputError
 
 CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
@@ -64,7 +64,7 @@ def chapters(results: Path) -> list[str]:
     return names if {*names} & {*CHAPTERS} else []
 
 
-def write(results: Path, experiment: str | None = None, study: Study[Any, Any] | None = None) -> Path:
+def write(results: Path, experiment: str | None = None, study: AnyStudy | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
     In this repository, git ignores folders that are not published, by a `.gitignore` in them.
@@ -84,7 +84,7 @@ def write(results: Path, experiment: str | None = None, study: Study[Any, Any] |
 
 
 def texts(
-    results: Path, experiment: str | None = None, study: Study[Any, Any] | None = None
+    results: Path, experiment: str | None = None, study: AnyStudy | None = None
 ) -> Iterator[tuple[Path, str]]:
     """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
 
@@ -120,7 +120,7 @@ def _scenes() -> str:
 class _Part:
     """A folder of results on the page."""
 
-    def __init__(self, path: Path, prefix: str, study: Study[Any, Any] | None) -> None:
+    def __init__(self, path: Path, prefix: str, study: AnyStudy | None) -> None:
         """Reads its manifest and checks its files; `prefix` leads from the page to the folder."""
         self.document = document_of(path, study)
         self.document.folder.check()
@@ -223,7 +223,7 @@ class _Part:
             token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
         return Markup(_MARKED.sub(content, _TABLE.sub(_BOX, str(self._html(tokens)))))
 
-    def _table(self, item: Item[Any]) -> dict[str, object] | None:
+    def _table(self, item: AnyItem) -> dict[str, object] | None:
         """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show.
 
         A long one, which is shown on demand, has its number of rows alone.
@@ -243,7 +243,7 @@ class _Part:
         columns = [self.inline(str(name)) for name in shown]
         return {"columns": columns, "kinds": kinds, "rows": cells, "n_rows": len(cells), "n_keys": n_keys}
 
-    def _figure(self, item: Item[Any]) -> dict[str, object]:
+    def _figure(self, item: AnyItem) -> dict[str, object]:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
         drawn = self.folder.content(self.folder.figure(item.name)).decode()
         width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
