@@ -8,9 +8,9 @@ without a title after it. Results of other seeds, or of only some of the runs, h
 """
 
 import re
+import runpy
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Final
 
@@ -58,15 +58,12 @@ def written(folder: Folder, template: Path | None = None) -> str | None:
 
 def _named(path: Path, tables: Tables) -> Names:
     """Returns a Python file's texts, by their names in lower case, and what `finding` returns."""
-    spec = spec_from_file_location(f"finding_of_{path.stem}", path)
-    if not path.is_file() or spec is None or spec.loader is None:
+    if not path.is_file():
         return {}
     with mistakes_in(path):
-        spec.loader.exec_module(module := module_from_spec(spec))
-        texts = {
-            key.lower(): text for key, text in vars(module).items() if key.isupper() and isinstance(text, str)
-        }
-        names = module.finding(tables) if hasattr(module, "finding") else {}
+        module = runpy.run_path(str(path))
+        texts = {key.lower(): text for key, text in module.items() if key.isupper() and isinstance(text, str)}
+        names = module["finding"](tables) if "finding" in module else {}
     if not isinstance(names, Mapping):
         raise InputError(f"{path}: finding returns {names!r}; accepted: names, each with what it stands for.")
     return {**texts, **names}

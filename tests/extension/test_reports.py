@@ -119,7 +119,9 @@ def test_mistakes_get_one_sentence(tmp_path: Path, report: str, names: list[str]
 def test_a_function_of_other_arguments_is_named() -> None:
     def counted(runs: object, curves: object) -> None: ...
 
-    with pytest.raises(InputError, match=r"counted: missing a required argument: 'curves'; benchmark/studies"):
+    with pytest.raises(
+        InputError, match=r"counted: missing a required argument: 'curves'; benchmark/studies"
+    ):
         called(counted, None)
 
 

@@ -127,7 +127,10 @@ def columns(results: Path) -> str:
         for item in document.items:
             file = item.file or f"{item.name}.csv"
             if ".csv" in file and file in document.folder:
-                meanings = {f"`{name}`": item.meaning(str(name)) for name in document.folder.frame(file)}
+                meanings = {
+                    f"`{name}`": item.meaning(str(name), document.name)
+                    for name in document.folder.frame(file)
+                }
                 tables.setdefault((document.name, file, item.description), {}).update(meanings)
     for (report, name, description), meanings in tables.items():
         grid = tabulate(meanings.items(), ["column", "meaning"], "github")

@@ -43,7 +43,7 @@ def copied(folder: Path, change: str) -> Folder:
 
 
 def test_a_claim_that_tables_do_not_show_is_not_published(tmp_path: Path) -> None:
-    folder = copied(tmp_path / "false", "holds,0.361358 -> undecided,0.361358")
+    folder = copied(tmp_path / "false", "holds,,1.31094 -> undecided,,1.31094")
     with pytest.raises(prose.ClaimError, match=r"reproduce\.md\.jinja claims, that variability-S2 holds"):
         prose.written(folder)
     document = Document(folder.path)
