@@ -342,7 +342,7 @@ class Declaration(Table):
         for name, grid in self.grids.items():
             for learner in grid.learners:
                 where = f"grids.{name}.learners: {learner}"
-                require(learner in known, where, ", ".join(sorted(known)))
+                require(learner in known, where, ", ".join(f'"{each}"' for each in sorted(known)))
             is_used = not grid.tuned_by or any(variant.tuned_by for variant in self.algorithms.values())
             require(is_used, f"grids.{name}.tuned_by = {grid.tuned_by}", "variants with a key tuned_by, too")
 

@@ -204,8 +204,10 @@ def _of_contrasts(experiment: Experiment, declared: MapDeclared) -> Iterator[str
             accepted = f"report.looks[0] = {first}, as report.contrasts names it"
             yield f"algorithms.{variant}.seeds = {seeds}: accepted: {accepted}."
     for contrast in declared.contrasts:
-        if len({known[name].declared.first_seed for name in contrast if name in known}) > 1:
-            yield f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed."
+        seeds = {known[name].declared.first_seed for name in contrast if name in known}
+        if len(seeds) > 1:
+            found = f"{' and '.join(contrast)}: first_seed is {' and '.join(map(str, sorted(seeds)))}"
+            yield f"report.contrasts: {found}: accepted: the same first_seed."
 
 
 def _of_budgets(experiment: Experiment) -> Iterator[str]:
