@@ -108,12 +108,12 @@ def test_example_of_the_guide_is_found_beside_its_scenario(
 
 
 IMPORTS = {
-    "mine.py": "import os, numpy\ndef f():\n    from inner import deep\n    import data.near",
+    "mine.py": "import os, numpy\ndef f():\n    from inner import deep\n    import near_by.near",
     "inner/__init__.py": "from .first import *",
     "inner/first.py": "from ..beyond import all",
     "inner/deep.py": "from . import second as other",
     "inner/second.py": "not Python \0",
-    "data/near.py": "import mine",
+    "near_by/near.py": "import mine",
 }
 
 
