@@ -204,9 +204,9 @@ def _of_contrasts(experiment: Experiment, declared: MapDeclared) -> Iterator[str
             accepted = f"report.looks[0] = {first}, as report.contrasts names it"
             yield f"algorithms.{variant}.seeds = {seeds}: accepted: {accepted}."
     for contrast in declared.contrasts:
-        seeds = {known[name].declared.first_seed for name in contrast if name in known}
-        if len(seeds) > 1:
-            found = f"{' and '.join(contrast)}: first_seed is {' and '.join(map(str, sorted(seeds)))}"
+        starts = {known[name].declared.first_seed for name in contrast if name in known}
+        if len(starts) > 1:
+            found = f"{' and '.join(contrast)}: first_seed is {' and '.join(map(str, sorted(starts)))}"
             yield f"report.contrasts: {found}: accepted: the same first_seed."
 
 
