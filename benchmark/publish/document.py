@@ -32,7 +32,7 @@ SPEED: Final = "speed"  # the folder of measurements of this project, and its ta
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 
 
-def _named(path: Path) -> AbstractContextManager[None]:
+def _naming_mistakes(path: Path) -> AbstractContextManager[None]:
     """Names file and line of mistakes in a file of users; this project's fail if a folder is damaged."""
     return nullcontext() if path.is_relative_to(Path(__file__).parents[1]) else mistakes_in(path)
 
@@ -67,7 +67,7 @@ class Document:
                 return written
         except prose.ClaimError:
             pass
-        with _named(Path(inspect.getfile(self._headline))):
+        with _naming_mistakes(Path(inspect.getfile(self._headline))):
             return self._headline(self.folder)
 
     def has(self, name: str) -> bool:
@@ -101,7 +101,7 @@ class Document:
         template = template or self.template
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
         known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
-        with _named(template):
+        with _naming_mistakes(template):
             text = templates_in(template.parent).get_template(template.name).render(**known, **more)
         return tables.local_only(re.sub(r"\n{3,}", "\n\n", text).strip("\n"))
 

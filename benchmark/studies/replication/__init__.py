@@ -23,7 +23,7 @@ def agents(analysis: ReplicationAnalysis, path: Path) -> None:
     explorer.write([*analysis.few.values()], path)
 
 
-def check(experiment: Experiment) -> None:
+def check(experiment: Experiment, _: Declared) -> None:
     """Raises an InputError unless one table, which records the maximum Q, is in the paper's scenarios."""
     source = experiment.argument
     first, *others = experiment.learners.values()
@@ -67,7 +67,7 @@ STUDY: Final = Study(
     name="replication",
     question="Learning from disagreement how close is too close",
     declared=Declared,
-    check=lambda experiment, _: check(experiment),
+    check=check,
     analyse=analyse,
     items=(
         figures.figure,

@@ -12,7 +12,7 @@ from benchmark.studies.study import Declared, Study
 from envs import InputError
 
 
-def check(experiment: Experiment) -> None:
+def check(experiment: Experiment, _: Declared) -> None:
     """Raises an InputError if an experiment has no search, or has further levels of success."""
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
@@ -46,7 +46,7 @@ STUDY: Final = Study(
     name="search",
     question="What does tuning buy, and what does it cost?",
     declared=Declared,
-    check=lambda experiment, _: check(experiment),
+    check=check,
     analyse=analyse,
     stages=stages,
     items=(tables.chosen, tables.picks, tables.cost, tables.trials, tables.spaces, figures.scenes),
