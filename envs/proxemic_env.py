@@ -111,7 +111,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self.model: Model = compile_seen(load_scenario(scenario, overrides), observation)
         self.render_mode = render_mode
         table = observation_table(self.model, observation)
-        self.observation_space = observation_space(table)  # type: ignore[assignment]
+        self.observation_space = observation_space(table, observation)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
         self._observations: list[Observation] = table.tolist() if table.ndim == 1 else list(table)  # (O,)
         self._observed = self.model.observation.tolist()  # (S,)

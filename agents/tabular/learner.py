@@ -115,7 +115,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
     training: type[TrainingT]
 
     @abstractmethod
-    def loop(self, model: Model, settings: Any) -> tuple[Callable[..., None], int]:
+    def loop(self, model: Model, settings: Any, observation: str) -> tuple[Callable[..., None], int]:
         """Returns the loop, which takes a plan, streams and results, and the number of parameters."""
 
     def records(self, n_agents: int, settings: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG002
@@ -123,15 +123,10 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
         return {}
 
     def train(
-        self,
-        model: Model,
-        settings: Any,
-        observation: str,  # noqa: ARG002
-        seeds: Sequence[SeedSequence],
-        schedule: Schedule,
+        self, model: Model, settings: Any, observation: str, seeds: Sequence[SeedSequence], schedule: Schedule
     ) -> TrainingT:
         """Trains agents; raises an InputError if their loop needs too much memory."""
-        loop, n_parameters = self.loop(model, settings)
+        loop, n_parameters = self.loop(model, settings, observation)
         n_agents, n_steps, n_maps = len(seeds), len(schedule.evaluation_steps), len(schedule.map_steps)
         table = model.n_observations, len(ACTIONS)
         room: dict[str, NDArray[Any]] = {
@@ -188,7 +183,12 @@ class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
         self.settings = TraceSettings if update.has_traces else Settings
         self.version = VERSION + update.version
 
-    def loop(self, model: Model, settings: Settings) -> tuple[Callable[..., None], int]:
+    def loop(
+        self,
+        model: Model,
+        settings: Settings,
+        observation: str,  # noqa: ARG002
+    ) -> tuple[Callable[..., None], int]:
         """Returns the loop of the update rule, and the size of its tables."""
         n_values = model.n_observations * len(ACTIONS)
         loop = partial(compile_kernel(self.update), process_of(model), settings.constants)

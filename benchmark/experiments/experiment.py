@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
-from agents.linear.tiles import check_tiles
 from benchmark.experiments import choices, schema
 from benchmark.experiments.run import RunSpecification
 from benchmark.experiments.search import Chosen
@@ -20,6 +19,7 @@ from envs import InputError, Scenario, load_scenario, model
 from envs.inputs import check_all, override, parse, seen, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
 from envs.sources import digest_of_source
+from envs.tiles import check_tiles
 
 MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 MAX_RECORD: Final = 100_000_000  # bytes, before compression

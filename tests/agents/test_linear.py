@@ -8,7 +8,7 @@ import pytest
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from agents.linear.tiles import tiles_of
+from envs.tiles import tiles_of
 from agents.policy import ALL_ACTIONS
 from benchmark.experiments import load_experiment
 from envs import InputError, Model, load_scenario

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.linear.tiles import tiles_of
+from envs.tiles import tiles_of
 from envs import OBSERVATIONS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_blocks, observation_table, seen_as
 from envs.scenario import RELATIVE
