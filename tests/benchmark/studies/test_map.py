@@ -471,6 +471,7 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
          "algorithms.table: budget = 9000 at places/places=1: accepted: 6000, as others have there"),
         ("[grids.code]", '[grids.code]\nlearners = ["dqn"]', "grids.code.learners: dqn: accepted: "),
         ("levels = [0.5", "levels = [0.95", "levels = [0.95, 0.7]: accepted: numbers up to success = 0.9"),
+        ("levels = [0.5", "given_up_after = 0.3, levels = [0.4", "[0.4, 0.7]: accepted: numbers from 0.45"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["dqn, index"] }]',
          "report.panels: dqn, index: accepted: learners of the grid places: shared, o"),
         ("[report]", '[report]\npanels = [{ grid = "code", title = "All", learners = ["table, index"] }]',
