@@ -106,19 +106,8 @@ def axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float]]:
 
 
 def ranked(experiment: Experiment) -> dict[str, list[str]]:
-    """Returns the learners with the best settings, each with those with the second and third best.
-
-    These have the same algorithm, search and form of observation. Reference implementations are left out.
-    """
-    ranks, first = dict[str, list[str]](), dict[tuple[str, ...], str]()
-    for learner in sorted(experiment.learners.values(), key=lambda learner: learner.declared.rank):
-        key = learner.declared.algorithm, learner.declared.tuned_by, learner.observation
-        if learner.declared.rank > 1 and key in first:
-            ranks[first[key]].append(learner.name)
-        elif not learner.reference_for:
-            ranks[learner.name] = []
-            first.setdefault(key, learner.name)
-    return ranks
+    """Returns every learner but reference implementations, each with an empty list."""
+    return {name: [] for name, learner in experiment.learners.items() if not learner.reference_for}
 
 
 def panels_of(experiment: Experiment, declared: MapDeclared) -> list[Panel]:

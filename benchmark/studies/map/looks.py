@@ -178,7 +178,8 @@ def learned_at(experiment: Experiment, curves: Rows) -> dict[float, dict[Populat
 
 def digests(x: Population, y: Population) -> tuple[str, str]:
     """Returns a key of two populations, which is the same for the same runs in another grid."""
-    return x.first.digest, y.first.digest
+    x_runs, y_runs = ("".join(run.digest for run in side.firsts) for side in (x, y))
+    return x_runs, y_runs
 
 
 def contrasts_of(
