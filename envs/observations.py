@@ -29,7 +29,7 @@ ENCODINGS: Final = {form: encoding for form, (_, encoding) in _PARTS.items()}
 OBSERVATIONS: Final = tuple(ENCODINGS)
 INDICES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "index")
 VECTORS: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding != "index")
-MAX_TABLE: Final = 50_000_000  # numbers in the table of all observations
+MAX_TABLE: Final = 100_000_000  # numbers in the table of all observations
 N_TILINGS: Final = 16
 TILE_WIDTH: Final = 3  # cells
 _CENTRED: Final = 2.0  # the largest centred coordinate

@@ -68,7 +68,7 @@ SETTINGS: dict[str, Any] = {
     ),
     "compiled_ppo": PpoSettings(n_envs=2, n_steps=20, batch_size=20, n_epochs=10, gae_lambda=0.75, **SHARED),
 }
-OBSERVATIONS = ["one_hot", "coordinates"]
+OBSERVATIONS = ["one_hot", "coordinates", "factored", "tiles", "centred"]
 N_AGENTS = 3
 
 
@@ -191,8 +191,8 @@ def check_weights(parts: list[torch.Tensor], values: list[NDArray[Any]]) -> None
 
 
 def in_turn(*cases: tuple[str, dict[str, Any]]) -> list[tuple[str, str, dict[str, Any]]]:
-    """Gives the cases the two forms of observation by turns."""
-    return [(OBSERVATIONS[i % 2], *case) for i, case in enumerate(cases)]
+    """Gives the cases the forms of observation by turns."""
+    return [(OBSERVATIONS[i % len(OBSERVATIONS)], *case) for i, case in enumerate(cases)]
 
 
 # Whatever it computes in, Stable-Baselines3 rounds discounts to float32. Those here are the same then.
@@ -397,7 +397,7 @@ def digest_of_all() -> str:
     digest = hashlib.sha256()
     for name, cases in CASES.items():
         for changes in cases:
-            for observation, model in zip(OBSERVATIONS, (NOISY_MOODY, S1), strict=True):
+            for observation, model in zip(("one_hot", "coordinates"), (NOISY_MOODY, S1), strict=True):
                 training = trained(name, observation, [0], model, (0, 100, 200), budget=200, **changes)
                 for field in fields(training):
                     if field.name != "cpu_time_s":
