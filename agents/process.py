@@ -30,7 +30,7 @@ _OUTCOME_FIELDS: Final = {
     "probability_up_to": np.float64,  # sum over the outcomes up to this one; infinite at the last
 }
 OUTCOME: Final = np.dtype([*_OUTCOME_FIELDS.items()], align=True)
-STEP: Final = np.dtype([("o", np.uint64), ("a", np.uint64), ("reward", np.float64)])  # that is kept
+STEP: Final = np.dtype([("o", np.uint64), ("a", np.uint64), ("reward", np.float64)])  # kept for a replay
 _STATES_AT_ONCE: Final = 200_000  # whose outcomes are written out together
 
 

@@ -74,7 +74,7 @@ GREEDY: Final[dict[str, Any]] = {"epsilon": 0.0, "ties": "lowest", "learning_rat
             [0.81, 0.9, 1],
             [0.81, 0.9, 1],
         ),
-        # Each update takes the mean of value and target. From last to first: 0.5, 0, 0 after three steps; 0.75,
+        # An update takes the mean of value and target. From last to first: 0.5, 0, 0 after three steps; 0.75,
         # 0.3375, 0.151875 after the first pass; 0.875, 0.5625, 0.3290625 after the second. Second episode:
         # 0.9375, 0.675, 0.41765625; 0.96875, 0.7734375, 0.556875; 0.984375, 0.8296875, 0.651796875.
         (
