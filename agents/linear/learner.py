@@ -14,7 +14,7 @@ from pydantic import Field
 from agents.contract import Training
 from agents.linear.kernel import train
 from agents.process import process_of
-from agents.tabular.learner import ValueAlgorithm, ValueSettings
+from agents.tabular.learner import TraceSettings, ValueAlgorithm
 from envs.model import ACTIONS, Model
 from envs.observations import ENCODINGS, observation_ones
 from envs.tiles import tiles_of
@@ -22,11 +22,9 @@ from envs.tiles import tiles_of
 _ENCODINGS: Final = ("coordinates", "factored", "tiles")  # coordinates are tiled by the learner
 
 
-class LinearSettings(ValueSettings):
+class LinearSettings(TraceSettings):
     """The settings of a linear learner."""
 
-    trace_decay: Annotated[float, Field(ge=0, le=1)] = 0.9
-    """Lambda: the share of a trace that remains after a step, besides the discount."""
     n_tilings: Annotated[int, Field(ge=1, le=1024)] = 16
     """How many tilings; each learns with its share of the learning rate."""
     tile_width: Annotated[int, Field(ge=1, le=1000)] = 3
