@@ -25,7 +25,7 @@ OUR_SETTINGS: Final = {"budget", "time_limit", "n_envs"}  # they are not argumen
 class OptimizerArguments(Table):
     """The part of SB3's `optimizer_kwargs` that can be set."""
 
-    eps: Annotated[float, Field(ge=1e-30)] | None = None
+    eps: Annotated[float, Field(ge=1e-12)] | None = None
     """Epsilon of Adam, the optimiser; by default 1e-8 for DQN and 1e-5 for PPO."""
 
 
