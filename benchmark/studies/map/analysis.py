@@ -11,7 +11,16 @@ from benchmark.experiments import Population
 from benchmark.studies.data import Data
 from benchmark.studies.item import expanded
 from benchmark.studies.map.declared import MapDeclared, name_of
-from benchmark.studies.map.looks import Contrast, Rows, Runs, contrasts_of, digests, learned_at, rows_of
+from benchmark.studies.map.looks import (
+    Contrast,
+    Rows,
+    Runs,
+    by_pick,
+    contrasts_of,
+    digests,
+    learned_at,
+    rows_of,
+)
 from envs import InputError
 from envs.people import NoisyFeedback
 
@@ -47,6 +56,7 @@ def analyse(data: Data[MapDeclared]) -> MapAnalysis:
 def _cell(population: Population, runs: pd.DataFrame, learned: Runs) -> dict[str, object]:
     """Summarises a population; a run that never learns takes infinitely many steps."""
     is_solved = np.isfinite(learned["steps"])
+    of_picks = [np.median(steps) for steps in by_pick(learned["steps"], population)]
     return learner_of(population) | {
         "n": len(learned),
         "budget": population.first.settings.budget,
@@ -54,6 +64,9 @@ def _cell(population: Population, runs: pd.DataFrame, learned: Runs) -> dict[str
         "solved": proportion(is_solved),
         "success": proportion(learned["success"]),
         "steps": median(learned["steps"]),
+        "picks": len(of_picks),
+        "steps_fastest": min(of_picks),
+        "steps_slowest": max(of_picks),
         "disagreements": median(learned["disagreements"]),
         "unseen_success": proportion(runs["unseen_success"].to_numpy()),
         "unseen_budget": proportion(runs["unseen_budget"].to_numpy()),

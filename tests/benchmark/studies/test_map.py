@@ -221,37 +221,43 @@ def test_unseen_places_are_scored_at_equal_numbers_of_steps(learner: str, tmp_pa
 # Maps made by hand, with 100,000 steps
 
 
-def by_hand(
-    folder: Path, curve_of: Callable[[Population], Mapping[float, float]], more: str = ""
-) -> MapAnalysis:
-    """Analyses a map in which success is 0, and a number from each of these steps on.
+Changes = Mapping[float, float]
 
-    A variant whose name ends with a digit has the settings of this rank.
-    """
-    text = (EXPERIMENT + more).replace("6000", "100000")
-    experiment, runs, curves = experiment_of(folder / "hand.toml", text), [], []
-    learners = dict(experiment.learners)
-    for name, learner in learners.items():
-        if (rank := learner.variant[-1]).isdecimal():
-            declared = learner.declared.model_copy(update={"rank": int(rank)})
-            learners[name] = replace(learner, declared=declared)
+
+def by_hand(
+    folder: Path,
+    curves_of: Callable[[Population], Changes | list[Changes]],
+    more: str = "",
+    text: str = EXPERIMENT,
+) -> MapAnalysis:
+    """Analyses a map in which success is 0, and a number from each of these steps on, with each pick."""
+    experiment, runs, curves = (
+        experiment_of(folder / "hand.toml", (text + more).replace("6000", "100000")),
+        [],
+        [],
+    )
+    populations = []
     for population in experiment.populations:
         if not population.learner.reference_for:
-            changes = curve_of(population)
-            ends = [min(start, 1e5) * part for start in changes for part in (0.9, 1)]
+            found = curves_of(population)
+            picks = found if isinstance(found, list) else [found]
+            populations.append(replace(population, firsts=(population.first,) * len(picks)))
+            ends = [min(start, 1e5) * part for changes in picks for start in changes for part in (0.9, 1)]
             step = np.unique([0, 100, 1e5, *ends])
-            success = np.zeros(len(step))
-            for start, value in changes.items():
-                success[step >= start] = value
-            curve = {"step": step, "success": success}
-            curve |= {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
-            seeds = {"seed": np.repeat(range(12), len(step))}
+            success = np.zeros((12, len(step)))
+            for run in range(12):
+                for start, value in picks[run % len(picks)].items():
+                    success[run, step >= start] = value
+            curve = {"step": step, "training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
             columns = {name: np.tile(values, 12) for name, values in curve.items()}
-            curves.append(pd.DataFrame(keys_of(population) | seeds | columns))
-            unseen = {"unseen_success": 0.25, "unseen_budget": 0.25}
+            columns |= {"seed": np.repeat(range(12), len(step)), "success": success.ravel()}
+            curves.append(pd.DataFrame(keys_of(population) | columns))
+            unseen = {"unseen_success": 0.25, "unseen_budget": 0.5}
             runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), **unseen}))
     data = {"runs": pd.concat(runs), "curves": pd.concat(curves), "declared": report_of(experiment).declared}
-    return analyse(cast("Any", SimpleNamespace(experiment=replace(experiment, learners=learners), **data)))
+    return analyse(
+        cast("Any", SimpleNamespace(experiment=replace(experiment, populations=populations), **data))
+    )
 
 
 def tabulated(item: Item[Any], analysis: MapAnalysis) -> pd.DataFrame:
@@ -293,18 +299,46 @@ def test_verdicts_and_ratios_by_hand(
 
 
 def test_the_answer_by_hand(tmp_path: Path) -> None:
+    """In the order declared, under headings; at the budget, success in unseen places is 0.5."""
     steps = {"shared": 7000, "table": np.inf}
-    analysis = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
-    left, right = drawn(figures.answer.draw, analysis)
-    assert [label.get_text() for label in left.get_yticklabels()] == ["mine", "shared"]
-    for axis, texts, values in (
-        (left, ["never learns", "7,000"], [100_000, 7000]),
-        (right, ["0.25"] * 2, [0.25] * 2),
+    named = re.findall(r'"\w+, \w+" = "\w+"', EXPERIMENT)
+    more = "".join(
+        f'[[report.answer.groups]]\ntitle = "{title}"\nlearners = {{ {names} }}\n'
+        for title, names in (("Cells", named[0]), ("Both", ", ".join(named)))
+    )
+    for text, headings, rows in (
+        (EXPERIMENT, [], [0, 1]),
+        (re.sub("answer.learners.*", "", EXPERIMENT) + more, ["Cells", "Both"], [1, 3, 4]),
     ):
-        assert [text.get_text() for text in axis.texts] == texts
-        dots = [line for line in axis.lines if line.get_marker() == "o"]
-        assert [float(dot.get_xdata()[0]) for dot in dots] == values
-        assert [dot.get_markerfacecolor() == "white" for dot in dots] == [text[0] == "n" for text in texts]
+        analysis = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0}, text=text)
+        left, right = drawn(figures.answer.draw, analysis)
+        learners = ["mine", "shared"] if not headings else ["mine", "mine", "shared"]
+        assert [label.get_text() for label in left.get_yticklabels()] == learners
+        assert (
+            right.get_title(loc="left").split()
+            == "Success where the person never stood, after 100,000 steps".split()
+        )
+        never = [name == "mine" for name in learners]
+        for axis, texts, values in (
+            (
+                left,
+                ["never learns" if each else "7,000" for each in never],
+                [1e5 if each else 7e3 for each in never],
+            ),
+            (right, ["0.50"] * len(rows), [0.5] * len(rows)),
+        ):
+            assert [text.get_text() for text in axis.texts] == texts + headings * (axis is left)
+            dots = [line for line in axis.lines if line.get_linestyle() == "None"]
+            assert [(float(*dot.get_xdata()), float(*dot.get_ydata())) for dot in dots] == [
+                *zip(values, rows)
+            ]
+            assert [dot.get_markerfacecolor() == "white" for dot in dots] == [
+                text[0] == "n" for text in texts
+            ]
+    panels = drawn(figures.unseen, analysis)
+    assert [axis.get_title(loc="left").partition(":")[0] for axis in panels] == ["Cells", "Both"]
+    assert "after 100,000 steps" in panels[0].get_ylabel()
+    assert panels[0].lines[0].get_ydata().tolist() == [0.5]
 
 
 def test_levels_by_hand(tmp_path: Path) -> None:
@@ -348,37 +382,43 @@ def test_runs_do_not_depend_on_levels(tmp_path: Path) -> None:
     assert with_levels == without
 
 
-# Of (shared, table) and (shared, table_2), 16 places are the first at which 3,000 steps are fewer; of
-# (shared_2, table), 4 places; (shared_2, table_2) is faster everywhere.
+# Of (shared 1, table 1) and (shared 1, table 2), 16 places are the first at which 3,000 steps are fewer; of
+# (shared 2, table 1), 4 places; (shared 2, table 2) is faster everywhere.
 STEPS = {
-    "shared": (3000.0, 3000.0, 3000.0),
-    "shared_2": (1500.0, 500.0, 500.0),
-    "table": (1000.0, 2000.0, 4000.0),
-    "table_2": (2000.0, 2000.0, 8000.0),
+    "shared": [(3000.0, 3000.0, 3000.0), (1500.0, 500.0, 500.0)],
+    "table": [(1000.0, 2000.0, 4000.0), (2000.0, 2000.0, 8000.0)],
 }
 
 
 @pytest.mark.parametrize(
-    ("third", "counts"),
+    ("third", "counts", "faster", "slowest"),
     [
-        (20_000.0, {"x_always": 1, "y_always": 2, "x_later": 3, "agreement": 0}),
-        (600.0, {"x_always": 3, "y_always": 0, "x_later": 3, "agreement": 1}),  # with 16 places
+        (20_000.0, {"x_always": 1, "y_always": 2, "x_later": 3, "agreement": 0}, (1, 2, 4), 20_000),
+        (600.0, {"x_always": 3, "y_always": 0, "x_later": 3, "agreement": 1}, (3, 4, 6), 3000),
     ],
 )
-def test_crossings_by_hand(third: float, counts: dict[str, int], tmp_path: Path) -> None:
-    steps = STEPS | {"shared_3": (third,) * 3}
+def test_picks_by_hand(
+    third: float, counts: dict[str, int], faster: tuple[int, ...], slowest: float, tmp_path: Path
+) -> None:
+    """Three picks of one learner and two of the other: 12 runs have each of 6 pairs of picks twice.
 
-    def curve(population: Population) -> dict[float, float]:
+    With one place, 1,500 steps are fewer than 2,000, and 600 fewer than both 1,000 and 2,000, but not 20,000.
+    """
+    steps = STEPS | {"shared": [*STEPS["shared"], (third,) * 3]}
+
+    def curves(population: Population) -> list[Changes]:
         places = {"1": 0, "4": 1, "16": 2}.get(population.condition.axes.get("places", ""), 0)
-        return {steps[population.learner.variant][places]: 1.0}
+        return [{own[places]: 1.0} for own in steps[population.learner.variant]]
 
-    ranks = [("shared_2", "offset"), ("shared_3", "offset"), ("table_2", "index")]
-    same = 'algorithm = "q_learning", seeds = 12'
-    more = "\n".join(f'{name} = {{ observations = ["{form}"], {same} }}' for name, form in ranks)
-    analysis = by_hand(tmp_path, curve, more)
+    analysis = by_hand(tmp_path, curves)
     (row,) = tabulated(tables.crossings, analysis).to_dict("records")
     names = {"grid": "places", "x": OFFSETS, "y": TABLE, "combinations": 6, "values": 3}
     assert row == names | counts | {"earliest": 4.0, "latest": 16.0}
+    contrasts = tabulated(tables.contrasts, analysis).query("grid == 'places'")
+    assert ({*contrasts["picks"]}, tuple(contrasts["picks_faster"])) == ({6}, faster)
+    cells = tabulated(tables.cells, analysis).query("point == 'places 4' and variant == 'shared'").iloc[0]
+    middle = sorted([3000, 500, third])[1]
+    assert cells[["picks", "steps_fastest", "steps", "steps_slowest"]].tolist() == [3, 500, middle, slowest]
 
 
 PEOPLE = """
