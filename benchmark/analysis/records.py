@@ -1,4 +1,4 @@
-"""The records of a population: what is stored of runs that differ by their seed alone."""
+"""The records of a population: what is stored of its runs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,10 +28,19 @@ class Records:
     T evaluation steps, V map steps, F fresh states (see `Model.fresh_state`), A actions.
     """
 
-    run: RunSpecification  # the first of them
+    runs: Sequence[RunSpecification]  # (N,)
     agents: Sequence[Mapping[str, Array]]  # (N,) arrays, see `benchmark.execution.store.Record`
-    seeds: Sequence[int]  # (N,)
     provenance: Sequence[Provenance]  # (N,)
+
+    @property
+    def run(self) -> RunSpecification:
+        """The first run; others have the same scenario, form of observation, budget and schedule."""
+        return self.runs[0]
+
+    @cached_property
+    def seeds(self) -> list[int]:
+        """The runs' seeds, (N,)."""
+        return [run.seed for run in self.runs]
 
     @cached_property
     def arrays(self) -> Mapping[str, Array]:
@@ -66,7 +75,7 @@ class Records:
     def subset(self, start: int, stop: int) -> "Records":
         """Returns the records of some of the runs, from index `start` to before `stop`."""
         some = slice(start, stop)
-        return Records(self.run, self.agents[some], self.seeds[some], self.provenance[some])
+        return Records(self.runs[some], self.agents[some], self.provenance[some])
 
     @cached_property
     def in_target(self) -> NDArray[np.bool_]:
@@ -89,8 +98,8 @@ class Records:
         if stochastic.shape[1]:
             valued = stochastic[:, -1].argmax(axis=-1) == PING
         else:
-            initial = getattr(self.run.settings, "initial_value", 0)
-            valued = (q[:, :, PING] > 0) & (q[:, :, PING] != initial)
+            initial = np.array([getattr(run.settings, "initial_value", 0) for run in self.runs])
+            valued = (q[:, :, PING] > 0) & (q[:, :, PING] != initial[:, None])
         return np.asarray(valued[:, self.model.observation[self.model.fresh_state]])
 
 
@@ -108,15 +117,14 @@ class _Stacked(dict[str, Array]):
 
 
 def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
-    """Reads the records of runs that differ by their seed alone; an InputError says if any is missing."""
+    """Reads the records of runs of a population; an InputError says if any is missing."""
     ended = store.ended(run.digest for run in runs)
     if missing := [run.seed for run in runs if run.digest not in ended]:
         found = f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name}"
         which = f"are missing or failed (the first is seed {missing[0]})"
         raise InputError(f"{found} {which}: run the experiment first.")
     records = store.get([run.digest for run in runs])
-    arrays, seeds = [record.arrays for record in records], [run.seed for run in runs]
-    return Records(runs[0], arrays, seeds, [record.provenance for record in records])
+    return Records(runs, [record.arrays for record in records], [record.provenance for record in records])
 
 
 @kept_with_model

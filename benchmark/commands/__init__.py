@@ -49,4 +49,4 @@ def find_run(
     if condition not in conditions:
         unknown_name(f"{experiment.name}: {name}", "condition", condition, conditions)
     scenario = scenario or next(iter(experiment.scenarios))
-    return experiment.population(condition, scenario, name).first.with_seed(number)
+    return experiment.population(condition, scenario, name).runs([number])[0]

@@ -29,7 +29,7 @@ def main(options: argparse.Namespace) -> int:
     report = report_of(experiment).check(is_drawn=options.report)
     has_stages = report.study.stages is not None
     ranges = [each.seeds for each in experiment.populations] if seeds is None else [seeds]
-    if options.report and min(map(len, ranges)) < 2:
+    if options.report and min(map(len, ranges)) < 2 and experiment.declared.search is None:
         raise InputError("--report: one seed gives no interval; accepted: at least two for every variant.")
     if has_stages and seeds is not None:
         raise InputError(f"{name}: --seeds: an experiment with stages uses only its declared seeds.")

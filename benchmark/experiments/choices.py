@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from agents import dynamic_programming, load_algorithm
 from benchmark.experiments.schema import Declaration, overlap, read_experiment
-from benchmark.experiments.search import Chosen, chosen_file, read_chosen
+from benchmark.experiments.search import Chosen, read_chosen
 from envs import InputError, Scenario, load_scenario
 from envs.inputs import unknown_name
 
@@ -29,13 +29,7 @@ def chosen_for(declared: Declaration, variant: str, observation: str, other: str
         raise InputError(f"{source}: {what}; run it again, with --report.")
     if learner not in made.learners:
         unknown_name(source, "learner of the search", learner, made.learners)
-    found, rank = made.learners[learner], declared.algorithms[variant].rank
-    if rank == 1:
-        return found
-    if rank > (n := 1 + len(found.others)):
-        reason = f"rank = {rank}: {chosen_file(search.path)} has the {n} best settings of {learner}"
-        raise InputError(f"{declared.argument}: algorithms.{variant}.{reason}; accepted: at most {n}.")
-    return found.model_copy(update=dict(found.others[rank - 2]))
+    return made.learners[learner]
 
 
 def sources_of(declared: Declaration) -> list[tuple[str, str]]:

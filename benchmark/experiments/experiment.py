@@ -91,22 +91,40 @@ def title_of(variant: str, observation: str, family: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """The runs of a learner in a scenario under a condition, which differ by their seed alone."""
+    """The runs of a learner in a scenario under a condition.
+
+    They differ by their seed alone. If a search with several parts has chosen their settings, they take turns
+    with its picks.
+    """
 
     condition: schema.Condition
     scenario: Scenario  # as it is under the condition
     learner: Learner
-    first: RunSpecification
+    firsts: tuple[RunSpecification, ...]  # a run with each pick of a search; usually one
     seeds: range  # as declared
-    n_beside: int  # seeds of the variant that it is the reference for, else of its own
+    beside: range  # seeds of the variant that it is the reference for, else of its own
+
+    @property
+    def first(self) -> RunSpecification:
+        """The run with the first seed and the first pick."""
+        return self.firsts[0]
+
+    def pick_of(self, seed: int) -> int:
+        """Returns the index in `firsts` of the settings of the run with this seed.
+
+        A reference implementation has the same settings for the same seed.
+        """
+        return (seed - self.beside.start) % len(self.firsts)
 
     def taken(self, seeds: Sequence[int] | None) -> Sequence[int]:
         """Returns the declared seeds, or a proportional share of given ones; a reference gets two or more."""
-        return self.seeds if seeds is None else seeds[: max(2, len(seeds) * len(self.seeds) // self.n_beside)]
+        n, n_beside = len(self.seeds), len(self.beside)
+        return self.seeds if seeds is None else seeds[: max(2, len(seeds) * n // n_beside)]
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
-        return [self.first.with_seed(seed) for seed in (self.seeds if seeds is None else seeds)]
+        given = self.seeds if seeds is None else seeds
+        return [self.firsts[self.pick_of(seed)].with_seed(seed) for seed in given]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +160,10 @@ class Experiment:
         if name in self.scenarios:
             return next(population for population in alike if population.scenario.name == name)
         other = load_scenario(scenario, alike[0].condition.scenario_changes(name))
-        first = replace(alike[0].first, scenario=other)
-        check_size(first)  # as if it were declared
-        return replace(alike[0], scenario=other, first=first)
+        firsts = tuple(replace(first, scenario=other) for first in alike[0].firsts)
+        for first in firsts:
+            check_size(first)  # as if it were declared
+        return replace(alike[0], scenario=other, firsts=firsts)
 
 
 def load_experiment(experiment: str | Path) -> Experiment:
@@ -216,7 +235,11 @@ class _Loading:
             changed = tuple(choices.changed_settings(self.declared, name))
             learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed))
         with suppress(InputError):  # `populations` reports wrong settings
-            families = {_family(learner, self._settings(learner, first)) for learner in learners}
+            families = {
+                _family(learner, settings)
+                for learner in learners
+                for settings in self._settings(learner, first)
+            }
         family = families.pop() if len(families) == 1 else algorithm.family
         yield from (replace(learner, family=family) for learner in learners)
 
@@ -227,7 +250,7 @@ class _Loading:
             for name in {*(change.scenarios or ())}.difference(names):
                 with self.noted():
                     unknown_name(f"{self.path}: {table}.scenarios", "scenario", name, names)
-        accepted: list[tuple[Learner, LearnerSettings]] = []
+        accepted: list[tuple[Learner, list[LearnerSettings]]] = []
         for learner in learners:
             if condition.has(learner.variant, learner.observation):
                 with self.noted(common=f"{self._where(learner, condition)}: "):
@@ -240,11 +263,11 @@ class _Loading:
                     yield self._population(condition, scenario, learner, settings)
 
     def _population(
-        self, condition: schema.Condition, scenario: Scenario, learner: Learner, settings: LearnerSettings
+        self, condition: schema.Condition, scenario: Scenario, learner: Learner, picks: list[LearnerSettings]
     ) -> Population:
         """Returns a population; its size, and whether its scenario is one of a search, is checked."""
         declared, variant = self.declared, learner.declared
-        seeds = declared.seeds_of(learner.variant, condition)
+        seeds, settings = declared.seeds_of(learner.variant, condition), picks[0]
         evaluation_every, map_every = declared.schedule(learner.variant)
         solved = None
         if declared.solved is not None:  # the version is that of what is recorded
@@ -271,8 +294,10 @@ class _Loading:
             solved=solved,
         )
         where = f"{self.path}: algorithms.{learner.variant}"
+        firsts = tuple(replace(run, settings=pick) for pick in picks)
         with self.noted(f"{where}: "):
-            check_size(run)
+            for first in firsts:
+                check_size(first)
             if declared.solved and evaluation_every >= settings.budget:
                 accepted = f"less than budget = {settings.budget} with [solved]"
                 raise InputError(f"evaluation_every = {evaluation_every}; accepted: {accepted}.")
@@ -280,11 +305,11 @@ class _Loading:
             search, _ = choices.source_of(declared, learner.variant, condition.tuned_by)
             with self.noted(f"{where}.tuned_by: "):
                 choices.check_unseen(scenario, search)
-        n_beside = len(declared.seeds_of(variant.reference_for or learner.variant, condition))
-        return Population(condition, scenario, learner, run, seeds, n_beside)
+        beside = declared.seeds_of(variant.reference_for or learner.variant, condition)
+        return Population(condition, scenario, learner, firsts, seeds, beside)
 
-    def _settings(self, learner: Learner, condition: schema.Condition) -> LearnerSettings:
-        """Returns a learner's settings under a condition, checked."""
+    def _settings(self, learner: Learner, condition: schema.Condition) -> list[LearnerSettings]:
+        """Returns a learner's settings under a condition, checked; several if a search has several picks."""
         shared, cls = self.declared.settings, learner.algorithm.settings
         for name in shared:
             if name not in cls.model_fields:
@@ -298,9 +323,14 @@ class _Loading:
         changed = own | condition.settings_changes(learner.variant)
         names = self.declared, learner.variant, learner.observation, condition.tuned_by
         found = choices.chosen_for(*names) if condition.tuned_by else learner.chosen
-        chosen = {} if found is None else found.settings
+        picks = [{}] if found is None else [pick.settings for pick in found.used]
         where = self._where(learner, condition)
-        return parse(cls, override(shared | chosen, changed, where), where)
+        settings = [parse(cls, override(shared | pick, changed, where), where) for pick in picks]
+        budgets = {(each.budget, getattr(each, "budget_unit", "")) for each in settings}
+        if len(budgets) > 1:
+            accepted = "one for all picks of a search, since their runs are compared as one learner's"
+            raise InputError(f"{where}: several budgets; accepted: {accepted}.")
+        return settings
 
     def _where(self, learner: Learner, condition: schema.Condition) -> str:
         """Returns the tables that a learner's settings come from, for messages."""

@@ -39,7 +39,7 @@ _COLUMN: Final = re.compile(
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = ("leaderboard", "speed", "speed_smoke", "*_partial", "*_seeds_*")
 # What a reference implementation takes from its variant, and does not set itself.
-_SHARED: Final = {"settings", "policy", "tuned_by", "rank"}
+_SHARED: Final = {"settings", "policy", "tuned_by"}
 
 # Palette of variants in figures, see `benchmark.drawing.style.PALETTE`.
 Colour = Literal[
@@ -54,7 +54,7 @@ class Variant(Table):
     settings, its policy and, unless it names some of them, its observations.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"colour", "rank"}
+    omitted_at_default: ClassVar[Set[str]] = {"colour"}
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
@@ -81,14 +81,8 @@ class Variant(Table):
     search: Space = Field(default_factory=dict)
     """What a search varies: a table for each setting, by dotted key."""
     tuned_by: Line = ""
-    """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own settings."""
-    rank: Annotated[int, Field(ge=1, le=3)] = 1
-    """Which of the search's settings it takes: the best, the second or the third best on fresh runs."""
-
-    @model_validator(mode="after")
-    def _has_a_search(self) -> Self:
-        require(self.rank == 1 or bool(self.tuned_by), f"rank = {self.rank}", "a key tuned_by beside it")
-        return self
+    """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own settings. If
+    the search has several parts, the runs of a learner take turns with their picks."""
 
 
 class Changes(Table):
@@ -330,7 +324,8 @@ class Declaration(Table):
         require(bool(variant.search), where, "a table search, as the experiment has one")
         fixed = sorted({"budget", "budget_unit", "time_limit"} & variant.search.keys())
         require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
-        require(variant.seeds > 1, f"{where}.seeds = 1", "at least 2 in a search")
+        is_enough = variant.seeds * len(self.scenarios) > 1
+        require(is_enough, f"{where}.seeds = 1", "at least 2 in a search with one scenario")
         seeds, fresh = self.seeds_of_search(name)
         accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its finalists use"
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
@@ -389,7 +384,7 @@ class Declaration(Table):
                 n += len(self.seeds_of(variant, condition))
         if (search := self.search) is not None:
             # Trial 0 and the best trial of each scenario are run again, too.
-            n += len(self._learners) * (search.finalists + 2) * search.seeds
+            n += len(self._learners) * (search.parts * search.finalists + 2) * search.seeds
         return n * len(self.scenarios)
 
     @cached_property
@@ -408,8 +403,9 @@ class Declaration(Table):
     def _points(self) -> Iterator[Condition]:
         """Yields the points of grids, or of a search, as conditions without a reading."""
         if self.search is not None:
-            n = self.search.trials
-            drawn = {name: trials(name, variant.search, n) for name, variant in self.algorithms.items()}
+            n, parts = self.search.trials, self.search.parts
+            variants = self.algorithms.items()
+            drawn = {name: trials(name, variant.search, n, parts) for name, variant in variants}
             for t in range(n + 1):
                 of_variants = {name: settings[t] for name, settings in drawn.items()}
                 yield Condition(f"trial={t}", {"trial": str(t)}, {}, of_variants=of_variants)

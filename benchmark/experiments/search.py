@@ -2,13 +2,17 @@
 
 Trial 0 has a learner's settings as they are. The others are points of a scrambled Sobol sequence (Sobol 1967,
 Owen 1998), one sequence per variant. So trial t depends neither on how many there are nor on who executes it.
+
+A search can be repeated: its trials fall into parts, consecutive blocks of equal size, each with its own
+pick. Blocks of a Sobol sequence whose size is a power of two, and which begin at a multiple of it, are
+themselves evenly spread. With several parts, trial t is therefore point t, and trial 0 replaces point 0.
 """
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
@@ -95,10 +99,14 @@ Space = dict[str, Axis]  # dotted key of a setting to its range
 class Search(Table):
     """How much a search tries. The runs of a trial are those that its variant declares, in every scenario."""
 
+    omitted_at_default: ClassVar[Set[str]] = {"parts"}
+
     trials: Annotated[int, Field(ge=1, le=5000)]
     """Trials of each learner, besides trial 0."""
+    parts: Annotated[int, Field(ge=1, le=100)] = 1
+    """Parts of equal size into which trials fall, with trial 0. Each has its own pick."""
     finalists: Annotated[int, Field(ge=1, le=100)] = 4
-    """Trials that are run again, with fresh seeds."""
+    """Trials of each part that are run again, with fresh seeds."""
     first_seed: Annotated[int, Field(ge=0, le=900_000)]
     """The first of the fresh seeds."""
     seeds: Annotated[int, Field(ge=2, le=10_000)] = 40
@@ -106,9 +114,19 @@ class Search(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        is_possible = self.finalists <= self.trials
-        require(is_possible, f"finalists = {self.finalists}", f"at most trials = {self.trials}")
+        n, is_whole = self.trials + 1, (self.trials + 1) % self.parts == 0
+        accepted = f"a number that divides trials + 1 = {n}, the trials with trial 0"
+        require(is_whole or self.parts == 1, f"parts = {self.parts}", accepted)
+        most = self.trials if self.parts == 1 else n // self.parts
+        accepted = f"at most {most}, {'trials' if self.parts == 1 else 'the trials of a part'}"
+        require(self.finalists <= most, f"finalists = {self.finalists}", accepted)
         return self
+
+    @property
+    def blocks(self) -> list[range]:
+        """The trials of every part, in order."""
+        size = (self.trials + 1) // self.parts
+        return [range(start, start + size) for start in range(0, self.trials + 1, size)]
 
     @property
     def fresh(self) -> range:
@@ -116,8 +134,10 @@ class Search(Table):
         return range(self.first_seed, self.first_seed + self.seeds)
 
 
-def trials(name: str, space: Space, n: int) -> list[dict[str, object]]:
+def trials(name: str, space: Space, n: int, parts: int = 1) -> list[dict[str, object]]:
     """Returns the settings of trials 0 to n, each as changes of the variant's own; trial 0 changes nothing.
+
+    The first point of the sequence is that of trial 1, or of trial 0 if there are several parts.
 
     >>> space = {"epsilon": Span(low=0, high=1, why="-")}
     >>> trials("q", space, 8)[:3] == trials("q", space, 2)
@@ -127,7 +147,8 @@ def trials(name: str, space: Space, n: int) -> list[dict[str, object]]:
 
     seed = np.random.SeedSequence(int.from_bytes(hashlib.sha256(name.encode()).digest()))
     shares = qmc.Sobol(len(space), seed=np.random.default_rng(seed)).random_base2(int(n).bit_length())
-    rows = (zip(space, space.values(), row, strict=True) for row in shares[:n].tolist())
+    drawn = shares[:n] if parts == 1 else shares[1 : n + 1]
+    rows = (zip(space, space.values(), row, strict=True) for row in drawn.tolist())
     return [{}, *({key: axis.at(share) for key, axis, share in row} for row in rows)]
 
 
@@ -142,11 +163,18 @@ class Finalist(Table):
 class Chosen(Finalist):
     """The settings that a search has chosen for a learner, and the effort of the search."""
 
-    others: tuple[Finalist, ...] = ()  # the second and the third best finalist, if there are so many
+    omitted_at_default: ClassVar[Set[str]] = {"picks"}
+
+    picks: tuple[Finalist, ...] = ()  # the best of every part, if there are several parts
     trials: int  # that were tried, without trial 0
     runs: int  # on which the choice depends
     steps: int  # environment steps of all these runs; an upper bound if they can end early
     cpu_time_s: float  # of their training
+
+    @property
+    def used(self) -> tuple[Finalist, ...]:
+        """The picks with which runs take turns; one if the search has one part."""
+        return self.picks or (self,)
 
 
 class Choices(Table):

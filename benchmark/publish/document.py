@@ -9,8 +9,9 @@ alone, so texts can be corrected without a single run.
 
 import html
 import inspect
+import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property, partial
 from pathlib import Path
@@ -124,13 +125,12 @@ class Document:
 
     @property
     def learners(self) -> str:
-        """A Markdown table of the learners: their names, and where their settings come from; or empty."""
-        manifest, rows = self.folder.manifest, list[dict[str, str]]()
+        """Markdown that lists the learners: their names, and where their settings come from; or empty."""
+        manifest, rows, picks = self.folder.manifest, list[dict[str, str]](), list[str]()
         plus = " or more" if manifest["report"].get("looks") else ""
         for variant, declared in manifest["algorithms"].items():
             search = declared["tuned_by"].partition(":")[0]
-            rank = f", rank {declared['rank']}" if "rank" in declared else ""
-            sources = [f"search `{search}`{rank}" if search else "declared"]
+            sources = [f"search `{search}`" if search else "declared"]
             sources += [f"{key} declared" for key in declared["changed"]]
             others = manifest.get("searches", {}).items() if search else ()
             sources += [f"search `{other}` in the grid `{grid}`" for grid, other in others]
@@ -145,7 +145,10 @@ class Document:
                 if not manifest["search"]:
                     row |= {"settings": "; ".join([*sources, *changed]), "runs": f"{declared['runs']}{plus}"}
                 rows.append(row)
-        return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
+            for observation, found in declared.get("picks", {}).items():
+                name = self.folder.title(f"{variant}, {observation}")
+                picks += [f"Runs of {name} take turns with {len(found)} picks of the search:", _listed(found)]
+        return "\n\n".join([tables.to_markdown(pd.DataFrame(rows)), *picks]) if rows else ""
 
     @property
     def listed(self) -> str:
@@ -158,6 +161,12 @@ class Document:
                 rows.append((", ".join([first, *ends]), item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times; digests of files"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
+
+
+def _listed(picks: Iterable[Mapping[str, object]]) -> str:
+    """Returns a Markdown list of settings, a line for each pick."""
+    texts = (", ".join(f"{key} = {json.dumps(value)}" for key, value in pick.items()) for pick in picks)
+    return "\n".join(f"{n}. `{text}`" for n, text in enumerate(texts, start=1))
 
 
 class Measurements(Document):

@@ -7,21 +7,22 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmark.execution.store import Provenance
-from benchmark.experiments import DEFAULT_CONDITION, RunSpecification
+from benchmark.experiments import DEFAULT_CONDITION, Population, RunSpecification
 from benchmark.studies import Data, Declared
 
 
 def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, object]:
     """Returns the manifest; drawing again gives the same."""
     declared, runs = data.experiment.declared, data.specifications
-    sizes = Counter(run.population for run in runs)
+    of = {run.digest: group.population.first.population for group in data.groups for run in group.runs}
+    sizes = Counter(of.values())
     largest = max(sizes, key=lambda population: sizes[population])
     # One run of each learner in each scenario, by default or else under the first condition that has it.
-    first: dict[tuple[str, str], RunSpecification] = {}
+    first: dict[tuple[str, str], Population] = {}
     populations = [group.population for group in data.groups]
     populations.sort(key=lambda population: population.condition.axes["reading"] != DEFAULT_CONDITION)
     for population in populations:
-        first.setdefault((population.scenario.name, population.learner.name), population.first)
+        first.setdefault((population.scenario.name, population.learner.name), population)
     searches = {name: grid.tuned_by for name, grid in declared.grids.items() if grid.tuned_by}
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
     return {
@@ -35,7 +36,7 @@ def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, 
         "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
         **({"searches": searches} if searches else {}),
         "horizon": declared.horizon,
-        "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in first.values()},
+        "scenarios": {name: each.scenario.model_dump(mode="json") for (name, _), each in first.items()},
         "algorithms": _variants(data, first, sizes),
         "note": declared.note.strip(),
         "readings": {
@@ -45,7 +46,7 @@ def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, 
         },
         "runs": len(runs),
         "seeds": sizes[largest],
-        "first_seed": min(run.seed for run in runs if run.population == largest),
+        "first_seed": min(run.seed for run in runs if of[run.digest] == largest),
         "digest": digest_of(runs),
         **_made_by(data.provenance),
     }
@@ -57,19 +58,24 @@ def digest_of(runs: Sequence[RunSpecification]) -> str:
 
 
 def _variants(
-    data: Data[Declared], first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
+    data: Data[Declared], first: Mapping[tuple[str, str], Population], sizes: Mapping[str, int]
 ) -> dict[str, dict[str, Any]]:
     variants: dict[str, dict[str, Any]] = {}
     settings: dict[str, dict[str, object]] = {}
-    for (_, name), run in first.items():
+    for (_, name), population in first.items():
         learner = data.experiment.learners[name]
-        declared = {"algorithm", "title", "colour", "reference_for", "policy", "tuned_by", "rank"}
+        declared = {"algorithm", "title", "colour", "reference_for", "policy", "tuned_by"}
         about = learner.declared.model_dump(include=declared)
         about |= {"family": learner.family, "packages": learner.algorithm.packages}
-        about |= {"changed": learner.changed, "runs": sizes[run.population]}  # in a scenario
+        about |= {"changed": learner.changed, "runs": sizes[population.first.population]}  # in a scenario
         of_forms = settings.setdefault(learner.variant, {})
-        of_forms[learner.observation] = run.settings.model_dump(mode="json")
-        variants.setdefault(learner.variant, about | {"settings": of_forms})
+        picks = [run.settings.model_dump(mode="json") for run in population.firsts]
+        of_forms[learner.observation] = picks[0]
+        variant = variants.setdefault(learner.variant, about | {"settings": of_forms})
+        if len(picks) > 1:
+            differing = [key for key in picks[0] if any(pick[key] != picks[0][key] for pick in picks)]
+            of_picks = [{key: pick[key] for key in differing} for pick in picks]
+            variant.setdefault("picks", {})[learner.observation] = of_picks
     for population in (group.population for group in data.groups):
         for table, change in population.condition.changes.items():
             for key in change.settings:  # of a reading, or of a grid or one of its axes

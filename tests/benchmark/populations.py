@@ -45,4 +45,4 @@ def population(
         **{name: np.zeros((n, 60)) for name in ("max_q", "table_max_q")},
     }
     agents = [{name: values[i] for name, values in (blank | arrays).items()} for i in range(n)]
-    return Records(run, agents, range(n), [{}] * n)
+    return Records([run.with_seed(i) for i in range(n)], agents, [{}] * n)

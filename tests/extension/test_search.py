@@ -31,9 +31,9 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     chosen = pd.read_csv(tmp_path / "results" / "mine" / "chosen.csv")
     learners = ["q_learning, index", "q_learning, offset", "dqn, coordinates", "mine, index"]
     assert [*(chosen["variant"] + ", " + chosen["observation"])] == learners
-    # Another experiment takes what was chosen for it, here the second best.
+    # Another experiment takes what was chosen for it.
     tuned = tmp_path / "tuned.toml"
-    mine = variant("sarsa", first_seed=50, tuned_by=f"{path}:mine", rank=2)
+    mine = variant("sarsa", first_seed=50, tuned_by=f"{path}:mine")
     tuned.write_text(small_experiment(algorithms={"mine": mine}))
     assert main(["run", str(tuned), "--results", str(tmp_path / "results")]) == 0
     assert "2 runs done" in capsys.readouterr().out

@@ -190,7 +190,7 @@ class _Part:
         colours = {name: variant.get("colour") for name, variant in variants.items()}
         for learner, title in self.folder.titles.items():
             variant, observation = learner.split(", ")
-            if "rank" in variants[variant] or variants[variant]["reference_for"]:
+            if variants[variant]["reference_for"]:
                 continue
             style = learner_style(variant, observation, colours, variants[variant]["family"])
             looks[learner] = {

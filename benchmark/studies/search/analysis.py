@@ -1,16 +1,17 @@
 """A search for settings: which runs it has, which settings it chooses, and what these reach.
 
-First, every trial of every learner runs in all scenarios. Then the trials with the largest means, and trial
-0, run again with fresh seeds. The one with the largest mean on these is chosen, so mere luck is not enough.
-In each scenario, the trial that is best there runs again, too. Means are of a measure of each run: the
-area under its curve of exact success or, with `[solved]`, how early it has learned.
+First, every trial of every learner runs in all scenarios. Then trial 0, and the trials of each part of the
+search with the largest means, run again with fresh seeds. The one with the largest mean on these is the pick
+of its part, so mere luck is not enough; trial 0 is a candidate in the first part. The best pick is chosen.
+In each scenario, the trial that is best there runs again, too. Means are of a measure of each run: the area
+under its curve of exact success or, with `[solved]`, how early it has learned.
 """
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from math import comb, nan
 from typing import Final
 
@@ -21,7 +22,7 @@ from benchmark.analysis.frames import Floats, Group, tables
 from benchmark.analysis.intervals import Estimate, combined
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Learner
-from benchmark.experiments.search import Chosen, Finalist, Space
+from benchmark.experiments.search import Chosen, Finalist, Search, Space
 from benchmark.studies.data import Data
 from benchmark.studies.study import Declared
 from envs.inputs import override
@@ -44,15 +45,23 @@ class Outcome:
     """Measures of every trial on the first seeds, (trials, I, N)."""
     fresh: Mapping[tuple[int, str], Floats]
     """Measures on fresh seeds, (N,), by trial and scenario."""
-    finalists: Sequence[int]
-    """The best trials on the first seeds."""
+    finalists: Sequence[Sequence[int]]
+    """The best trials of every part on the first seeds."""
 
     @cached_property
-    def ranked(self) -> list[int]:
-        """Finalists by their mean on fresh seeds, the best first; trial 0 leads if it beats all of them."""
-        means = {trial: float(np.mean(self.again(trial))) for trial in (*self.finalists, 0)}
-        ranked = sorted(self.finalists, key=means.__getitem__, reverse=True)
-        return [0, *ranked] if means[0] > means[ranked[0]] else ranked
+    def picks(self) -> list[int]:
+        """The best trial of every part on fresh seeds; of equal ones the first finalist, and trial 0 last."""
+        first, *others = self.finalists
+        return [max(part, key=self.mean) for part in ([*first, 0], *others)]
+
+    @property
+    def best(self) -> int:
+        """The best pick on fresh seeds."""
+        return max(self.picks, key=self.mean)
+
+    def mean(self, trial: int) -> float:
+        """Returns the mean of a finalist or of trial 0 on fresh seeds."""
+        return float(np.mean(self.again(trial)))
 
     def again(self, trial: int) -> list[Floats]:
         """Returns the fresh measures of a finalist or of trial 0 in every scenario."""
@@ -68,7 +77,7 @@ class SearchAnalysis:
     """The column of runs that the search compares."""
     outcomes: Sequence[Outcome]
     chosen: Mapping[str, Chosen]
-    """The chosen settings, and the effort: all trials, and fresh runs of those that are ranked."""
+    """The chosen settings, and the effort: all trials, and fresh runs of those from which they are chosen."""
 
     def settings(self, learner: Learner, trial: int) -> Row:
         """Returns the searched settings of a trial, by dotted key."""
@@ -116,7 +125,7 @@ def stages(experiment: Experiment, _: Declared, store: Store) -> Iterator[list[G
     runs, fresh, conditions = tables(first, store, COLUMNS)[0], list[Group](), [*experiment.conditions]
     for learner in experiment.learners.values():
         searched = _searched(experiment, runs, learner)
-        again = product([*finalists(searched, search.finalists), 0], names)
+        again = product([*chain(*finalists(searched, search)), 0], names)
         for trial, name in dict.fromkeys([*again, *zip(best_by_scenario(searched), names, strict=True)]):
             population = experiment.population(conditions[trial], name, learner.name)
             fresh.append(Group(population, population.runs(search.fresh), {"stage": _FRESH}))
@@ -128,10 +137,10 @@ def measure_of(experiment: Experiment) -> str:
     return "area" if experiment.declared.solved is None else "earliness"
 
 
-def finalists(searched: Floats, n: int) -> list[int]:
-    """Returns the n best trials by (trials, I, N) measures, the best first; of equal ones the first."""
-    order = np.argsort(-searched.mean(axis=(1, 2)), kind="stable")
-    return [int(trial) for trial in order[:n]]
+def finalists(searched: Floats, search: Search) -> list[list[int]]:
+    """Returns the best trials of every part by (trials, I, N) measures, the best and the earliest first."""
+    means = searched.mean(axis=(1, 2))
+    return [sorted(part, key=lambda trial: -means[trial])[: search.finalists] for part in search.blocks]
 
 
 def best_by_scenario(searched: Floats) -> list[int]:
@@ -141,13 +150,14 @@ def best_by_scenario(searched: Floats) -> list[int]:
 
 def outcomes(experiment: Experiment, runs: pd.DataFrame) -> Iterator[Outcome]:
     """Yields what a search has found for every learner, by its runs of both stages."""
-    assert experiment.declared.search is not None
+    search = experiment.declared.search
+    assert search is not None
     for learner in experiment.learners.values():
         searched = _searched(experiment, runs, learner)
         again = runs[(runs["learner"] == learner.name) & (runs["stage"] == _FRESH)]
         groups = again.groupby(["trial", "scenario"], sort=False)[measure_of(experiment)]
         fresh = {(int(str(trial)), str(name)): rows.to_numpy() for (trial, name), rows in groups}
-        yield Outcome(learner, searched, fresh, finalists(searched, experiment.declared.search.finalists))
+        yield Outcome(learner, searched, fresh, finalists(searched, search))
 
 
 def _searched(experiment: Experiment, runs: pd.DataFrame, learner: Learner) -> Floats:
@@ -159,19 +169,20 @@ def _searched(experiment: Experiment, runs: pd.DataFrame, learner: Learner) -> F
 
 def _chosen(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Chosen:
     """Returns the best settings of a learner and the effort of finding them."""
-    is_final = (runs["stage"] == _FRESH) & runs["trial"].isin([*map(str, outcome.ranked)])
+    candidates = {*chain(*outcome.finalists), *outcome.picks}
+    is_final = (runs["stage"] == _FRESH) & runs["trial"].isin([*map(str, candidates)])
     tried = runs[(runs["learner"] == outcome.learner.name) & ((runs["stage"] == _SEARCHED) | is_final)]
-    best = [
-        Finalist(
+    picks = {
+        trial: Finalist(
             trial=trial,
             settings=_declared_settings(experiment, outcome.learner, trial),
-            score=round(float(np.mean(outcome.again(trial))), 6),
+            score=round(outcome.mean(trial), 6),
         )
-        for trial in outcome.ranked[:3]
-    ]
+        for trial in outcome.picks
+    }
     return Chosen(
-        **dict(best[0]),
-        others=tuple(best[1:]),
+        **dict(picks[outcome.best]),
+        picks=tuple(picks.values()) if len(picks) > 1 else (),
         trials=len(outcome.searched) - 1,
         runs=len(tried),
         steps=int(tried["budget"].sum()),

@@ -67,12 +67,11 @@ def trials(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure:
             reached = _of(table, outcome.learner)[analysis.measure]
             style = style_of(outcome.learner.name, analysis.data.experiment)
             axis.plot(reached[1:], [y] * (len(reached) - 1), "|", ms=9, mew=0.9, color="0.55")
-            default, (value, *ends) = (
-                mean_over_scenarios(outcome.again(trial)) for trial in (0, outcome.ranked[0])
-            )
-            axis.plot(default.value, y, "x", ms=7, mew=2, color="black")
-            axis.plot(ends, [y, y], lw=3, alpha=0.5, color=style["color"])
-            axis.plot(value, y, style["marker"], ms=7, color=style["color"], mec="white", mew=0.4)
+            axis.plot(outcome.mean(0), y, "x", ms=7, mew=2, color="black")
+            for trial in outcome.picks:
+                value, *ends = mean_over_scenarios(outcome.again(trial))
+                axis.plot(ends, [y, y], lw=3, alpha=0.5, color=style["color"])
+                axis.plot(value, y, style["marker"], ms=7, color=style["color"], mec="white", mew=0.4)
         titles = [outcome.learner.title for outcome in analysis.outcomes]
         name_rows(axis, titles)
         axis.set(xlim=(-0.02, 1.0), xlabel=_AXES[analysis.measure])

@@ -25,14 +25,18 @@ _item: Final = partial(Item[SearchAnalysis], labels=COLUMNS["search_labels"])
 @_item(
     "chosen",
     "the chosen settings of each learner, and what it reaches with them on fresh runs",
-    "learner trial settings edges default chosen gain per_scenario sensitivity found",
+    "learner part trial settings edges default chosen gain per_scenario sensitivity found",
     best="chosen",
 )
 def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
+    """Tabulates means over scenarios on fresh runs, a row for the pick of every part.
+
+    `found` is the mean of the best trial's first runs.
+    """
     scenarios = analysis.data.experiment.scenarios
-    for outcome in analysis.outcomes:
-        learner, trial = outcome.learner, outcome.ranked[0]
+    picks = [(outcome, *pick) for outcome in analysis.outcomes for pick in enumerate(outcome.picks)]
+    for outcome, part, trial in picks:
+        learner, is_part = outcome.learner, len(outcome.picks) > 1
         best, default = outcome.again(trial), outcome.again(0)
         pairs = zip(best_by_scenario(outcome.searched), scenarios, strict=True)
         best_of_each = [outcome.fresh[pair] for pair in pairs]
@@ -41,6 +45,7 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
         yield {
             "variant": learner.variant,
             "observation": learner.observation,
+            **({"part": part + 1} if is_part else {}),
             "trial": trial,
             "settings": text_of(settings),
             "edges": ", ".join(key.split(".")[-1] for key in edges),
@@ -49,7 +54,7 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
             "gain": gain(best, default),
             "per_scenario": mean_over_scenarios(best_of_each),
             "sensitivity": gain(best_of_each, best),
-            "found": float(max(measures.mean() for measures in outcome.searched)),
+            "found": float(outcome.searched[outcome.finalists[part][0]].mean()),
         }
 
 

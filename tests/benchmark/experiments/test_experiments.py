@@ -175,7 +175,6 @@ LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
     ('title = "compiled PPO"', 'title = "P\\nPO"', 'ppo.title = "P\\nPO": accepted: text in one line'),
     ('reference_for = "ppo"', 'reference_for = "sb3_dqn"', "sb3_ppo: reference_for: unknown variant sb3_dqn"),
-    ('reference_for = "ppo"', 'reference_for = "ppo"\nrank = 2', "algorithms.sb3_ppo.rank: "),
     (MARGINS, "margins = { success = 0.21, score", "success = 0.21: input should be less than"),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: centre, index"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),

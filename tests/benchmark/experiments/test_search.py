@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from benchmark.experiments import Experiment, choices
-from benchmark.experiments.search import Choice, Space, Span, trials
-from benchmark.sealed import sealed
+from benchmark.experiments.search import Choice, Search, Space, Span, trials
+from benchmark.sealed import sealed, unsealed
 from envs import InputError
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.studies.conftest import experiment_of
@@ -56,14 +56,14 @@ first_seed = 100
 
 
 FORMS = ("index", "offset")
+PICKS = {1: 0.1, 6: 0.2, 9: 0.3}  # learning rates by trial
 
 
 def chosen(learning_rate: float) -> dict[str, object]:
     """What a search writes of a learner."""
     effort = {"trials": 4, "runs": 10, "steps": 2000, "cpu_time_s": 0.1}
-    second = {"trial": 1, "settings": {"discount": 0.8, "learning_rate": learning_rate / 2}, "score": 0.4}
     best = {"trial": 3, "settings": {"discount": 0.8, "learning_rate": learning_rate}, "score": 0.5}
-    return best | {"others": [second]} | effort
+    return best | effort
 
 
 def searched(path: Path, text: str, *rates: float) -> Experiment:
@@ -112,14 +112,50 @@ def test_every_learner_of_a_variant_has_the_same_trials(search: Experiment) -> N
 
 
 @pytest.mark.usefixtures("search")
-@pytest.mark.parametrize(("rank", "trial"), [(1, 3), (2, 1)])
-def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path, rank: int, trial: int) -> None:
-    for population in tuned(tmp_path, ("tuned_by", f"rank = {rank}\ntuned_by")).populations:
-        learning_rate = {"index": 0.25, "offset": 0.75}[population.learner.observation] / rank
+def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path) -> None:
+    for population in tuned(tmp_path).populations:
+        learning_rate = {"index": 0.25, "offset": 0.75}[population.learner.observation]
         expected = {"learning_rate": learning_rate, "discount": 0.8, "epsilon": 0.3}
         assert population.first.settings.model_dump(include={*expected}) == expected
         assert population.learner.chosen is not None
-        assert (population.learner.chosen.trial, population.learner.chosen.runs) == (trial, 10)
+        assert (population.learner.chosen.trial, population.learner.chosen.runs) == (3, 10)
+
+
+@pytest.mark.usefixtures("search")
+def test_runs_take_turns_with_the_picks_of_several_parts(tmp_path: Path) -> None:
+    """Seed 100 has the first pick, and a reference implementation the same as its variant with each seed."""
+    file = tmp_path / "search.chosen.json"
+    content = unsealed(file.read_bytes())
+    for found in content["learners"].values():
+        picks = [{"trial": t, "settings": {"learning_rate": rate}, "score": 0.5} for t, rate in PICKS.items()]
+        found["picks"] = picks
+    file.write_text(sealed(content, indent=1))
+    experiment = tuned(
+        tmp_path, ("seeds = 2", "seeds = 5"), ("seeds = 1\nfirst_seed = 100", "seeds = 2\nfirst_seed = 101")
+    )
+    expected = {100: 0.1, 101: 0.2, 102: 0.3, 103: 0.1, 104: 0.2}
+    for population in experiment.populations:
+        settings = {run.seed: run.settings.model_dump() for run in population.runs()}
+        rates = {seed: values["learning_rate"] for seed, values in settings.items()}
+        assert rates == {seed: expected[seed] for seed in population.seeds}
+        assert {values["epsilon"] for values in settings.values()} == {0.3}
+        assert [population.pick_of(seed) for seed in (99, 100, 104)] == [2, 0, 1]
+        assert population.first.settings.model_dump()["learning_rate"] == 0.1
+    found["picks"][1]["settings"]["budget"] = 300
+    file.write_text(sealed(content, indent=1))
+    with pytest.raises(InputError, match="several budgets; accepted: one for all picks of a search"):
+        tuned(tmp_path)
+
+
+def test_parts_of_a_search_are_evenly_spread() -> None:
+    """Of 4 parts of 16 trials, each has a point in every 16th of a range; trial 0 stands for a point."""
+    search = Search(trials=63, parts=4, finalists=2, first_seed=0)
+    assert search.blocks == [range(16), range(16, 32), range(32, 48), range(48, 64)]
+    drawn = trials("dqn", SPACE, 63, 4)
+    assert drawn[1:] == trials("dqn", SPACE, 64)[2:]
+    for block in search.blocks[1:]:
+        shares = [float(str(drawn[trial]["epsilon"])) / 0.5 for trial in block]
+        assert sorted(share * 16 // 1 for share in shares) == pytest.approx(np.arange(16), abs=1)
 
 
 @pytest.mark.usefixtures("search")
@@ -197,8 +233,6 @@ def test_edges_are_the_outer_tenths_and_the_outer_of_three_numbers() -> None:
         (":q_learning", ":dqn", "unknown variant of .* dqn; accepted: q_learning"),
         ('"index", "offset"', '"index", "one_hot"', "unknown observation for q_learning one_hot"),
         ("PATH:q_learning", "q_learning", 'accepted: "EXPERIMENT:VARIANT"'),
-        ("tuned_by", "rank = 3\ntuned_by", r"rank = 3: .*h\.chosen\.json has the 2 best .*at most 2"),
-        ('tuned_by = "PATH:q_learning"', "rank = 2", "rank = 2: accepted: a key tuned_by beside it"),
     ],
 )  # fmt: skip
 def test_what_a_search_does_not_offer_is_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
@@ -266,7 +300,9 @@ def test_missing_and_changed_choices_are_refused(
         ('low = 0.03, high = 1.0, scale = "log"', "low = -1e308, high = 1e308", "closer values"),
         ("low = 0.03", "low = 0.9999", "low = 0.9999, high = 1.0: accepted: numbers that differ in 3 digits"),
         ("low = 0.03", "whole = true, low = 0.03", "accepted: whole numbers, both"),
-        ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),
+        ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search with one scenario"),
+        ("trials = 4", "parts = 2, trials = 4", r"parts = 2: accepted: .* divides trials \+ 1 = 5"),
+        ("trials = 4", "parts = 5, trials = 4", "finalists = 2: accepted: at most 1, the trials of a part"),
         ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
         ("first_seed = 10", "first_seed = 1", "accepted: seeds outside 1 to 3, which its finalists use"),
         ("search = { trials", "grids.a.axes.b.c = {}\nsearch = { trials", "no grids or readings in"),
@@ -284,3 +320,14 @@ def test_searches_that_are_refused(tmp_path: Path, old: str, new: str, reason: s
 def test_the_runs_of_all_stages_are_counted(search: Experiment) -> None:
     """By hand, of each of two learners: 5 trials by 2, and 4 by 3 again."""
     assert search.declared.most_runs == 2 * (5 * 2 + 4 * 3)
+
+
+def test_the_finalists_of_every_part_are_counted(tmp_path: Path) -> None:
+    """By hand, of each of two learners: 6 trials by 2, and of two parts 2 each, and 2 more, by 3 again."""
+    text = SEARCH.replace("trials = 4", "trials = 5, parts = 2")
+    assert experiment_of(tmp_path / "search.toml", text).declared.most_runs == 2 * (6 * 2 + 6 * 3)
+
+
+def test_a_trial_can_have_one_run_in_each_of_several_scenarios(tmp_path: Path) -> None:
+    text = SEARCH.replace('["FarCorner"]', '["FarCorner", "Noisy"]').replace("seeds = 2\n", "seeds = 1\n")
+    assert len(experiment_of(tmp_path / "search.toml", text).populations[0].runs()) == 1

@@ -109,7 +109,7 @@ def analysis_of(
         success = _over_training(cell.success)
         seeds, steps = range(len(success)), np.linspace(0, cell.budget, success.shape[1], dtype=int)
         learner = learners[f"{cell.name}, {cell.observation}"]
-        made: Any = (conditions[cell.condition], scenarios[cell.scenario], learner, None, seeds, len(seeds))
+        made: Any = (conditions[cell.condition], scenarios[cell.scenario], learner, (), seeds, seeds)
         populations.append(Population(*made))
         over_time = {"success": success, "unbounded_score": success}
         if cell.score is not None:

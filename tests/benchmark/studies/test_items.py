@@ -153,7 +153,7 @@ def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
              "stochastic_success": np.array([success])}
             for score, success in ((0.5, 0.5), (0.25, 0.75))
         ]  # fmt: skip
-        records[name] = Records(cast(Any, run), found, range(2), [])
+        records[name] = Records([cast(Any, run)] * 2, found, [])
     frame = table("scenarios", analysis_of(cells, records=records, pool="none")).set_index("scenario")
     for name in scenarios:
         model, row = compile_scenario(load_scenario(name)), frame.loc[name]

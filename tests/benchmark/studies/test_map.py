@@ -231,12 +231,8 @@ def by_hand(
     text: str = EXPERIMENT,
 ) -> MapAnalysis:
     """Analyses a map in which success is 0, and a number from each of these steps on, with each pick."""
-    experiment, runs, curves = (
-        experiment_of(folder / "hand.toml", (text + more).replace("6000", "100000")),
-        [],
-        [],
-    )
-    populations = []
+    text = (text + more).replace("6000", "100000")
+    experiment, populations, runs, curves = experiment_of(folder / "hand.toml", text), [], [], []
     for population in experiment.populations:
         if not population.learner.reference_for:
             found = curves_of(population)
@@ -255,9 +251,8 @@ def by_hand(
             unseen = {"unseen_success": 0.25, "unseen_budget": 0.5}
             runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), **unseen}))
     data = {"runs": pd.concat(runs), "curves": pd.concat(curves), "declared": report_of(experiment).declared}
-    return analyse(
-        cast("Any", SimpleNamespace(experiment=replace(experiment, populations=populations), **data))
-    )
+    experiment = replace(experiment, populations=populations)
+    return analyse(cast("Any", SimpleNamespace(experiment=experiment, **data)))
 
 
 def tabulated(item: Item[Any], analysis: MapAnalysis) -> pd.DataFrame:
@@ -298,45 +293,48 @@ def test_verdicts_and_ratios_by_hand(
         assert drawn(draw, analysis)  # without a difference, too
 
 
-def test_the_answer_by_hand(tmp_path: Path) -> None:
-    """In the order declared, under headings; at the budget, success in unseen places is 0.5."""
+GROUPS = """
+[[report.answer.groups]]
+title = "Cells"
+learners = { "table, index" = "mine" }
+
+[[report.answer.groups]]
+title = "Both"
+learners = { "table, index" = "mine", "shared, offset" = "shared" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("groups", "headings", "learners", "rows"),
+    [
+        ("", [], ["mine", "shared"], [0, 1]),
+        (GROUPS, ["Cells", "Both"], ["mine", "mine", "shared"], [1, 3, 4]),
+    ],
+)
+def test_the_answer_by_hand(
+    groups: str, headings: list[str], learners: list[str], rows: list[int], tmp_path: Path
+) -> None:
+    """Of each row, whose heading is a row, too: texts, values, and which markers are hollow."""
     steps = {"shared": 7000, "table": np.inf}
-    named = re.findall(r'"\w+, \w+" = "\w+"', EXPERIMENT)
-    more = "".join(
-        f'[[report.answer.groups]]\ntitle = "{title}"\nlearners = {{ {names} }}\n'
-        for title, names in (("Cells", named[0]), ("Both", ", ".join(named)))
-    )
-    for text, headings, rows in (
-        (EXPERIMENT, [], [0, 1]),
-        (re.sub("answer.learners.*", "", EXPERIMENT) + more, ["Cells", "Both"], [1, 3, 4]),
+    text = re.sub("answer.learners.*", "", EXPERIMENT) if groups else EXPERIMENT
+    analysis = by_hand(tmp_path, lambda each: {steps[each.learner.variant]: 1.0}, groups, text)
+    left, right = drawn(figures.answer.draw, analysis)
+    assert [label.get_text() for label in left.get_yticklabels()] == learners
+    assert right.get_title(loc="left").endswith("after 100,000 steps")
+    shown = {"mine": ("never learns", 1e5), "shared": ("7,000", 7e3)}
+    for axis, texts, values in (
+        (left, [shown[name][0] for name in learners], [shown[name][1] for name in learners]),
+        (right, ["0.50"] * len(rows), [0.5] * len(rows)),  # not when it has learned
     ):
-        analysis = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0}, text=text)
-        left, right = drawn(figures.answer.draw, analysis)
-        learners = ["mine", "shared"] if not headings else ["mine", "mine", "shared"]
-        assert [label.get_text() for label in left.get_yticklabels()] == learners
-        assert (
-            right.get_title(loc="left").split()
-            == "Success where the person never stood, after 100,000 steps".split()
-        )
-        never = [name == "mine" for name in learners]
-        for axis, texts, values in (
-            (
-                left,
-                ["never learns" if each else "7,000" for each in never],
-                [1e5 if each else 7e3 for each in never],
-            ),
-            (right, ["0.50"] * len(rows), [0.5] * len(rows)),
-        ):
-            assert [text.get_text() for text in axis.texts] == texts + headings * (axis is left)
-            dots = [line for line in axis.lines if line.get_linestyle() == "None"]
-            assert [(float(*dot.get_xdata()), float(*dot.get_ydata())) for dot in dots] == [
-                *zip(values, rows)
-            ]
-            assert [dot.get_markerfacecolor() == "white" for dot in dots] == [
-                text[0] == "n" for text in texts
-            ]
+        assert [text.get_text() for text in axis.texts] == texts + headings * (axis is left)
+        dots = [line for line in axis.lines if line.get_linestyle() == "None"]
+        assert [float(*dot.get_xdata()) for dot in dots] == values
+        assert [float(*dot.get_ydata()) for dot in dots] == rows
+        assert [dot.get_markerfacecolor() == "white" for dot in dots] == [text[0] == "n" for text in texts]
     panels = drawn(figures.unseen, analysis)
-    assert [axis.get_title(loc="left").partition(":")[0] for axis in panels] == ["Cells", "Both"]
+    question = "What is learned about places in which the person never stood?"
+    titles = [" ".join(axis.get_title(loc="left").split()) for axis in panels]
+    assert titles == [f"{heading}: {question}" for heading in headings] or titles == [question]
     assert "after 100,000 steps" in panels[0].get_ylabel()
     assert panels[0].lines[0].get_ydata().tolist() == [0.5]
 
@@ -528,6 +526,8 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ("looks = [12, 16]", "looks = [12, 1_000_000_000]", "18,000,000,018 runs, which take 208,333.3 days"),
         ('"table, index"]]', '"shared, offset"]]', "shared, offset and shared, offset: accepted: two"),
         ('"table, index"]]', '"table, index"], ["table, index", "shared, offset"]]', "index is named twice"),
+        ("answer.learners", 'answer.groups = [{ title = "All", learners = { "table, index" = "it" } }]\nanswer.learners',
+         "report.answer: accepted: either learners or groups"),
         ('"mine"', '"shared\N{ZERO WIDTH SPACE}"', "report.answer: shared is named twice"),
     ],
 )  # fmt: skip

@@ -58,6 +58,13 @@ FIRST = [[0.1, 0.1], [0.9, 0.3], [0.5, 0.5], [0.2, 0.8]]
 FRESH = [[0.1, 0.1], [0.3, 0.3], [0.4, 0.6], [0.2, 0.7]]
 
 
+def extended(path: Path, changes: dict[str, int]) -> Experiment:
+    """The miniature with changes."""
+    text = ", ".join(f'"{key}" = {value}' for key, value in changes.items())
+    text = f'extends = "tuning_smoke"\ndescription = "-"\nchanges = {{ {text} }}\n'
+    return experiment_of(path, text)
+
+
 def searched(experiment: Experiment, store: Store) -> SearchAnalysis:
     """Executes both stages, and returns what they have found."""
     report = report_of(experiment)
@@ -88,19 +95,33 @@ def small(results: Path) -> SearchAnalysis:
 
 
 @pytest.mark.parametrize(
-    ("declared", "ranked"),  # 0.5 and 0.3 of finalists, against trial 0
-    [([0.1, 0.1], [2, 1]), ([0.5, 0.5], [2, 1]), ([0.6, 0.5], [0, 2, 1])],
+    ("declared", "finalists_of_parts", "picks", "best"),  # fresh: 0.3, 0.5 and 0.45, against trial 0
+    [
+        ([0.1, 0.1], [[1, 2]], [2], 2),
+        ([0.5, 0.5], [[1, 2]], [2], 2),
+        ([0.6, 0.5], [[1, 2]], [0], 0),
+        ([0.1, 0.1], [[1], [2]], [1, 2], 2),
+        ([0.6, 0.5], [[1], [2]], [0, 2], 0),  # in the first part alone, trial 0 is a candidate
+    ],
 )
-def test_the_winner_of_a_lottery_does_not_win(declared: list[float], ranked: list[int]) -> None:
-    areas = np.array(FIRST)[:, :, None].repeat(2, axis=2)
-    assert finalists(areas, 2) == [1, 2]  # 0.6, 0.5; as trial 3, but declared before it
+def test_the_winner_of_a_lottery_does_not_win(
+    declared: list[float], finalists_of_parts: list[list[int]], picks: list[int], best: int, tmp_path: Path
+) -> None:
+    areas, n_parts = np.array(FIRST)[:, :, None].repeat(2, axis=2), len(finalists_of_parts)
+    changes = {"search.parts": n_parts, "search.finalists": len(finalists_of_parts[0])}
+    experiment = extended(tmp_path / "mine.toml", changes)
+    search = experiment.declared.search
+    assert search is not None
+    # 0.6, and 0.5 like that of trial 3, which is declared after it
+    assert finalists(areas, search) == finalists_of_parts
     assert best_by_scenario(areas) == [1, 3]
     rows, again = [], [declared, *FRESH[1:]]
-    for (stage, means), population in product({"search": FIRST, "fresh": again}.items(), SMALL.populations):
-        row = keys_of(population) | {"stage": stage}
+    for (stage, means), each in product({"search": FIRST, "fresh": again}.items(), experiment.populations):
+        row = keys_of(each) | {"stage": stage}
         at = [*SMALL.scenarios].index(row["scenario"])
         rows.append(row | {"area": means[int(row["trial"])][at]})
-    assert [outcome.ranked for outcome in outcomes(SMALL, pd.DataFrame(rows))] == [ranked] * 3
+    found = [*outcomes(experiment, pd.DataFrame(rows))]
+    assert [(outcome.picks, outcome.best) for outcome in found] == [(picks, best)] * 3
 
 
 def test_picks_are_those_of_all_draws() -> None:
@@ -183,7 +204,8 @@ def test_stages_follow_from_what_is_stored(small: SearchAnalysis, results: Path,
     # By hand: the mean success of evaluations, of which the first and the last count half.
     assert small.data.runs["area"].iloc[0] == pytest.approx((success[:-1] + success[1:]).mean() / 2)
     for outcome in small.outcomes:
-        again = {*product((*finalists(outcome.searched, 2), 0), SMALL.scenarios)}
+        (best,) = outcome.finalists
+        again = {*product((*best, 0), SMALL.scenarios)}
         again |= {*zip(best_by_scenario(outcome.searched), SMALL.scenarios, strict=True)}
         assert {*outcome.fresh} == again
         assert {len(fresh) for fresh in outcome.fresh.values()} == {3}
@@ -245,8 +267,8 @@ def test_runs_are_compared_by_how_early_they_learn(tmp_path: Path) -> None:
     assert 0 < np.mean(expected) < 1
     for outcome in found.outcomes:
         best = found.chosen[outcome.learner.name]
-        assert [best.trial, *(other.trial for other in best.others)] == outcome.ranked
-        assert best.score >= best.others[0].score
+        assert (best.trial, best.score) == (outcome.best, round(outcome.mean(outcome.best), 6))
+        assert best.picks == ()
         assert best.steps == 800 * best.runs == 800 * (3 * 2 + 2 * 3)
     assert main(["report", str(experiment.path), "--results", str(tmp_path)]) == 0
     trials, chosen = (pd.read_csv(tmp_path / "early" / f"{name}.csv") for name in ("trials", "chosen"))
