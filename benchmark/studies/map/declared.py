@@ -54,8 +54,6 @@ class AnswerGroup(Table):
 class Answer(Table):
     """A map's answer at one point: steps until learners have learned, and success in unseen places."""
 
-    omitted_at_default: ClassVar[Set[str]] = {"learners", "groups"}
-
     grid: str
     """The grid with the point."""
     point: str

@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 from matplotlib.ticker import LogLocator
-from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+from matplotlib.transforms import ScaledTranslation
 
 from benchmark.drawing.style import INK, colour_map, figure_of
 from benchmark.drawing.tables import two_digits
@@ -76,48 +76,48 @@ def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
         lines += [(title, "")] * bool(title and shown) + shown
     if not lines:
         return None
-    rows = {y: cells.loc[name] for y, (_, name) in enumerate(lines) if name}
+    rows, budget = dict(cells.iterrows()), cells["budget"].max()
     scenes = {each.condition.axes["grid"]: each.scenario for each in experiment.populations}
     who = "people" if scenes[declared.grid].group else "the person"
-    budget = cells["budget"].max()
     with figure_of(1, 2, (6.4, 1.3 + 0.26 * len(lines))) as (figure, axes):
         steps, success = axes[0]
-        for axis, column in ((steps, "steps"), (success, "unseen_budget")):
-            for y, row in rows.items():
-                _draw_row(axis, y, row, column, style_of(lines[y][1], experiment, observation=""))
+        for y, (text, name) in enumerate(lines):
+            if name:
+                style = style_of(name, experiment, observation="")
+                _draw_row(steps, y, rows[name], "steps", style)
+                _draw_row(success, y, rows[name], "unseen_budget", style)
+            else:
+                place = {"xycoords": ("figure fraction", "data"), "va": "center", "in_layout": False}
+                steps.annotate(text, (0.01, y), fontweight="bold", **place)
+        for axis in (steps, success):
             axis.set(ylim=(len(lines) - 0.5, -0.6), yticks=[])
-            axis.spines["left"].set_visible(False)
             axis.grid(axis="x", lw=0.6, color="0.85")
-        lowest = _shown(cells.loc[[name for _, name in lines if name]], "steps").min().min()
-        steps.set(xscale="log", xlim=(lowest / 1.5, 1.1 * budget), xlabel="← fewer is better")
+            axis.spines["left"].set_visible(False)
+        steps.set(xscale="log", title="Steps until it\nhas learned", xlabel="← fewer is better")
+        steps.set_xlim(right=1.1 * budget)
         steps.xaxis.set_major_locator(LogLocator(numticks=9))
         steps.xaxis.set_major_formatter("{x:,.0f}")
-        steps.set(title="Steps until it\nhas learned")
-        success.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="more is better →")
-        success.xaxis.set_major_formatter("{x:g}")
-        success.set(title=fill(f"Success where {who} never stood, after {budget:,} steps", 21))
-        steps.set_yticks([*rows], [lines[y][0] for y in rows])
+        steps.set_yticks(range(len(lines)), [text if name else "" for text, name in lines])
         steps.tick_params(axis="y", left=False)
+        success.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="more is better →")
+        success.set(title=fill(f"Success where {who} never stood, after {budget:,} steps", 21))
+        success.xaxis.set_major_formatter("{x:g}")
         _set_texts(figure, 11.0)  # at a width of 460: large enough on a phone
-        at_left = blended_transform_factory(figure.transFigure, steps.transData)
-        for y, (heading, name) in enumerate(lines):
-            if not name:
-                text = steps.text(0.01, y, heading, va="center", fontweight="bold", transform=at_left)
-                text.set_in_layout(False)
     return figure
 
 
 def _draw_row(axis: Axes, y: int, row: pd.Series, column: str, style: Mapping[str, Any]) -> None:
     """Draws a value with its interval, hollow if the learner never learns, and writes it at the right."""
-    ends = row[[name for name in row.index if name.startswith(column)]]
-    ends = ends.clip(_MIN_STEPS, row["budget"]) if column == "steps" else ends
-    is_known, colour = np.isfinite(row[column]), style["color"]
+    ends, colour, number = row.filter(like=column), style["color"], row[column]
+    text = f"{number:.2f}"
+    if column == "steps":
+        ends = ends.clip(_MIN_STEPS, row["budget"])
+        text = f"{number:,.0f}" if np.isfinite(number) else _NEVER
     axis.axhline(y, color="0.92", lw=0.6, zorder=0)
     axis.hlines(y, ends.min(), ends.max(), color=colour, lw=1)
     axis.hlines(y, ends[f"{column}_low"], ends[f"{column}_high"], color=colour, lw=6, alpha=0.4)
-    mark = {"marker": style["marker"], "mec": colour, "mfc": colour if is_known else "white", "ls": ""}
+    mark = {"marker": style["marker"], "mec": colour, "mfc": "white" if text == _NEVER else colour, "ls": ""}
     axis.plot(ends[column], y, ms=6.5, mew=1.5, clip_on=False, **mark)
-    text = (f"{row[column]:,.0f}" if column == "steps" else f"{row[column]:.2f}") if is_known else _NEVER
     axis.text(1.06, y, text, va="center", transform=axis.get_yaxis_transform())
 
 
