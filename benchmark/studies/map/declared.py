@@ -1,10 +1,10 @@
 """What a map declares of its report, and what it demands of its experiment."""
 
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import chain, filterfalse
 from math import prod
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -28,8 +28,6 @@ class Margins(Table):
 
 class Panel(Table):
     """A panel of a map."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"grid"}
 
     grid: str = ""
     """The grid with one axis that it shows; by default the first."""
@@ -71,8 +69,6 @@ class Answer(Table):
 
 class MapDeclared(Declared):
     """The contrasts that a map decides, and what its figures show."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"answer"}
 
     contrasts: Annotated[tuple[tuple[str, str], ...], Field(min_length=1)]
     """Pairs of learners x, y that are compared, with verdicts, wherever there are both."""

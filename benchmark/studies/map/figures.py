@@ -52,7 +52,7 @@ _NEVER: Final = "never learns"
 _LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
 _WHAT: Final = {
     "steps": "steps until it has learned\n(fewer is better)",
-    "unseen_budget": "success in unseen places\nafter {} steps (more is better)",
+    "unseen_budget": "success in unseen places\nafter {:,} steps (more is better)",
 }
 Point = tuple[str, str]  # a grid and a point of it; a gap between grids has empty names
 
@@ -101,7 +101,6 @@ def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
         steps.tick_params(axis="y", left=False)
         success.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="more is better →")
         success.set(title=fill(f"Success where {who} never stood, after {budget:,} steps", 21))
-        success.xaxis.set_major_formatter("{x:g}")
         _set_texts(figure, 11.0)  # at a width of 460: large enough on a phone
     return figure
 
@@ -174,9 +173,7 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) ->
         return None
     cells = pd.concat(rows for _, curves in drawn for rows in curves.values())
     lowest, budget = _shown(cells, column).min().min(), cells["budget"].max()
-    n_rows, n_columns, what = -(-len(drawn) // 2), min(len(drawn), 2), _WHAT[column]
-    if column != "steps":
-        what = what.format(" to ".join(f"{n:,}" for n in sorted({cells["budget"].min(), budget})))
+    n_rows, n_columns, what = -(-len(drawn) // 2), min(len(drawn), 2), _WHAT[column].format(budget)
     with figure_of(n_rows, n_columns, (3.95 * n_columns, 3.0 * n_rows)) as (figure, axes):
         for axis in axes.flat[len(drawn) :]:
             axis.remove()
