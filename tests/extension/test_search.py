@@ -1,11 +1,14 @@
 """A learner from outside joins a search by a few lines of TOML."""
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.experiments import load_experiment
 from tests.support import small_experiment, variant
 
 MINE = """
@@ -13,7 +16,8 @@ extends = "tuning_smoke"
 description = "SARSA joins."
 
 [changes]
-"search.trials" = 2
+"search.trials" = 3
+"search.parts" = 2
 
 [changes."algorithms.mine"]
 algorithm = "sarsa"
@@ -30,10 +34,18 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "the chosen settings are in" in capsys.readouterr().out
     chosen = pd.read_csv(tmp_path / "results" / "mine" / "chosen.csv")
     learners = ["q_learning, index", "q_learning, offset", "dqn, coordinates", "mine, index"]
-    assert [*(chosen["variant"] + ", " + chosen["observation"])] == learners
-    # Another experiment takes what was chosen for it.
+    assert [*(chosen["variant"] + ", " + chosen["observation"])] == [*np.repeat(learners, 2)]
+    assert chosen["part"].tolist() == [1, 2] * 4
+    # Another experiment takes what was chosen for it: its two runs, one pick each.
     tuned = tmp_path / "tuned.toml"
     mine = variant("sarsa", first_seed=50, tuned_by=f"{path}:mine")
-    tuned.write_text(small_experiment(algorithms={"mine": mine}))
-    assert main(["run", str(tuned), "--results", str(tmp_path / "results")]) == 0
+    tuned.write_text(small_experiment(report="comparison", algorithms={"mine": mine}))
+    assert main(["run", str(tuned), "--results", str(tmp_path / "results"), "--report"]) == 0
     assert "2 runs done" in capsys.readouterr().out
+    found = load_experiment(tuned).learners["mine, index"].chosen
+    assert found is not None
+    text = (tmp_path / "results" / "tuned" / "README.md").read_text(encoding="utf-8")
+    for n, pick in enumerate(found.picks, start=1):
+        assert f"{n}. `epsilon = {pick.settings.get('epsilon', 0.6)}`" in text
+    manifest = json.loads((tmp_path / "results" / "tuned" / "manifest.json").read_bytes())
+    assert (manifest["seeds"], manifest["first_seed"], manifest["algorithms"]["mine"]["runs"]) == (2, 50, 2)

@@ -77,7 +77,7 @@ class SearchAnalysis:
     """The column of runs that the search compares."""
     outcomes: Sequence[Outcome]
     chosen: Mapping[str, Chosen]
-    """The chosen settings, and the effort: all trials, and fresh runs of those from which they are chosen."""
+    """The chosen settings, and the effort: all trials, and fresh runs of those that are ranked."""
 
     def settings(self, learner: Learner, trial: int) -> Row:
         """Returns the searched settings of a trial, by dotted key."""
@@ -228,6 +228,39 @@ def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:
     return Estimate(float(np.dot(weights, means)), *combined(weights, means, [*map(len, sides)]))
 
 
+def steps_of(earliness: Floats, first: int, budget: int) -> Floats:
+    """Returns after how many steps runs have learned, by their earliness; inf if they never do.
+
+    >>> steps_of(np.array([1, 0.5, 0]), 100, 10_000).tolist()
+    [100.0, 1000.0, inf]
+    """
+    return np.where(earliness > 0, first * (budget / first) ** (1 - earliness), np.inf)
+
+
+def expected_total(default: Floats, others: Floats, budget: int) -> float:
+    """Returns the expected steps of search and training together, until a run has learned.
+
+    One run with the declared settings comes first. If it does not learn, others are drawn without replacement
+    until one has learned. A run that does not learn costs the budget. Of n others, of which m learn,
+    (n - m) / (m + 1) fail on average before the first that learns.
+
+    Args:
+      default: Steps until each run with the declared settings has learned, (N,); inf if it never does.
+      others: The same of the runs that can be drawn, (n,).
+      budget: Steps of a run that does not learn.
+
+    Returns:
+      The mean over runs with the declared settings; inf if it may be that no run learns.
+
+    >>> round(expected_total(np.array([np.inf]), np.array([300.0, np.inf, np.inf, 500.0]), 1000))
+    2067
+    """
+    learned = others[np.isfinite(others)]
+    failures = (len(others) - len(learned)) / (len(learned) + 1)
+    then = failures * budget + learned.mean() if len(learned) else np.inf
+    return float(np.where(np.isfinite(default), default, budget + then).mean())
+
+
 def chances(means: Floats, b: int) -> Floats:
     """Returns the probability that each of n trials is the best of b drawn without replacement, (n,).
 
@@ -240,10 +273,10 @@ def chances(means: Floats, b: int) -> Floats:
     return found
 
 
-def picked(trials: pd.DataFrame, families: Mapping[str, str]) -> Iterator[Row]:
+def picked(trials: pd.DataFrame, families: Mapping[str, str], first: int = 1) -> Iterator[Row]:
     """Yields how the pick from b trials compares with that of a reference, for b = 1, 2, 4, ..., and all.
 
-    A pick is the trial of the largest mean over scenarios among b that are drawn, without trial 0. Picks are
+    A pick is the trial of the largest mean over scenarios among b that are drawn. Picks are
     compared by this mean, and by that in each scenario; ties count as a half. The reference is the learner
     whose best trial has the largest mean on fresh runs, of those that observe the same (cells or offsets) and
     are neither nets nor planners; if there are none, of all that observe the same. It has none itself.
@@ -251,12 +284,14 @@ def picked(trials: pd.DataFrame, families: Mapping[str, str]) -> Iterator[Row]:
     Args:
       trials: A table like trials.csv, whose last columns are the means in each scenario.
       families: Of variants, by name.
+      first: The first trial that can be drawn.
     """
     measure = "area" if "fresh_area" in trials else "earliness"
     scenarios = [*trials][[*trials].index(f"fresh_{measure}") + 1 :]
     by_learner = {(str(key[0]), str(key[1])): rows for key, rows in trials.groupby(_KEYS, sort=False)}
     means = {
-        key: rows[rows["trial"] > 0][[measure, *scenarios]].to_numpy().T for key, rows in by_learner.items()
+        key: rows[rows["trial"] >= first][[measure, *scenarios]].to_numpy().T
+        for key, rows in by_learner.items()
     }
     best = {key: rows[f"fresh_{measure}"].max() for key, rows in by_learner.items()}
     for key, own in means.items():

@@ -5,16 +5,21 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Final
 
+import numpy as np
+
 from benchmark.analysis.intervals import mean_over_scenarios
 from benchmark.experiments.search import Choice
 from benchmark.studies.item import COLUMNS, Item, no_rows
 from benchmark.studies.search.analysis import (
+    ALL,
     Row,
     SearchAnalysis,
     at_edges,
     best_by_scenario,
+    expected_total,
     gain,
     picked,
+    steps_of,
     text_of,
     value_at,
 )
@@ -62,10 +67,56 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
     "picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows
 )
 def picks(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates what `picked` yields for trials rounded as in trials.csv."""
-    learners = analysis.data.experiment.learners.values()
+    """Tabulates what `picked` yields for trials rounded as in trials.csv.
+
+    If the search has several parts, trial 0 is one of the trials.
+    """
+    experiment = analysis.data.experiment
+    learners = experiment.learners.values()
     trials = analysis.trials.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
-    yield from picked(trials, {learner.variant: learner.family for learner in learners})
+    assert experiment.declared.search is not None
+    first = 1 if experiment.declared.search.parts == 1 else 0
+    yield from picked(trials, {learner.variant: learner.family for learner in learners}, first)
+
+
+@_item(
+    "effort",
+    "steps with tuning included: search and training together, from nothing, until a run has learned",
+    "learner default learned trials total",
+    best="-total",
+    where=lambda frame: frame[frame["scenario"] == ALL],
+    labels={"default": "steps of trial 0", "trials": "of", "total": "with tuning included"},
+    meanings={
+        "default": "steps until trial 0 has learned, mean over its first runs; inf if any never does",
+        "trials": "first runs of the other trials",
+    },
+)
+def effort(analysis: SearchAnalysis) -> Iterator[Row]:
+    """Tabulates `expected_total` by scenario, and its mean over all, if runs are measured until they learn.
+
+    Once the cost of tuning counts, simple algorithms can outperform their successors: "Benchmarking RL should
+    account for tuning", openreview.net/forum?id=816gaVGHgP.
+    """
+    if analysis.measure != "earliness":
+        return
+    experiment = analysis.data.experiment
+    run, scenarios = experiment.populations[0].first, [*experiment.scenarios]
+    first, budget = run.evaluation_every, run.settings.budget
+    parts = {ALL: slice(None)} | {name: slice(i, i + 1) for i, name in enumerate(scenarios)}
+    for outcome in analysis.outcomes:
+        steps = steps_of(outcome.searched, first, budget).swapaxes(0, 1)  # (I, trials, N)
+        totals = [expected_total(each[0], each[1:].ravel(), budget) for each in steps]
+        for scenario, part in parts.items():
+            default, others = steps[part, 0], steps[part, 1:]
+            yield {
+                "scenario": scenario,
+                "variant": outcome.learner.variant,
+                "observation": outcome.learner.observation,
+                "default": float(default.mean()),
+                "learned": int(np.isfinite(others).sum()),
+                "trials": others.size,
+                "total": float(np.mean(totals[part])),
+            }
 
 
 @_item(

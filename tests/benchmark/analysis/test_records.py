@@ -50,12 +50,14 @@ def test_target_cells_are_those_of_the_region() -> None:
 
 
 def test_ping_is_valued_where_its_value_is_positive() -> None:
-    q = np.full((1, 120, 5), 0.5)  # what the table began with is no value of PING
-    q[0, 7:9, PING] = 0.4, -0.1
-    made = population(n=1, q=q)
-    settings = made.run.settings.model_copy(update={"initial_value": 0.5})
-    made = replace(made, run=replace(made.run, settings=settings))
-    assert np.flatnonzero(made.values_ping[0]).tolist() == [7]
+    q = np.full((2, 120, 5), 0.5)  # what the table of a run began with is no value of PING
+    q[:, 7:9, PING] = 0.4, -0.1
+    q[1] -= 0.2
+    made = population(n=2, q=q)
+    updates = [{"initial_value": 0.5}, {"initial_value": 0.3}]  # of two picks of a search
+    settings = [made.run.settings.model_copy(update=update) for update in updates]
+    made = replace(made, runs=[replace(made.run, settings=each) for each in settings])
+    assert [np.flatnonzero(valued).tolist() for valued in made.values_ping] == [[7], [7]]
 
 
 def test_stochastic_policies_value_ping_where_it_is_the_likeliest() -> None:

@@ -31,7 +31,7 @@ def population(n: int = 120) -> Records:
     greedy[:, 1::2] = PING  # between the maps
     success = np.tile(np.arange(n)[:, None] / n, 7)
     made = blank(n=n, budget=300, every=50, map_every=100, values=values, greedy=greedy, success=success)
-    return replace(made, seeds=range(4, n + 4))
+    return replace(made, runs=[run.with_seed(run.seed + 4) for run in made.runs])
 
 
 def masks(text: str) -> NDArray[np.uint8]:

@@ -2,8 +2,9 @@
 
 import json
 import re
-from itertools import combinations, product
+from itertools import combinations, permutations, product
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,12 @@ from benchmark.experiments import Experiment, load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.folder import Folder, write_manifest
 from benchmark.studies import report_of, runs_of
-from benchmark.studies.search import headline
+from benchmark.studies.search import headline, tables
 from benchmark.studies.search.analysis import (
     SearchAnalysis,
     at_edges,
     best_by_scenario,
+    expected_total,
     finalists,
     gain,
     outcomes,
@@ -147,6 +149,53 @@ def test_picks_are_those_of_all_draws() -> None:
         row = rows.loc["ppo"].loc[scenario].loc[b]
         assert (row["beats"], row["expected"]) == pytest.approx((beats, np.mean(x)))
     assert rows.loc["tiles"]["beats"].isna().all()
+
+
+def test_the_first_trial_can_be_one_of_those_that_are_drawn() -> None:
+    """All of 2 trials: trial 0 of x is the best of both, and beats the only other one of y."""
+    rows = [("x", "index", 0, 0.9, 0.9, 0.9), ("x", "index", 1, 0.1, 0.1, 0.1)]
+    rows += [("y", "index", 0, 0.5, 1.0, 0.5), ("y", "index", 1, 0.6, 1.0, 0.6)]
+    trials = pd.DataFrame(rows, columns=["variant", "observation", "trial", "area", "fresh_area", "A"])
+    for first, expected in ((0, {1: 0.5, 2: 1.0}), (1, {1: 0.0})):
+        found = pd.DataFrame(picked(trials, {"x": "deep", "y": "tabular"}, first))
+        found = found[found["variant"].eq("x") & found["scenario"].eq("all")]
+        assert dict(zip(found["trials"], found["beats"], strict=True)) == expected
+
+
+def test_expected_totals_are_means_over_all_orders() -> None:
+    """Every order of the other runs in turn, until one has learned; each failure costs the budget, 1,000."""
+    for others in ([300.0, 500.0, np.inf, np.inf, np.inf], [np.inf, 40.0], [7.0]):
+        sums = []
+        for order in permutations(others):
+            n_failed = [*map(np.isfinite, order)].index(True)
+            sums.append(1000 * n_failed + order[n_failed])
+        mean = float(np.mean(sums))
+        assert expected_total(np.array([np.inf]), np.array(others), 1000) == pytest.approx(1000 + mean)
+        assert expected_total(np.array([np.inf, 80]), np.array(others), 1000) == pytest.approx(540 + mean / 2)
+    assert expected_total(np.array([80.0]), np.array([np.inf]), 1000) == 80
+    assert expected_total(np.array([np.inf]), np.array([np.inf]), 1000) == np.inf
+
+
+def test_effort_by_hand() -> None:
+    """From 100 to 10,000 steps, an earliness of 0.5 is 1,000 steps, of 1 is 100, and 0 is never."""
+    run = SimpleNamespace(evaluation_every=100, settings=SimpleNamespace(budget=10_000))
+    experiment = SimpleNamespace(populations=[SimpleNamespace(first=run)], scenarios={"A": None, "B": None})
+    learner = SimpleNamespace(variant="x", observation="index")
+    # By trial and scenario
+    searched = np.array([[[0.0], [0.5]], [[0.5], [0.0]], [[0.0], [0.0]], [[1.0], [0.0]]])
+    outcomes = [SimpleNamespace(learner=learner, searched=searched)]
+    analysis: Any = SimpleNamespace(measure="earliness", outcomes=outcomes)
+    analysis.data = SimpleNamespace(experiment=experiment)
+    table = tables.effort.tabulate(analysis)
+    assert table is not None
+    # In A, of three others two learn, after 550 steps on average: a third of a failure precedes the first.
+    of_a = 10_000 + 10_000 / 3 + 550
+    expected = [("all", np.inf, 2, 6, (of_a + 1000) / 2), ("A", np.inf, 2, 3, of_a), ("B", 1000, 0, 3, 1000)]
+    rows = table[["scenario", "default", "learned", "trials", "total"]].itertuples(index=False, name=None)
+    for row, (scenario, *numbers) in zip(rows, expected, strict=True):
+        assert (row[0], row[1:]) == (scenario, pytest.approx(numbers))
+    analysis.measure = "area"
+    assert tables.effort.tabulate(analysis) is None
 
 
 def test_means_are_over_scenarios() -> None:

@@ -318,7 +318,7 @@ def imperfect(scenario: ScenarioLike, observation: str) -> Records:
     masks[is_drawn] = generator.integers(1, 32, is_drawn.sum())
     points = np.broadcast_to(masks, (1, 4, len(masks)))
     records = blank(scenario, 1, observation=observation, greedy=points)
-    return replace(records, run=replace(records.run, variant="a-table_b"))
+    return replace(records, runs=[replace(records.run, variant="a-table_b")])
 
 
 @pytest.fixture
