@@ -324,8 +324,7 @@ class Declaration(Table):
         require(bool(variant.search), where, "a table search, as the experiment has one")
         fixed = sorted({"budget", "budget_unit", "time_limit"} & variant.search.keys())
         require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
-        is_enough = variant.seeds * len(self.scenarios) > 1
-        require(is_enough, f"{where}.seeds = 1", "at least 2 in a search with one scenario")
+        require(variant.seeds * len(self.scenarios) > 1, f"{where}.seeds = 1", "at least 2 with one scenario")
         seeds, fresh = self.seeds_of_search(name)
         accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its finalists use"
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
