@@ -116,8 +116,7 @@ class Population:
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
-        given = self.seeds if seeds is None else seeds
-        return [self.firsts[self.pick_of(seed)].with_seed(seed) for seed in given]
+        return [self.firsts[self.pick_of(s)].with_seed(s) for s in (self.seeds if seeds is None else seeds)]
 
 
 @dataclass(frozen=True, eq=False)

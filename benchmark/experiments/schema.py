@@ -403,8 +403,7 @@ class Declaration(Table):
         """Yields the points of grids, or of a search, as conditions without a reading."""
         if self.search is not None:
             n, parts = self.search.trials, self.search.parts
-            variants = self.algorithms.items()
-            drawn = {name: trials(name, variant.search, n, parts) for name, variant in variants}
+            drawn = {name: trials(name, it.search, n, parts) for name, it in self.algorithms.items()}
             for t in range(n + 1):
                 of_variants = {name: settings[t] for name, settings in drawn.items()}
                 yield Condition(f"trial={t}", {"trial": str(t)}, {}, of_variants=of_variants)

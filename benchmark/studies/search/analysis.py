@@ -173,8 +173,9 @@ def _chosen(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Cho
         )
         for t in outcome.picks
     ]
+    best = max(picks, key=lambda pick: pick.score)
     return Chosen(
-        **dict(max(picks, key=lambda pick: pick.score)),
+        **dict(best),
         picks=tuple(picks) if len(picks) > 1 else (),
         trials=len(outcome.searched) - 1,
         runs=len(tried),

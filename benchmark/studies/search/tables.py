@@ -63,7 +63,7 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
     "picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows
 )
 def picks(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates what `picked` yields for trials rounded as in trials.csv; in parts, trial 0 is one of them."""
+    """Tabulates what `picked` yields for trials rounded as in trials.csv; with parts, trial 0 counts."""
     learners = analysis.data.experiment.learners.values()
     trials = analysis.trials.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
     first = 0 if len(analysis.outcomes[0].picks) > 1 else 1
