@@ -30,6 +30,7 @@ _OUTCOME_FIELDS: Final = {
     "probability_up_to": np.float64,  # sum over the outcomes up to this one; infinite at the last
 }
 OUTCOME: Final = np.dtype([*_OUTCOME_FIELDS.items()], align=True)
+STEP: Final = np.dtype([("o", np.uint64), ("a", np.uint64), ("reward", np.float64)])  # kept for a replay
 _STATES_AT_ONCE: Final = 200_000  # whose outcomes are written out together
 
 
@@ -82,6 +83,14 @@ def _outcomes(model: Model, some: slice) -> NDArray[np.void]:
     outcomes["probability_up_to"] = model.probability[some].cumsum(axis=-1)
     outcomes["probability_up_to"][..., -1] = np.inf  # whatever rounding does to the sum
     return outcomes
+
+
+@numba.njit(forceinline=True)
+def keep_step(kept: NDArray[np.void], i: np.uint64, o: np.uint64, a: np.uint64, reward: float) -> None:
+    """Keeps step i of an episode, if there is room for steps."""
+    if len(kept) > 0:
+        step = kept[i]
+        step.o, step.a, step.reward = o, a, reward
 
 
 @numba.njit

@@ -21,7 +21,6 @@ from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
-from agents.linear.tiles import tiles_of
 from agents.policy import uniform_policy
 from agents.process import N_ACTIONS
 from benchmark.drawing.tables import to_markdown, write_csv
@@ -33,6 +32,7 @@ from benchmark.publish import document, files
 from benchmark.publish.document import SPEED
 from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
+from envs.tiles import tiles_of
 
 _ENV: Final = "envs:Proxemic/S1-v0"
 _NETS: Final = Path(__file__).with_name("speed_nets.toml")

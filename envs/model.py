@@ -103,6 +103,12 @@ class Model:
         return math.prod(component.size for component in self.components)
 
     @property
+    def values(self) -> tuple[NDArray[np.int_], ...]:
+        """The value of each component, (O,), in all observations."""
+        sizes = [component.size for component in self.components]
+        return np.unravel_index(np.arange(self.n_observations), sizes[::-1])[::-1]
+
+    @property
     def n_outcomes(self) -> int:
         """K."""
         return int(self.next_state.shape[2])

@@ -1,11 +1,12 @@
 """Forms of observation, as tables of all observations.
 
-Most forms are egocentric: instead of its own cell and people's cells, the agent observes people's positions
-relative to itself. "offset" gives those of all people, "nearest" that of the nearest, "two_nearest" those of
-two, and "centre" the centre of all; for a single person, these are the same. Where the person is not seen,
-they equal "index", "one_hot" and "coordinates".
+A form is what is observed and its encoding. Most forms are egocentric: instead of its own cell and people's
+cells, the agent observes people's positions relative to itself. "offset" gives those of all people, "nearest"
+that of the nearest, "two_nearest" those of two, and "centre" the centre of all; for a single person, these
+are the same. Where the person is not seen, they equal the form of cells with the same encoding.
 """
 
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -15,39 +16,44 @@ from numpy.typing import NDArray
 from envs.inputs import InputError, unknown_name
 from envs.model import Model, compile_scenario
 from envs.scenario import RELATIVE, Scenario
+from envs.tiles import tiles_of
 
-# Every form, and how it is encoded.
-ENCODINGS: Final = {"index": "index", "one_hot": "one_hot", "coordinates": "coordinates"} | {
-    f"{relative}{suffix}": suffix[1:] or "index"
-    for relative in RELATIVE
-    for suffix in ("", "_one_hot", "_coordinates")
+_ENCODINGS: Final = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
+SPARSE: Final = ("one_hot", "factored", "tiles")  # encodings by numbers that are mostly 0, else 1
+# What is observed and the encoding, of every form: ("", "tiles") of "tiles", ("offset", "index") of "offset".
+_PARTS: Final = {
+    "_".join(filter(None, (seen, "" if seen and encoding == "index" else encoding))): (seen, encoding)
+    for seen, encoding in product(("", *RELATIVE), _ENCODINGS)
 }
+ENCODINGS: Final = {form: encoding for form, (_, encoding) in _PARTS.items()}
 OBSERVATIONS: Final = tuple(ENCODINGS)
 INDICES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "index")
 VECTORS: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding != "index")
-COORDINATES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "coordinates")
-MAX_TABLE: Final = 50_000_000  # numbers in the table of all one-hot observations
+MAX_TABLE: Final = 100_000_000  # numbers in the table of all observations
+N_TILINGS: Final = 16
+TILE_WIDTH: Final = 3  # cells
+_CENTRED: Final = 2.0  # the largest centred coordinate
 
 
-def check_one_hot(n_observations: int, n_features: int) -> None:
-    """Refuses, by an InputError, a table of one-hot observations that does not fit into memory."""
+def check_one_hot(n_observations: int, n_features: int, observation: str = "one_hot") -> None:
+    """Refuses, by an InputError, a table of observations in a sparse form that does not fit into memory."""
     if n_observations * n_features > MAX_TABLE:
         found = f"{n_observations:,} observations of {n_features:,} numbers each"
         accepted = f'at most {MAX_TABLE:,} numbers in all, or "coordinates" or "index"'
-        raise InputError(f"observation one_hot: {found}; accepted: {accepted}.")
+        raise InputError(f"observation {observation}: {found}; accepted: {accepted}.")
 
 
 def check_form(observation: str) -> None:
     """Refuses an unknown form by an InputError."""
-    if observation not in OBSERVATIONS:
+    if observation not in _PARTS:
         unknown_name("observation", "form", str(observation), OBSERVATIONS)
 
 
 def seen_as(scenario: Scenario, observation: str) -> Scenario:
     """Returns a scenario with the components that an agent is given in a form."""
     check_form(observation)
-    relative = observation.removesuffix("_coordinates").removesuffix("_one_hot")
-    if relative not in RELATIVE or "issuer" not in scenario.observe:
+    relative, _ = _PARTS[observation]
+    if not relative or "issuer" not in scenario.observe:
         return scenario
     return scenario.seen_as(relative)
 
@@ -61,17 +67,23 @@ def compile_seen(scenario: Scenario, observation: str) -> Model:
     return compile_scenario(seen)
 
 
-def observation_blocks(model: Model) -> NDArray[np.int64]:
-    """Returns which columns of the one-hot form are 1, (O, ones): one or more of each component's block."""
-    starts = np.cumsum([0, *(component.width for component in model.components)])
-    values = zip(model.components, values_of(model), starts[:-1], strict=True)
-    return np.concatenate([component.ones[value] + start for component, value, start in values], axis=1)
-
-
-def values_of(model: Model) -> tuple[NDArray[np.int_], ...]:
-    """Returns the value of each component, (O,), in all observations."""
-    sizes = [component.size for component in model.components]
-    return np.unravel_index(np.arange(model.n_observations), sizes[::-1])[::-1]
+def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.int_], int]:
+    """Returns which numbers of a sparse form are 1, (O, ones), and how many numbers there are."""
+    encoding = ENCODINGS[observation]
+    if encoding == "tiles":
+        tiles = tiles_of(model, N_TILINGS, TILE_WIDTH)
+        return tiles, int(tiles.max()) + 1
+    blocks: list[tuple[NDArray[np.int_], int]] = []  # which numbers are 1 for each value, (size, ones); width
+    for part in model.components:
+        if encoding == "one_hot":
+            blocks.append((part.ones, part.width))
+        else:
+            blocks += zip(part.numbers.T[..., None], part.largest + 1, strict=True)
+    n_blocks = [len(part.largest) if encoding == "factored" else 1 for part in model.components]
+    values = [value for value, n in zip(model.values, n_blocks, strict=True) for _ in range(n)]
+    ends = np.cumsum([0, *(width for _, width in blocks)])
+    ones = [block[value] + end for (block, _), value, end in zip(blocks, values, ends[:-1], strict=True)]
+    return np.concatenate(ones, axis=1), int(ends[-1])
 
 
 def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32]:
@@ -79,25 +91,30 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
 
     Args:
       model: Compiled scenario with O observations; for the forms of the offset by `compile_seen`.
-      kind: The form. Index: (O,) int64. One-hot: a block per component, (O, sum of their widths) float32.
-        Coordinates: those of all components in turn, (O, D) float32, each scaled to [0, 1].
+      kind: The form. Index: (O,) int64. Others: (O, D) float32.
+        One-hot: a block per component, with a 1 at its value. Factored: a block per coordinate, so one for
+        the row and one for the column of a cell. Tiles: a number for each tile, see `envs.tiles`, of
+        `N_TILINGS` tilings. Coordinates: those of all components in turn, each scaled to [0, 1]. Centred: the
+        same, scaled to [-2, 2], about what a running standardization makes of them.
     """
     check_form(kind)
-    if ENCODINGS[kind] == "index":
+    encoding = ENCODINGS[kind]
+    if encoding == "index":
         return np.arange(model.n_observations)
-    if ENCODINGS[kind] == "one_hot":
-        columns, width = observation_blocks(model), sum(component.width for component in model.components)
-        check_one_hot(len(columns), width)
-        table = np.zeros((len(columns), width), dtype=np.float32)
-        np.put_along_axis(table, columns, 1, axis=1)
+    if encoding in SPARSE:
+        ones, width = observation_ones(model, kind)
+        check_one_hot(len(ones), width, kind)
+        table = np.zeros((len(ones), width), dtype=np.float32)
+        np.put_along_axis(table, ones, 1, axis=1)
         return table
-    values = zip(model.components, values_of(model), strict=True)
-    scaled = [(part.numbers / part.largest)[value] for part, value in values]
-    return np.concatenate(scaled, axis=1).astype(np.float32)
+    parts = zip(model.components, model.values, strict=True)
+    scaled = np.concatenate([(part.numbers / part.largest)[value] for part, value in parts], axis=1)
+    return (scaled if encoding == "coordinates" else (2 * scaled - 1) * _CENTRED).astype(np.float32)
 
 
-def observation_space(table: NDArray[Any]) -> spaces.Discrete | spaces.Box:
-    """Returns the space of the rows of an observation table."""
+def observation_space(table: NDArray[Any], observation: str) -> spaces.Discrete | spaces.Box:
+    """Returns the space of the rows of an observation table in a form."""
     if table.ndim == 1:
         return spaces.Discrete(len(table))
-    return spaces.Box(0.0, 1.0, table.shape[1:], np.float32)
+    low, high = (-_CENTRED, _CENTRED) if ENCODINGS[observation] == "centred" else (0.0, 1.0)
+    return spaces.Box(low, high, table.shape[1:], np.float32)

@@ -45,10 +45,14 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per component, with a 1 at its value
     - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number per other component,
       each divided by its maximum
-    - `"offset"`, `"offset_one_hot"`, `"offset_coordinates"`: the same, with the person's cell relative to the
-      agent's in place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
-    - `"nearest"`, `"two_nearest"`, `"centre"`, also with `"_one_hot"` and `"_coordinates"`: the same with the
-      nearest person, the two nearest, or the centre of all people, if the person has a group
+    - `"centred"`: `Box(-2, 2, (D,), float32)`, the coordinates scaled so that 0 is in the middle
+    - `"factored"`: `Box(0, 1, (N,), float32)`, one block per coordinate: one for rows, one for columns
+    - `"tiles"`: `Box(0, 1, (N,), float32)`, the tiles of tile coding, see `envs.tiles`, with 16 ones
+    - `"offset"`, and `"offset_"` before the name of another form: the same, with the person's cell relative to
+      the agent's in place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1)
+      values
+    - `"nearest"`, `"two_nearest"`, `"centre"`, also before the name of another form: the same with the nearest
+      person, the two nearest, or the centre of all people, if the person has a group
 
     The person's cell has a value for each cell in which the person may be. A group has a value for each way
     in which it may stand; as offsets, for each combination that occurs, the nearest person first. Its one-hot
@@ -111,7 +115,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self.model: Model = compile_seen(load_scenario(scenario, overrides), observation)
         self.render_mode = render_mode
         table = observation_table(self.model, observation)
-        self.observation_space = observation_space(table)  # type: ignore[assignment]
+        self.observation_space = observation_space(table, observation)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
         self._observations: list[Observation] = table.tolist() if table.ndim == 1 else list(table)  # (O,)
         self._observed = self.model.observation.tolist()  # (S,)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
-from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
+from agents.process import N_ACTIONS, STEP, Process, U, draw_start, draw_step, draw_word, keep_step
 from agents.tabular.kernel import MIN_TRACE, Constants, Plan, Results, choose_action, find_best, record
 
 
@@ -77,6 +77,32 @@ def _learn(
     return n_kept
 
 
+@numba.njit
+def _pass_back(
+    weights: NDArray[np.float64],
+    tiles: NDArray[np.int32],
+    steps: NDArray[np.void],
+    constants: Constants,
+    is_on_policy: bool,
+    learning_rate: float,
+    last: tuple[np.uint64, np.uint64, bool],  # o and a after the last step, and whether it terminated
+) -> None:
+    """Updates the values of an episode's steps backwards, by Sarsa if on-policy, else by Q-learning."""
+    q = np.empty((1, N_ACTIONS))
+    for _ in range(constants.backward_passes):
+        o, a, terminates = last
+        for step in steps[::-1]:
+            _add_up(weights, tiles, o, q, 0)
+            value = 0.0
+            if not terminates:
+                value = q[0, a] if is_on_policy else q.max()
+            o, a, terminates = step.o, step.a, False
+            _add_up(weights, tiles, o, q, 0)
+            change = learning_rate * (step.reward + constants.discount * value - q[0, a])
+            for t in range(tiles.shape[1]):
+                weights[U(tiles[o, t]), a] += change
+
+
 @compiled
 def train(
     process: Process,
@@ -89,7 +115,7 @@ def train(
 ) -> None:
     """Trains N agents from streams (N, 4), by Sarsa(lambda) if on-policy, else by Watkins's Q(lambda)."""
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    first_rate, halved_after, discount, epsilon, initial_value, decay, takes_lowest, time_limit = constants
+    first_rate, halved_after, discount, epsilon, initial_value, decay, takes_lowest, time_limit, _ = constants
     budget, _, _, points, map_index = plan
     explore_below = U(round(epsilon * 2**32))
     n_tilings, n_features, fading = tiles.shape[1], tiles.max() + 1, discount * decay
@@ -98,6 +124,7 @@ def train(
         weights = np.full((n_features, N_ACTIONS), initial_value / n_tilings)
         traced, strengths = np.empty(n_features * N_ACTIONS, np.int64), np.empty(n_features * N_ACTIONS)
         renewed = np.full(n_features * N_ACTIONS, -1)
+        kept = np.empty(time_limit if constants.backward_passes else 0, STEP)
         masks = np.empty(n_observations, np.int64)  # masks of greedy actions
         q = np.empty((2, N_ACTIONS))  # values of this observation and, before the update, the next
         state, stream = draw_start(starts, stream)
@@ -142,11 +169,14 @@ def train(
             n_traces = _learn(
                 weights, tiles, traced, strengths, renewed, n_traces, step, fading, change, o, a
             )
+            keep_step(kept, U(episode_steps), o, a, reward)
 
             # Go on, or start the next episode
             episode_steps += 1
             begins = outcome.terminates or episode_steps == time_limit
             if begins:
+                steps, last = kept[:episode_steps], (o_next, a_next, outcome.terminates)
+                _pass_back(weights, tiles, steps, constants, is_on_policy, learning_rate, last)
                 state, stream = draw_start(starts, stream)
                 o = U(observation[state])
                 episode_steps = 0

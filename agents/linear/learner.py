@@ -8,22 +8,23 @@ from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Final
 
+import numpy as np
 from pydantic import Field
 
 from agents.contract import Training
 from agents.linear.kernel import train
-from agents.linear.tiles import tiles_of
 from agents.process import process_of
-from agents.tabular.learner import ValueAlgorithm, ValueSettings
+from agents.tabular.learner import TraceSettings, ValueAlgorithm
 from envs.model import ACTIONS, Model
-from envs.observations import COORDINATES
+from envs.observations import ENCODINGS, observation_ones
+from envs.tiles import tiles_of
+
+_ENCODINGS: Final = ("coordinates", "factored", "tiles")  # coordinates are tiled by the learner
 
 
-class LinearSettings(ValueSettings):
+class LinearSettings(TraceSettings):
     """The settings of a linear learner."""
 
-    trace_decay: Annotated[float, Field(ge=0, le=1)] = 0.9
-    """Lambda: the share of a trace that remains after a step, besides the discount."""
     n_tilings: Annotated[int, Field(ge=1, le=1024)] = 16
     """How many tilings; each learns with its share of the learning rate."""
     tile_width: Annotated[int, Field(ge=1, le=1000)] = 3
@@ -31,21 +32,26 @@ class LinearSettings(ValueSettings):
 
 
 class LinearAlgorithm(ValueAlgorithm[Training]):
-    """Q(lambda) or Sarsa(lambda) over tile coding."""
+    """Q(lambda) or Sarsa(lambda) over tile coding, or over the features of a sparse form."""
 
     family = "linear"
-    observations = COORDINATES
+    observations = tuple(form for form, kind in ENCODINGS.items() if kind in _ENCODINGS)
     settings = LinearSettings
     training = Training
 
     def __init__(self, *, is_on_policy: bool) -> None:
         self.is_on_policy = is_on_policy
 
-    def loop(self, model: Model, settings: LinearSettings) -> tuple[Callable[..., None], int]:
-        """Returns the loop over tiles, and the number of weights."""
-        tiles = tiles_of(model, settings.n_tilings, settings.tile_width)
-        loop = partial(train, process_of(model), tiles, settings.constants, self.is_on_policy)
-        return loop, (int(tiles.max()) + 1) * len(ACTIONS)
+    def loop(
+        self, model: Model, settings: LinearSettings, observation: str
+    ) -> tuple[Callable[..., None], int]:
+        """Returns the loop over features, and the number of weights."""
+        if ENCODINGS[observation] == "coordinates":
+            features = tiles_of(model, settings.n_tilings, settings.tile_width)
+        else:
+            features = observation_ones(model, observation)[0].astype(np.int32)
+        loop = partial(train, process_of(model), features, settings.constants, self.is_on_policy)
+        return loop, (int(features.max()) + 1) * len(ACTIONS)
 
 
 Q_LAMBDA: Final = LinearAlgorithm(is_on_policy=False)

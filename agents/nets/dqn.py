@@ -26,8 +26,6 @@ from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from envs import Model
 
-_EPSILON = 1e-8  # Adam's: PyTorch's, which Stable-Baselines3 leaves
-
 
 class Constants(NamedTuple):
     """How an agent acts and learns, see `agents.sb3.settings.DqnSettings`."""
@@ -44,6 +42,7 @@ class Constants(NamedTuple):
     synchronised_every: int  # steps of the envs
     tau: float
     learning_rate: float
+    adam_epsilon: float
     max_grad_norm: float
 
 
@@ -173,7 +172,8 @@ def _update(agent: Dqn) -> None:
         error = q_net.hidden[i] - target
         q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
     net.backward(q_net, parameters, distinct.observed, n_distinct)
-    net.learn(parameters, agent.constants.learning_rate, _EPSILON, agent.constants.max_grad_norm)
+    constants = agent.constants
+    net.learn(parameters, constants.learning_rate, constants.adam_epsilon, constants.max_grad_norm)
 
 
 class DqnAgent(Agent):

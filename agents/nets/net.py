@@ -17,7 +17,7 @@ from agents.compiled import compiled
 from agents.nets.arithmetic import LANES, Kind, Numbers, inlined, like, log, multiply, tanh
 from agents.nets.stepping import draw
 from envs import Model
-from envs.observations import ENCODINGS, observation_blocks, observation_table
+from envs.observations import ENCODINGS, SPARSE, observation_ones, observation_table
 
 _BETAS: Final = (0.9, 0.999)  # PyTorch's, which Stable-Baselines3 leaves
 _MIN_MOMENT: Final = 1e-30  # smaller moments count as zero: denormal numbers would slow every step down
@@ -33,7 +33,7 @@ class Net(NamedTuple):
     biases_at: NDArray[np.int64]  # (L,)
     end: int  # the index after its last parameter
     is_relu: bool  # whether each layer but the last is followed by ReLU, else by tanh
-    ones: NDArray[np.int32]  # (O, ones) which inputs are 1, in one-hot forms; else (O, 0)
+    ones: NDArray[np.int32]  # (O, ones) which inputs are 1, in sparse forms; else (O, 0)
     table: Numbers  # (O, inputs) in other forms; else (O, 0)
     n_rows: int  # B
     stride: int  # W
@@ -83,10 +83,12 @@ def net_of(
     is_relu: bool,
 ) -> Net:
     """Returns a net whose parameters begin at the index `first`, for calls with at most B rows."""
-    is_sparse, n_observations = ENCODINGS[observation] == "one_hot", model.n_observations
-    ones = observation_blocks(model) if is_sparse else np.empty((n_observations, 0))
-    table = np.empty((n_observations, 0)) if is_sparse else observation_table(model, observation)
-    n_inputs = sum(component.width for component in model.components) if is_sparse else table.shape[1]
+    ones = table = np.empty((model.n_observations, 0))
+    if ENCODINGS[observation] in SPARSE:
+        ones, n_inputs = observation_ones(model, observation)
+    else:
+        table = observation_table(model, observation)
+        n_inputs = table.shape[1]
     outputs = np.array([*hidden, n_outputs])
     width = -(-outputs // LANES) * LANES
     sizes = np.array([n_inputs, *width[:-1]]) * width

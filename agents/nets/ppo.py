@@ -25,7 +25,6 @@ from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
 from envs import Model
 
-_EPSILON = 1e-5  # Adam's in Stable-Baselines3
 _GAIN = math.sqrt(2)  # scales the first weights of hidden layers, as in Stable-Baselines3
 _GAINS = 0.01, 1.0  # scale those of the last layers of actor and critic
 
@@ -45,6 +44,7 @@ class Constants(NamedTuple):
     vf_coef: float
     target_kl: float  # infinite: epochs are not cut short
     learning_rate: float
+    adam_epsilon: float
     max_grad_norm: float
 
 
@@ -177,7 +177,8 @@ def _learn(agent: Ppo) -> None:
             _slope_of_critic(agent, chosen, n_distinct)
             for mlp in (agent.actor, agent.critic):
                 net.backward(mlp, agent.parameters, agent.distinct.observed, n_distinct)
-            net.learn(agent.parameters, constants.learning_rate, _EPSILON, constants.max_grad_norm)
+            rate, epsilon = constants.learning_rate, constants.adam_epsilon
+            net.learn(agent.parameters, rate, epsilon, constants.max_grad_norm)
 
 
 @inlined

@@ -4,7 +4,8 @@ They are written out here because importing SB3 loads torch, and its signatures 
 sense. A test compares names and defaults with the signatures.
 """
 
-from typing import Annotated, Any, Final, Self
+from collections.abc import Set
+from typing import Annotated, Any, ClassVar, Final, Self
 
 from pydantic import Field, model_validator
 
@@ -21,11 +22,23 @@ Share = Annotated[float, Field(ge=0, le=1)]
 OUR_SETTINGS: Final = {"budget", "time_limit", "n_envs"}  # they are not arguments of SB3's classes
 
 
+class OptimizerArguments(Table):
+    """The part of SB3's `optimizer_kwargs` that can be set."""
+
+    eps: Annotated[float, Field(ge=1e-12)] | None = None
+    """Epsilon of Adam, the optimiser; by default 1e-8 for DQN and 1e-5 for PPO."""
+
+
 class PolicyArguments(Table):
     """The part of SB3's `policy_kwargs` that can be set."""
 
+    # Any `optimizer_kwargs`, even empty ones, would unset SB3's epsilon of PPO.
+    omitted_at_default: ClassVar[Set[str]] = {"optimizer_kwargs"}
+
     net_arch: Annotated[tuple[Units, ...], Field(max_length=8)] = (64, 64)
     """Units of each hidden layer; an empty list makes a linear net."""
+    optimizer_kwargs: OptimizerArguments = OptimizerArguments()
+    """The optimiser."""
 
 
 class Sb3Settings(LearnerSettings):
@@ -37,6 +50,13 @@ class Sb3Settings(LearnerSettings):
     """Discount."""
     policy_kwargs: PolicyArguments = PolicyArguments()
     """The net."""
+
+    default_epsilon: ClassVar[float]  # of Adam, in SB3's class
+
+    @property
+    def adam_epsilon(self) -> float:
+        """Epsilon of Adam, the optimiser."""
+        return self.policy_kwargs.optimizer_kwargs.eps or self.default_epsilon
 
     @property
     def discount_factor(self) -> float:
@@ -84,6 +104,8 @@ class Sb3Settings(LearnerSettings):
 class DqnSettings(Sb3Settings):
     """Arguments and defaults of SB3's DQN."""
 
+    default_epsilon = 1e-8
+
     learning_rate: Positive = 1e-4
     """Learning rate of Adam, the optimiser."""
     buffer_size: BufferSize = 1_000_000
@@ -115,6 +137,8 @@ class DqnSettings(Sb3Settings):
 
 class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
+
+    default_epsilon = 1e-5
 
     n_steps: Annotated[int, Field(ge=2, le=1_000_000)] = 2048
     """Steps of each environment from one round of updates to the next; by default fewer, but more than half

@@ -152,7 +152,10 @@ def agent_table(
 ) -> AgentTable:
     """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit."""
     observations = observation_table(model, observation)
-    expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
+    expected = {
+        "observation": observation_space(observations, observation),
+        "action": spaces.Discrete(len(ACTIONS)),
+    }
     try:
         layers = known_layers(agent.get_env(), where)
         for kind, space in expected.items():

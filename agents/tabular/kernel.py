@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
-from agents.process import N_ACTIONS, Process, Stream, U, draw_start, draw_step, draw_word
+from agents.process import N_ACTIONS, STEP, Process, Stream, U, draw_start, draw_step, draw_word, keep_step
 from agents.tabular.updates import Successor, UpdateRule
 from envs.sources import digest_when_loaded
 
@@ -52,6 +52,7 @@ class Constants(NamedTuple):
     trace_decay: float  # the weight of a trace is multiplied by discount * trace_decay per step
     takes_lowest: bool  # whether the lowest of several best actions is the only greedy one
     time_limit: int
+    backward_passes: int  # over the steps of an episode, at its end
 
 
 class Plan(NamedTuple):
@@ -103,6 +104,7 @@ class Table(NamedTuple):
     halves: Numbers  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
     traced: NDArray[np.int64]  # (O * A,) pairs o * A + a with traces, the latest last; or (0,)
     weights: Numbers  # (O * A,) of these traces
+    kept: NDArray[np.void]  # (time limit,) of type STEP, the steps of the episode; (0,) without passes
 
 
 class Move(NamedTuple):
@@ -199,6 +201,20 @@ def _renew(
         _update_tree(tree, o, highest[o])
 
 
+@numba.njit
+def _pass_back(
+    table: Table, constants: Constants, n_steps: int, rate: float, o_last: np.uint64, terminates: bool
+) -> None:
+    """Updates the values of an episode's steps backwards, by Q-learning; the last step led to `o_last`."""
+    q, highest, greedy, tree, _, _, _, kept = table
+    for _ in range(constants.backward_passes):
+        value = 0.0 if terminates else highest[o_last]
+        for step in kept[:n_steps][::-1]:
+            q[step.o, step.a] += rate * (step.reward + constants.discount * value - q[step.o, step.a])
+            _renew(q, highest, greedy, tree, step.o, constants.takes_lowest)
+            value = highest[step.o]
+
+
 def _compile_learn(update: UpdateRule) -> Callable[..., int]:
     has_two_tables, has_traces = update.has_two_tables, update.has_traces
 
@@ -274,8 +290,8 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
     ) -> Turn:
         # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
         first, outcomes, n_outcomes, _, observation, starts, is_noisy = process
-        first_rate, halved_after, discount, epsilon, _, trace_decay, takes_lowest, time_limit = constants
-        q, highest, greedy, tree, halves, traced, weights = table
+        first_rate, halved_after, discount, epsilon, _, trace_decay, takes_lowest, time_limit, _ = constants
+        q, highest, greedy, tree, halves, traced, weights, kept = table
         start, state, o, a, begins, episode_steps, steps, episodes, disagreements, n_traces, stream = turn
         by_episode, record_every = plan.by_episode, plan.record_every
         explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
@@ -313,11 +329,14 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
                 move = Move(o, a, half, rate, target, begins, n_traces, decay, takes_lowest)
                 n_traces = learn(q, highest, greedy, tree, halves, traced, weights, move)
 
+                keep_step(kept, U(episode_steps), o, a, reward)
+
                 # Go on, or start the next episode
                 steps += 1
                 episode_steps += 1
                 begins = outcome.terminates or episode_steps == time_limit
                 if begins:
+                    _pass_back(table, constants, episode_steps, rate, o_next, outcome.terminates)
                     state, stream = draw_start(starts, stream)
                     o = U(observation[state])
                     episodes += 1
@@ -365,6 +384,7 @@ def compile_kernel(update: UpdateRule) -> Kernel:
                 np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), value),
                 np.empty(n_pairs, np.int64),
                 np.empty(n_pairs),
+                np.empty(constants.time_limit if constants.backward_passes else 0, STEP),
             )
             state, stream = draw_start(
                 process.starts, (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])

@@ -35,7 +35,7 @@ MAX_RECORDS: Final = 10_000_000  # records of the largest action value that an a
 class ValueSettings(LearnerSettings):
     """The settings of a learner of action values, a table or a linear one; the defaults are the paper's."""
 
-    omitted_at_default: ClassVar[Set[str]] = {"initial_value", "halved_after"}
+    omitted_at_default: ClassVar[Set[str]] = {"initial_value", "halved_after", "backward_passes"}
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
     """How far an update moves a value towards its target, as a share of the difference."""
@@ -68,6 +68,7 @@ class ValueSettings(LearnerSettings):
             trace_decay=getattr(self, "trace_decay", 0.0),
             takes_lowest=self.ties == "lowest",
             time_limit=self.time_limit or 2**62,
+            backward_passes=getattr(self, "backward_passes", 0),
         )
 
 
@@ -89,11 +90,24 @@ class Settings(ValueSettings):
         return self
 
 
-class TraceSettings(Settings):
-    """The settings of a rule with eligibility traces."""
+class TraceSettings(ValueSettings):
+    """The settings of a learner with eligibility traces."""
 
     trace_decay: Annotated[float, Field(ge=0, le=1)] = 0.9
     """Lambda: the share of a trace that remains after a step, besides the discount."""
+    backward_passes: Annotated[int, Field(ge=0, le=100)] = 0
+    """How often each episode, when it ends, is replayed from its last step to its first, by one-step updates
+    at the learning rate of the last (Lin 1992, Machine Learning 8:293-321). `updates` does not count them."""
+
+    @model_validator(mode="after")
+    def _episodes_fit(self) -> Self:
+        if self.backward_passes and (self.time_limit or math.inf) > MAX_RECORDS:
+            raise ValueError(f"backward_passes = {self.backward_passes} needs time_limit <= {MAX_RECORDS:,}")
+        return self
+
+
+class TabularTraceSettings(TraceSettings, Settings):
+    """The settings of a tabular learner with eligibility traces."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,7 +129,7 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
     training: type[TrainingT]
 
     @abstractmethod
-    def loop(self, model: Model, settings: Any) -> tuple[Callable[..., None], int]:
+    def loop(self, model: Model, settings: Any, observation: str) -> tuple[Callable[..., None], int]:
         """Returns the loop, which takes a plan, streams and results, and the number of parameters."""
 
     def records(self, n_agents: int, settings: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG002
@@ -123,15 +137,10 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
         return {}
 
     def train(
-        self,
-        model: Model,
-        settings: Any,
-        observation: str,  # noqa: ARG002
-        seeds: Sequence[SeedSequence],
-        schedule: Schedule,
+        self, model: Model, settings: Any, observation: str, seeds: Sequence[SeedSequence], schedule: Schedule
     ) -> TrainingT:
         """Trains agents; raises an InputError if their loop needs too much memory."""
-        loop, n_parameters = self.loop(model, settings)
+        loop, n_parameters = self.loop(model, settings, observation)
         n_agents, n_steps, n_maps = len(seeds), len(schedule.evaluation_steps), len(schedule.map_steps)
         table = model.n_observations, len(ACTIONS)
         room: dict[str, NDArray[Any]] = {
@@ -185,10 +194,15 @@ class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
 
     def __init__(self, update: UpdateRule) -> None:
         self.update = update
-        self.settings = TraceSettings if update.has_traces else Settings
+        self.settings = TabularTraceSettings if update.has_traces else Settings
         self.version = VERSION + update.version
 
-    def loop(self, model: Model, settings: Settings) -> tuple[Callable[..., None], int]:
+    def loop(
+        self,
+        model: Model,
+        settings: Settings,
+        observation: str,  # noqa: ARG002
+    ) -> tuple[Callable[..., None], int]:
         """Returns the loop of the update rule, and the size of its tables."""
         n_values = model.n_observations * len(ACTIONS)
         loop = partial(compile_kernel(self.update), process_of(model), settings.constants)

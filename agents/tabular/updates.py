@@ -44,7 +44,7 @@ class UpdateRule:
     # Whether it learns two tables, of which each update moves one at random. The agent acts by their mean.
     has_two_tables: bool = False
     # Whether it also moves the values of earlier actions of the episode, as far as every later action was
-    # greedy. It then needs the settings of `agents.tabular.learner.TraceSettings`.
+    # greedy. It then needs the settings of `agents.tabular.learner.TabularTraceSettings`.
     has_traces: bool = False
     version: int = 0  # raise it when a change alters what is learned
 

@@ -1,9 +1,11 @@
 """Executes a job where the work is done: trains its runs, evaluates them, and makes their records."""
 
+import math
 import time
 from contextlib import suppress
 from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -16,7 +18,7 @@ from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
 from benchmark.execution.store import VALUE_DECIMALS, Arrays, Record, evaluated
 from benchmark.experiments import RunSpecification
-from benchmark.experiments.run import solved
+from benchmark.experiments.run import given_up, solved
 from envs import InputError, Model
 from envs.observations import compile_seen
 from envs.packages import contained
@@ -110,12 +112,12 @@ def _train_and_evaluate(job: Job) -> Arrays:
 
 
 def _train_until_solved(run: RunSpecification) -> Arrays:
-    """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
+    """Trains a run until it has solved its scenario or is given up, see `Solved`.
 
-    After the point at which that is certain, a curve repeats its value. If the run is trained to its budget,
-    because its algorithm cannot end early or there are unseen places, the last point is that of the last
-    policy. `unseen_success` (1, 2, 2) is success in unseen places: when learned and at the budget, by the
-    greedy and the stochastic policy.
+    Returns its curves, (1, ...). After the point at which that is certain, a curve repeats its value. If the
+    run is trained to its budget, because its algorithm cannot end early or there are unseen places, the last
+    point is that of the last policy, unless the run is given up. `unseen_success` (1, 2, 2) is success in
+    unseen places: when learned or given up and at the budget, by the greedy and the stochastic policy.
     """
     assert run.solved is not None
     enough, is_greedy = float(run.solved["success"]), run.solved["policy"] == "greedy"
@@ -123,10 +125,12 @@ def _train_until_solved(run: RunSpecification) -> Arrays:
     schedule, has_unseen = run.schedule, len(model.unseen_starts) > 0
     n_steps = len(schedule.evaluation_steps)
     success: list[float] = []
+    after = float(run.solved.get("given_up_after", math.inf))
+    is_given_up = partial(given_up, success, schedule.evaluation_steps, enough, after)
 
     def is_over(policy: NDArray[np.float64]) -> bool:
         success.append(float(evaluate(model, policy, run.horizon).success))
-        return solved(success, schedule.evaluation_steps, enough)[1]
+        return solved(success, schedule.evaluation_steps, enough)[1] or is_given_up()
 
     def may_end(_: int, table: NDArray[np.float64]) -> bool:
         return is_over(mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table)
@@ -147,7 +151,9 @@ def _train_until_solved(run: RunSpecification) -> Arrays:
         has_ended = is_over(policies(i)[not is_greedy])
     i_learned = len(success) - 1
     success += [success[-1]] * (n_steps - len(success))
-    if not is_early:
+    if is_given_up():
+        training.disagreements[:, i_learned:] = training.disagreements[:, [i_learned]]
+    elif not is_early:
         success[-1] = float(evaluate(model, policies(n_steps - 1)[not is_greedy], run.horizon).success)
     unseen = np.empty((1, 0, 2))
     if has_unseen:

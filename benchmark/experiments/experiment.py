@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Final
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
-from agents.linear.tiles import check_tiles
 from benchmark.experiments import choices, schema
 from benchmark.experiments.run import RunSpecification
 from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
 from envs.inputs import check_all, override, parse, seen, unknown_name
-from envs.observations import ENCODINGS, check_one_hot, seen_as
+from envs.observations import ENCODINGS, SPARSE, check_one_hot, seen_as
 from envs.sources import digest_of_source
+from envs.tiles import check_tiles
 
 MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 MAX_RECORD: Final = 100_000_000  # bytes, before compression
@@ -60,10 +60,16 @@ class Learner:
 _OBSERVED: Final = {
     "index": " on the cells' index",
     "one_hot": " on one-hot cells",
+    "factored": " on one-hot rows and columns",
+    "tiles": " on tiles",
     "coordinates": " on coordinates",
+    "centred": " on centred coordinates",
     "offset": " on the offset's index",
     "offset_one_hot": " on one-hot offsets",
+    "offset_factored": " on one-hot rows and columns of offsets",
+    "offset_tiles": " on tiles of offsets",
     "offset_coordinates": " on offset coordinates",
+    "offset_centred": " on centred offset coordinates",
     "nearest_coordinates": " on the nearest offset's coordinates",
     "two_nearest_coordinates": " on the two nearest offsets' coordinates",
     "centre_coordinates": " on the centre's coordinates",
@@ -213,8 +219,8 @@ class _Loading:
     def learners(self, name: str) -> Iterator[Learner]:
         """Yields the learners of a variant.
 
-        A variant counts as what its algorithm is, but a net that has no hidden layers and learns from one-hot
-        observations alone is a table: it has a row of weights for each observation.
+        A variant counts as what its algorithm is, but a net without hidden layers is linear, or a table if it
+        learns from one-hot observations alone: it has a row of weights for each observation.
         """
         variant, first = self.declared.algorithms[name], next(iter(self.declared.conditions.values()))
         algorithm = load_algorithm(variant.algorithm)
@@ -362,8 +368,9 @@ def _check_titles(learners: Iterable[Learner], where: str) -> None:
 def _family(learner: Learner, settings: LearnerSettings) -> str:
     """Returns what a learner counts as with these settings, see `_Loading.learners`."""
     layers = dict(getattr(settings, "policy_kwargs", None) or {}).get("net_arch")
-    is_table = layers is not None and len(layers) == 0 and ENCODINGS[learner.observation] == "one_hot"
-    return "tabular" if is_table else learner.algorithm.family
+    if layers is None or len(layers) > 0:
+        return learner.algorithm.family
+    return "tabular" if ENCODINGS[learner.observation] == "one_hot" else "linear"
 
 
 def check_size(run: RunSpecification) -> None:
@@ -373,6 +380,10 @@ def check_size(run: RunSpecification) -> None:
         widths = [width for _, width in scenario.observed_sizes.values()]
         check_one_hot(scenario.n_observations, sum(widths))
     check_tiles(scenario.n_observations, getattr(run.settings, "n_tilings", 0))
+    if ENCODINGS[run.observation] in SPARSE:
+        for key in sorted({"n_tilings", "tile_width"} & run.settings.model_fields_set):
+            found = f"{key} = {getattr(run.settings, key)} with {run.observation}, which has its own features"
+            raise InputError(f"{found}; accepted: no {key}, or a form of coordinates.")
     if run.record_size > MAX_RECORD:
         found = f"evaluation_every = {run.evaluation_every} and map_every = {run.map_every} with "
         found += f"budget = {run.settings.budget} and {scenario.n_observations:,} observations in "

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -167,3 +168,14 @@ def solved(
         elif i > first and steps[i] >= until * steps[first]:
             return first, True
     return first, False
+
+
+def given_up(success: Sequence[float], steps: Sequence[int], enough: float, after: float) -> bool:
+    """Returns whether a run is given up, by its curve so far, see `Solved.given_up_after`.
+
+    >>> steps = [0, 100, 200, 300, 400]
+    >>> [given_up(success, steps, 0.9, 0.6) for success in ([0, 0.4, 0], [0, 0.4, 0, 0], [0, 0.5, 0, 0])]
+    [False, True, False]
+    """
+    first = bisect_left(steps, after * steps[-1])
+    return len(success) > first and max(success[: first + 1]) < enough / 2

@@ -198,12 +198,15 @@ class Solved(Table):
     Only curves are recorded.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"levels"}
+    omitted_at_default: ClassVar[Set[str]] = {"given_up_after", "levels"}
 
     success: Annotated[float, Field(gt=0, le=1)] = 0.9
     """The level."""
     growth: Annotated[float, Field(ge=1.001, le=2)] = 1.15
     """Approximate ratio of the steps of one evaluation to those of the one before."""
+    given_up_after: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """Share of the budget after which a run is given up, at the next evaluation, if success has never reached
+    half of the level. From then on its curves stay constant, so it never learns; it ends there if it can."""
     levels: tuple[Annotated[float, Field(gt=0)], ...] = ()
     """Further levels, at most `success`, at which a map decides its contrasts, too; runs stay the same."""
 
@@ -212,6 +215,9 @@ class Solved(Table):
         accepted = f"numbers up to success = {self.success:g}, above which runs may have ended"
         require(max(self.levels, default=0.0) <= self.success, f"levels = {[*self.levels]}", accepted)
         inputs.distinct(tuple(f"{level:g}" for level in self.levels), "levels: ")  # as tables name them
+        is_known = self.given_up_after is None or min(self.levels, default=1.0) >= self.success / 2
+        accepted = f"numbers from {self.success / 2:g}, below which runs may have been given up"
+        require(is_known, f"levels = {[*self.levels]}", accepted)
         return self
 
     @property

@@ -8,7 +8,7 @@ import pytest
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from agents.linear.tiles import tiles_of
+from envs.tiles import tiles_of
 from agents.policy import ALL_ACTIONS
 from benchmark.experiments import load_experiment
 from envs import InputError, Model, load_scenario
@@ -99,6 +99,8 @@ def test_offsets_of_two_people_are_tiled_together() -> None:
         ("Noisy", {}, {"n_tilings": 4, "epsilon": 0.2, "initial_value": 0.3}),
         # With one tiling of single cells, the textbook's loop learns a table.
         ("MoodyHidden", {}, {"n_tilings": 1, "tile_width": 1, "halved_after": 900}),
+        ("S2", {}, {"n_tilings": 4, "epsilon": 0.2, "backward_passes": 1}),
+        ("S2", MOVES, {"n_tilings": 3, "ties": "lowest", "halved_after": 500, "backward_passes": 2}),
     ],
 )
 def test_kernel_equals_a_loop_in_plain_python(
@@ -112,6 +114,27 @@ def test_kernel_equals_a_loop_in_plain_python(
     assert settings.tile_width > 1 or (tiles[:, 0] == np.arange(model.n_observations)).all()
     for key, expected in textbook(name, model, settings, seeds[1], POINTS, tiles).items():
         assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
+
+
+def test_single_cells_are_the_table_with_backward_passes() -> None:
+    seeds, schedule = [SeedSequence([7, i]) for i in range(2)], Schedule(2000, POINTS)
+    table, linear = (
+        load_algorithm(name).train(
+            model_of("S2", form, **MOVES),
+            load_algorithm(name).settings.model_validate(
+                {"budget": 2000, "time_limit": 50, "epsilon": 0.2, "backward_passes": 2} | changes
+            ),
+            form,
+            seeds,
+            schedule,
+        )
+        for name, form, changes in (
+            ("watkins_q_lambda", "index", {}),
+            ("linear_q_lambda", "coordinates", {"n_tilings": 1, "tile_width": 1}),
+        )
+    )
+    assert np.array_equal(table.q, linear.q)
+    assert np.array_equal(table.greedy, linear.greedy)
 
 
 def test_an_update_changes_all_observations_that_share_a_tile() -> None:

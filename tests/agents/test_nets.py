@@ -68,7 +68,7 @@ SETTINGS: dict[str, Any] = {
     ),
     "compiled_ppo": PpoSettings(n_envs=2, n_steps=20, batch_size=20, n_epochs=10, gae_lambda=0.75, **SHARED),
 }
-OBSERVATIONS = ["one_hot", "coordinates"]
+OBSERVATIONS = ["one_hot", "coordinates", "factored", "tiles", "centred"]
 N_AGENTS = 3
 
 
@@ -191,8 +191,8 @@ def check_weights(parts: list[torch.Tensor], values: list[NDArray[Any]]) -> None
 
 
 def in_turn(*cases: tuple[str, dict[str, Any]]) -> list[tuple[str, str, dict[str, Any]]]:
-    """Gives the cases the two forms of observation by turns."""
-    return [(OBSERVATIONS[i % 2], *case) for i, case in enumerate(cases)]
+    """Gives the cases the forms of observation by turns."""
+    return [(OBSERVATIONS[i % len(OBSERVATIONS)], *case) for i, case in enumerate(cases)]
 
 
 # Whatever it computes in, Stable-Baselines3 rounds discounts to float32. Those here are the same then.
@@ -203,7 +203,8 @@ DQN_CASES: list[tuple[str, dict[str, Any]]] = [
     ("S1", {"buffer_size": 150, "batch_size": 50, "policy_kwargs": {"net_arch": (128, 128)},
             "exploration_initial_eps": 0.9, "exploration_final_eps": 0.2, "exploration_fraction": 0.3}),
     ("S1", {"n_steps": 4, "n_envs": 2, "max_grad_norm": 0.01, "time_limit": None, "train_freq": 5,
-            "gradient_steps": -1, "buffer_size": 203}),
+            "gradient_steps": -1, "buffer_size": 203,
+            "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-3}}}),
     # More envs than rows of a mini-batch, and a single row of the buffer; the first step is greedy.
     ("S1", {"n_envs": 40, "batch_size": 8, "buffer_size": 20, "tau": 0.0, "train_freq": 1,
             "gradient_steps": 20, "learning_starts": 0}),
@@ -266,7 +267,7 @@ PPO_CASES: list[tuple[str, dict[str, Any]]] = [
     ("S1", {"learning_rate": 1e-2, "gamma": 0.625, "policy_kwargs": {"net_arch": ()}}),
     ("S1", {"batch_size": 40, "ent_coef": 0.05, "n_epochs": 20, "policy_kwargs": {"net_arch": (128, 128)}}),
     ("S1", {"batch_size": 17, "gae_lambda": 0.5, "vf_coef": 1.5, "normalize_advantage": False,
-            "max_grad_norm": 0.05, "time_limit": 7}),
+            "max_grad_norm": 0.05, "time_limit": 7, "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-2}}}),
     ("S1", {"n_envs": 1, "n_steps": 40, "batch_size": 39, "time_limit": None, "clip_range": 0.02}),
     ("S1", {"batch_size": 64, "n_epochs": 20}),  # more than a rollout has
     ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5, "time_limit": 7}),
@@ -396,7 +397,7 @@ def digest_of_all() -> str:
     digest = hashlib.sha256()
     for name, cases in CASES.items():
         for changes in cases:
-            for observation, model in zip(OBSERVATIONS, (NOISY_MOODY, S1), strict=True):
+            for observation, model in zip(("one_hot", "coordinates"), (NOISY_MOODY, S1), strict=True):
                 training = trained(name, observation, [0], model, (0, 100, 200), budget=200, **changes)
                 for field in fields(training):
                     if field.name != "cpu_time_s":

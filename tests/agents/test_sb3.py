@@ -122,6 +122,10 @@ def test_default_net_is_sb3s(name: str) -> None:
     ]
     fused = {"fused": None} if "fused" in groups[1] else {}
     assert groups[0] | fused == groups[1]
+    assert groups[0]["eps"] == settings.adam_epsilon
+    changed = settings.model_validate({"budget": 10240, "policy_kwargs": {"optimizer_kwargs": {"eps": 0.5}}})
+    agent = make_agent(METHODS[name].load(), changed, vec_env(1))
+    assert agent.policy.optimizer.param_groups[0]["eps"] == 0.5 == changed.adam_epsilon
     assert type(ours.policy.optimizer) is type(theirs.policy.optimizer)
 
 

@@ -67,6 +67,22 @@ GREEDY: Final[dict[str, Any]] = {"epsilon": 0.0, "ties": "lowest", "learning_rat
             [0.10125, 0.225, 0.5],
             [0.10125 + 0.050625 + 0.050625 + 0.050625, 0.225 + 0.1125 + 0.1125, 0.75],
         ),
+        # Once the goal is found, a backward pass gives every step of the episode its discounted reward.
+        (
+            "watkins_q_lambda",
+            {"trace_decay": 0.0, "learning_rate": 1.0, "backward_passes": 1, "time_limit": 9},
+            [0.81, 0.9, 1],
+            [0.81, 0.9, 1],
+        ),
+        # An update takes the mean of value and target. From last to first: 0.5, 0, 0 after three steps; 0.75,
+        # 0.3375, 0.151875 after the first pass; 0.875, 0.5625, 0.3290625 after the second. Second episode:
+        # 0.9375, 0.675, 0.41765625; 0.96875, 0.7734375, 0.556875; 0.984375, 0.8296875, 0.651796875.
+        (
+            "watkins_q_lambda",
+            {"trace_decay": 0.0, "backward_passes": 2, "time_limit": 9},
+            [0.3290625, 0.5625, 0.875],
+            [0.651796875, 0.8296875, 0.984375],
+        ),
         # Initial values of 2 are lowered: 2 + 0.5 * (1.8 - 2) = 1.9 twice, and 1.5. Then DOWN, LEFT and RIGHT
         # are better in the first cell, stay there, and are lowered to 1.9 in turn.
         ("q_learning", {"initial_value": 2.0}, [1.9, 1.9, 1.5], [1.9, 1.9, 1.5]),

@@ -79,6 +79,7 @@ class Textbook:
         self.weights = np.full(shape, settings.initial_value / self.n_tilings)
         self.traces: dict[tuple[int, int], float] = {}
         self.state, self.following, self.episode_steps = start(model, self.stream), -1, 0
+        self.episode: list[tuple[int, int, float, int, int, bool]] = []
         self.steps = self.episodes = self.wrong = 0
 
     def values_of(self, table: int, o: int) -> Any:
@@ -111,6 +112,18 @@ class Textbook:
             return float(self.values_of(1 - half, o)[choose(word, 0.0, self.best(self.values_of(half, o)))])
         return float(row.max())
 
+    def pass_back(self, rate: float) -> None:
+        """Goes through the steps of an episode backwards: one-step Sarsa or Q-learning (Lin 1992)."""
+        for _ in range(getattr(self.settings, "backward_passes", 0)):
+            for o, action, reward, after, following, terminates in reversed(self.episode):
+                row = self.values(after)
+                value = row[following] if self.name == "linear_sarsa_lambda" else row.max()
+                target = reward + (0.0 if terminates else self.settings.discount * value)
+                error = target - self.values(o)[action]
+                for tile in self.tiles[o]:
+                    self.weights[0, tile, action] += rate * error
+        self.episode = []
+
     def step(self) -> bool:
         """Takes a step and learns from it; returns whether the episode is over."""
         model, settings = self.model, self.settings
@@ -134,9 +147,12 @@ class Textbook:
         rate = settings.learning_rate / (1 + self.steps / (settings.halved_after or np.inf)) / self.n_tilings
         for pair, trace in self.traces.items():
             self.weights[word >> 63, *pair] += rate * error * trace
+        after = int(model.observation[state])
+        self.episode.append((o, action, reward, after, self.following, terminates))
         self.state, self.steps, self.episode_steps = state, self.steps + 1, self.episode_steps + 1
         is_over = terminates or self.episode_steps == settings.time_limit
         if is_over:
+            self.pass_back(rate)
             self.state, self.episode_steps = start(model, self.stream), 0
             self.episodes += 1
         return is_over

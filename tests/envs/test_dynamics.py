@@ -23,7 +23,7 @@ from envs import (
 )
 from envs.inputs import override, read_toml
 from envs.model import draw_issuer_reward
-from envs.observations import observation_blocks, observation_table
+from envs.observations import observation_ones, observation_table
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.envs.reference import Reference, Tables
 
@@ -153,7 +153,7 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
     }
     values = sorted({*stands.values()})
     cells = sorted({cell for place in values for cell in place})
-    blocks, coordinates = observation_blocks(model), observation_table(model, "coordinates")
+    blocks, coordinates = observation_ones(model, "one_hot")[0], observation_table(model, "coordinates")
     one_hot = observation_table(model, "one_hot")
 
     def index(state: tuple[Any, ...]) -> int:

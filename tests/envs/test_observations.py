@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.linear.tiles import tiles_of
+from envs.tiles import tiles_of
 from envs import OBSERVATIONS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
-from envs.observations import compile_seen, observation_blocks, observation_table, seen_as
+from envs.observations import compile_seen, observation_ones, observation_table, seen_as
 from envs.scenario import RELATIVE
 from tests.support import few_places
 
@@ -25,7 +25,7 @@ def seen(form: str, changes: dict[str, Any], agent: tuple[int, int], *people: tu
     is_there = model.context == model.scenario.layout.places.index(people)
     (o,) = {*model.observation[is_here & is_there].tolist()}
     table = observation_table(model, f"{form}_one_hot")
-    assert np.flatnonzero(table[o]).tolist() == sorted(observation_blocks(model)[o].tolist())
+    assert np.flatnonzero(table[o]).tolist() == sorted(observation_ones(model, f"{form}_one_hot")[0][o].tolist())
     if form in ("nearest", "centre"):
         assert np.flatnonzero(table[o]).tolist() == [o]
     return np.flatnonzero(table[o]).tolist(), observation_table(model, f"{form}_coordinates")[o].tolist()
@@ -69,7 +69,8 @@ def test_every_observation_is_as_defined(form: str, name: str, changes: dict[str
     model = compile_seen(load_scenario(name, changes), form)
     (rows, columns), n = model.scenario.grid.size, model.scenario.n_people
     assert model.scenario.observe[0] == form
-    ones, coordinates = observation_blocks(model), observation_table(model, f"{form}_coordinates")
+    ones, _ = observation_ones(model, f"{form}_one_hot")
+    coordinates = observation_table(model, f"{form}_coordinates")
     standing = model.position[model.scenario.layout.standing.reshape(-1, n)].tolist()
     number_of: dict[Any, int] = {}
     for o, cell, context in zip(model.observation, model.cell, model.context, strict=True):
@@ -92,6 +93,43 @@ def test_every_observation_is_as_defined(form: str, name: str, changes: dict[str
         assert np.abs(2 * coordinates[o] - np.ravel(scaled)).max() < 1e-6
         assert number_of.setdefault(tuple(shown), o) == o
     assert len({*number_of.values()}) == len(number_of)  # others have other numbers
+
+
+def test_further_encodings_of_a_pair_of_cells_by_hand() -> None:
+    # The agent is in row 3, column 1 of five and six, the person in row 0, column 4.
+    model = compile_scenario(load_scenario("Anywhere", ROOM))
+    is_there = model.context == model.scenario.layout.places.index(((0, 4),))
+    (o,) = {*model.observation[(model.cell == 3 * 6 + 1) & is_there].tolist()}
+    factored = observation_table(model, "factored")
+    assert factored.shape[1] == 5 + 6 + 5 + 6
+    assert np.flatnonzero(factored[o]).tolist() == [3, 5 + 1, 11 + 0, 16 + 4]
+    expected = [-2 + 4 * 3 / 4, -2 + 4 * 1 / 5, -2 + 4 * 0 / 4, -2 + 4 * 4 / 5]
+    assert observation_table(model, "centred")[o].tolist() == pytest.approx(expected)
+    offsets = compile_seen(model.scenario, "offset_factored")
+    (o,) = {*offsets.observation[(offsets.cell == 3 * 6 + 1) & is_there].tolist()}
+    assert np.flatnonzero(observation_table(offsets, "offset_factored")[o]).tolist() == [-3 + 4, 9 + 3 + 5]
+    assert observation_table(offsets, "offset_centred")[o].tolist() == pytest.approx([-1.5, 1.2])
+
+
+@pytest.mark.parametrize(("name", "changes"), [("Anywhere", ROOM), ("Anywhere", PAIR), ("Moody", {})])
+@pytest.mark.parametrize("form", ["factored", "offset_factored", "centre_factored", "tiles", "offset_tiles"])
+def test_sparse_forms_hold_what_other_forms_hold(form: str, name: str, changes: dict[str, Any]) -> None:
+    model = compile_seen(load_scenario(name, changes), form)
+    table = observation_table(model, form)
+    if form.endswith("tiles"):  # one of each tiling is 1, and observations share what they share as tiles
+        tiles = tiles_of(model, 16, 3)
+        assert (table.sum(axis=1) == 16).all()
+        some = np.random.default_rng(1).integers(len(table), size=(200, 2))
+        shared = [len({*tiles[i].tolist()} & {*tiles[j].tolist()}) for i, j in some]
+        assert [float(table[i] @ table[j]) for i, j in some] == shared
+        return
+    # Undone block by block, the blocks of coordinates give the coordinates.
+    coordinates = observation_table(model, form.replace("factored", "coordinates"))
+    largest = np.concatenate([part.largest for part in model.components])
+    blocks = np.split(table, np.cumsum(largest + 1)[:-1], axis=1)
+    assert all((block.sum(axis=1) == 1).all() for block in blocks)
+    numbers = np.stack([block.argmax(axis=1) for block in blocks], axis=1)
+    assert np.allclose(numbers / largest, coordinates)
 
 
 def test_whoever_does_not_see_the_issuer_is_given_the_plain_form() -> None:

@@ -1,10 +1,10 @@
 """What a map declares of its report, and what it demands of its experiment."""
 
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
-from itertools import filterfalse
+from itertools import chain, filterfalse
 from math import prod
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -29,14 +29,24 @@ class Margins(Table):
 class Panel(Table):
     """A panel of a map."""
 
-    omitted_at_default: ClassVar[Set[str]] = {"grid"}
-
     grid: str = ""
     """The grid with one axis that it shows; by default the first."""
     title: Annotated[Label, Field(min_length=1)]
     """Its heading."""
     learners: Annotated[Names, Field(min_length=1)]
     """Names of the learners that it shows."""
+
+
+LearnerNames = dict[str, Annotated[Label, Field(min_length=1)]]
+
+
+class AnswerGroup(Table):
+    """Rows of the figure of a map's answer, under a heading."""
+
+    title: Label
+    """The heading."""
+    learners: Annotated[LearnerNames, Field(min_length=1)]
+    """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
 
 
 class Answer(Table):
@@ -46,14 +56,19 @@ class Answer(Table):
     """The grid with the point."""
     point: str
     """The point, as in tables: "places 64". The person must have unseen places there."""
-    learners: Annotated[dict[str, Annotated[Label, Field(min_length=1)]], Field(min_length=1)]
-    """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
+    learners: LearnerNames = Field(default={})
+    """What the figure calls each learner, by its name, if it has no groups."""
+    groups: tuple[AnswerGroup, ...] = ()
+    """Learners under headings, instead."""
+
+    @property
+    def headed(self) -> dict[str, LearnerNames]:
+        """The learners by heading, which is empty without groups."""
+        return {group.title: group.learners for group in self.groups} or {"": self.learners}
 
 
 class MapDeclared(Declared):
     """The contrasts that a map decides, and what its figures show."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"answer"}
 
     contrasts: Annotated[tuple[tuple[str, str], ...], Field(min_length=1)]
     """Pairs of learners x, y that are compared, with verdicts, wherever there are both."""
@@ -75,7 +90,12 @@ class MapDeclared(Declared):
         pairs = (" and ".join(sorted(contrast)) for contrast in self.contrasts)
         distinct(tuple(pairs), "report.contrasts: ")
         distinct(tuple(panel.title for panel in self.panels), "report.panels: title ")
-        distinct(tuple(answer.learners.values() if answer else ()), "report.answer: ")
+        if answer:
+            is_one = bool(answer.learners) != bool(answer.groups)
+            require(is_one, "report.answer", "either learners or groups")
+            distinct(tuple(group.title for group in answer.groups), "report.answer.groups: title ")
+            for learners in answer.headed.values():
+                distinct(tuple(learners.values()), "report.answer: ")
         return self
 
 
@@ -105,25 +125,20 @@ def axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float]]:
     return axis, dict(sorted(values.items(), key=lambda pair: pair[1]))
 
 
-def ranked(experiment: Experiment) -> dict[str, list[str]]:
-    """Returns every learner but reference implementations, each with an empty list."""
-    return {name: [] for name, learner in experiment.learners.items() if not learner.reference_for}
-
-
 def panels_of(experiment: Experiment, declared: MapDeclared) -> list[Panel]:
     """Returns the declared panels with their grids; by default, the first grid with all learners."""
     first = curve_grids(experiment)[0]
-    learners = _shown_in(experiment, first)
+    learners = shown_in(experiment, first)
     title = experiment.declared.grids[first].question
     default = Panel.model_construct(title=title, learners=tuple(learners))
     panels = declared.panels or (default,)
     return [panel.model_copy(update={"grid": panel.grid or first}) for panel in panels]
 
 
-def _shown_in(experiment: Experiment, grid: str) -> list[str]:
-    """Lists the learners with the best settings that run in a grid."""
+def shown_in(experiment: Experiment, grid: str) -> list[str]:
+    """Lists the learners that run in a grid, without reference implementations."""
     ran = {p.learner.name for p in experiment.populations if p.condition.axes["grid"] == grid}
-    return [name for name in ranked(experiment) if name in ran]
+    return [name for name, each in experiment.learners.items() if name in ran and not each.reference_for]
 
 
 def compared(
@@ -215,7 +230,7 @@ def _of_panels(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
         if panel.grid not in grids:
             yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(grids)}."
             continue
-        shown = _shown_in(experiment, panel.grid)
+        shown = shown_in(experiment, panel.grid)
         for name in panel.learners:
             if name not in shown:
                 accepted = f"learners of the grid {panel.grid}: {', '.join(shown)}"
@@ -233,7 +248,7 @@ def _of_answer(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
             accepted = "; ".join(f'grid = "{grid}", point = "{point}"' for grid, point in ran)
             where = f'report.answer: grid = "{answer.grid}", point = "{answer.point}"'
             yield f"{where}: accepted: {accepted or 'none, since no point has unseen places'}."
-        for name in answer.learners:
+        for name in chain(*answer.headed.values()):
             if learners and name not in learners:
                 yield f"report.answer.learners: {name}: accepted: {', '.join(learners)}."
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from textwrap import fill
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator
 from matplotlib.transforms import ScaledTranslation
 
 from benchmark.drawing.style import INK, colour_map, figure_of
@@ -21,7 +21,7 @@ from benchmark.studies.data import style_of
 from benchmark.studies.item import drawing
 from benchmark.studies.map import tables
 from benchmark.studies.map.analysis import MapAnalysis
-from benchmark.studies.map.declared import Panel, axis_of, curve_grids, panels_of, ranked
+from benchmark.studies.map.declared import Panel, axis_of, curve_grids, panels_of, shown_in
 from benchmark.studies.map.looks import FASTER, SLOWER, VERDICTS, Contrast
 
 _COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; numbers for x are bold, to tell them apart in grey
@@ -52,7 +52,7 @@ _NEVER: Final = "never learns"
 _LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
 _WHAT: Final = {
     "steps": "steps until it has learned\n(fewer is better)",
-    "unseen_success": "success in unseen places\n(more is better)",
+    "unseen_budget": "success in unseen places\nafter {:,} steps (more is better)",
 }
 Point = tuple[str, str]  # a grid and a point of it; a gap between grids has empty names
 
@@ -60,47 +60,64 @@ Point = tuple[str, str]  # a grid and a point of it; a gap between grids has emp
 @drawing(
     "answer",
     "the answer: at one point, the steps that learners need, and their success in unseen places",
-    "Median steps until a run has learned, and mean success with the person in places that did not occur in "
-    "training, with 95 % intervals; hollow, at the budget: most runs never learn.",
+    "Median steps until a run has learned, on a logarithmic scale, and mean success after all steps of "
+    "training with the person in places that did not occur in it. Bands: 95 % intervals; thin lines: from "
+    "the fastest to the slowest pick of settings; hollow, at the budget: most runs never learn.",
 )
 def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
-    """Draws the declared point, if there is one, so that it can be read on a phone."""
+    """Draws the declared point, if there is one, with a row for each learner and for each heading."""
     declared, experiment, cells = analysis.data.declared.answer, analysis.data.experiment, analysis.cells
     if declared is None:
         return None
     cells = cells[(cells["grid"] == declared.grid) & (cells["point"] == declared.point)]
-    rows = cells.loc[[name for name in declared.learners if name in cells.index]]
-    if rows.empty:
+    lines = list[tuple[str, str]]()  # texts, and names of learners, which headings lack
+    for title, learners in declared.headed.items():
+        shown = [(text, name) for name, text in learners.items() if name in cells.index]
+        lines += [(title, "")] * bool(title and shown) + shown
+    if not lines:
         return None
+    rows, budget = dict(cells.iterrows()), cells["budget"].max()
     scenes = {each.condition.axes["grid"]: each.scenario for each in experiment.populations}
     who = "people" if scenes[declared.grid].group else "the person"
-    with figure_of(1, 2, (5.8, 1.2 + 0.55 * len(rows))) as (figure, (axes,)):
-        texts = [_NEVER if np.isinf(steps) else f"{steps:,.0f}" for steps in rows["steps"]]
-        _draw_dots(axes[0], _shown(rows, "steps"), texts, experiment)
-        texts = [f"{value:.2f}" for value in rows["unseen_success"]]
-        _draw_dots(axes[1], _shown(rows, "unseen_success"), texts, experiment)
-        axes[0].set(title="Steps until it\nhas learned", xlabel="← fewer is better")
-        axes[1].set(title=fill(f"Success where {who} never stood in training", 19), xlabel="more is better →")
-        axes[0].tick_params(labelleft=True)
-        axes[0].set_yticklabels([fill(declared.learners[name], 12) for name in rows.index])
-        _set_texts(figure, 13.0)  # at a width of 420: large enough on a phone
+    with figure_of(1, 2, (6.4, 1.3 + 0.26 * len(lines))) as (figure, axes):
+        steps, success = axes[0]
+        for y, (text, name) in enumerate(lines):
+            if name:
+                style = style_of(name, experiment, observation="")
+                _draw_row(steps, y, rows[name], "steps", style)
+                _draw_row(success, y, rows[name], "unseen_budget", style)
+            else:
+                place = {"xycoords": ("figure fraction", "data"), "va": "center", "in_layout": False}
+                steps.annotate(text, (0.01, y), fontweight="bold", **place)
+        for axis in (steps, success):
+            axis.set(ylim=(len(lines) - 0.5, -0.6), yticks=[])
+            axis.grid(axis="x", lw=0.6, color="0.85")
+            axis.spines["left"].set_visible(False)
+        steps.set(xscale="log", title="Steps until it\nhas learned", xlabel="← fewer is better")
+        steps.set_xlim(right=1.1 * budget)
+        steps.xaxis.set_major_locator(LogLocator(numticks=9))
+        steps.xaxis.set_major_formatter("{x:,.0f}")
+        steps.set_yticks(range(len(lines)), [text if name else "" for text, name in lines])
+        steps.tick_params(axis="y", left=False)
+        success.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="more is better →")
+        success.set(title=fill(f"Success where {who} never stood, after {budget:,} steps", 21))
+        _set_texts(figure, 11.0)  # at a width of 460: large enough on a phone
     return figure
 
 
-def _draw_dots(axis: Axes, rows: pd.DataFrame, texts: Sequence[str], experiment: Experiment) -> None:
-    """Draws a row for each learner: a value and its text, with its interval; hollow if it never learns."""
-    most = max(1.0, rows.to_numpy().max())
-    for y, (name, (value, low, high)) in enumerate(rows.iterrows()):
-        colour = style_of(str(name), experiment, observation="")["color"]
-        axis.plot([0, value], [y, y], color=colour, lw=1.5)
-        axis.plot([low, high], [y, y], color=colour, lw=6, alpha=0.35, solid_capstyle="round")
-        axis.plot(value, y, "o", ms=10, mec=colour, mfc="white" if texts[y] == _NEVER else colour, mew=2)
-        side = "left" if value < most / 4 else "right" if value > 0.75 * most else "center"
-        axis.annotate(texts[y], (value, y), (0, 8), textcoords="offset points", ha=side)
-    axis.set(xlim=(0, 1.08 * most), ylim=(len(rows) - 0.5, -0.8), yticks=range(len(rows)))
-    axis.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-    axis.xaxis.set_major_formatter("{x:,g}")
-    axis.tick_params(left=False, labelleft=False)
+def _draw_row(axis: Axes, y: int, row: pd.Series, column: str, style: Mapping[str, Any]) -> None:
+    """Draws a value with its interval, hollow if the learner never learns, and writes it at the right."""
+    ends, colour, number = row.filter(like=column), style["color"], row[column]
+    text = f"{number:.2f}"
+    if column == "steps":
+        ends = ends.clip(_MIN_STEPS, row["budget"])
+        text = f"{number:,.0f}" if np.isfinite(number) else _NEVER
+    axis.axhline(y, color="0.92", lw=0.6, zorder=0)
+    axis.hlines(y, ends.min(), ends.max(), color=colour, lw=1)
+    axis.hlines(y, ends[f"{column}_low"], ends[f"{column}_high"], color=colour, lw=6, alpha=0.4)
+    mark = {"marker": style["marker"], "mec": colour, "mfc": "white" if text == _NEVER else colour, "ls": ""}
+    axis.plot(ends[column], y, ms=6.5, mew=1.5, clip_on=False, **mark)
+    axis.text(1.06, y, text, va="center", transform=axis.get_yaxis_transform())
 
 
 def _set_texts(figure: Figure, size: float) -> None:
@@ -124,19 +141,20 @@ def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
 
 
 @tables.unseen.figure(
-    "Mean success of each learner with the person in places that did not occur in training, by the number of "
-    "places in training, with 95 % intervals."
+    "Mean success of each learner, after all steps of training, with the person in places that did not occur "
+    "in it, by the number of places in training, with 95 % intervals."
 )
 def unseen(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the learners of the answer, or all, in the grids about unseen places that have them."""
     experiment, declared = analysis.data.experiment, analysis.data.declared.answer
-    learners = tuple(declared.learners if declared else ranked(experiment))
-    panels = [
-        Panel(grid=grid, title=experiment.declared.grids[grid].question, learners=learners)
-        for grid in curve_grids(experiment, unseen=True)
-    ]
-    complete = [each for each in panels if not declared or len(_curves(analysis, each)) == len(learners)]
-    return _draw_panels(analysis, complete, "unseen_success")
+    panels = []
+    for grid in curve_grids(experiment, unseen=True):
+        shown, question = shown_in(experiment, grid), experiment.declared.grids[grid].question
+        for heading, names in (declared.headed if declared else {"": dict.fromkeys(shown)}).items():
+            if {*names} <= {*shown}:
+                title = f"{heading}: {question}" if heading else question
+                panels.append(Panel(grid=grid, title=title, learners=tuple(names)))
+    return _draw_panels(analysis, panels, "unseen_budget")
 
 
 def _curves(analysis: MapAnalysis, panel: Panel) -> dict[str, pd.DataFrame]:
@@ -155,7 +173,7 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) ->
         return None
     cells = pd.concat(rows for _, curves in drawn for rows in curves.values())
     lowest, budget = _shown(cells, column).min().min(), cells["budget"].max()
-    n_rows, n_columns = -(-len(drawn) // 2), min(len(drawn), 2)
+    n_rows, n_columns, what = -(-len(drawn) // 2), min(len(drawn), 2), _WHAT[column].format(budget)
     with figure_of(n_rows, n_columns, (3.95 * n_columns, 3.0 * n_rows)) as (figure, axes):
         for axis in axes.flat[len(drawn) :]:
             axis.remove()
@@ -175,7 +193,7 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) ->
                 for name, shift in zip(curves, shifts, strict=True)
             ]
             _separate(axis, labels)
-            axis.set(title=fill(panel.title, 44), ylabel=_WHAT[column] if axis in axes[:, 0] else "")
+            axis.set(title=fill(panel.title, 44), ylabel=what if axis in axes[:, 0] else "")
             axis.tick_params(labelleft=axis in axes[:, 0])
         _set_texts(figure, _FONT_SIZE)
     return figure

@@ -13,8 +13,8 @@ from benchmark.analysis.frames import by_step
 from benchmark.analysis.intervals import median, proportion
 from benchmark.studies.item import COLUMNS, Item, expanded, item, no_rows
 from benchmark.studies.map.analysis import MapAnalysis, learner_of, point_of
-from benchmark.studies.map.declared import axis_of, curve_grids, name_of, ranked
-from benchmark.studies.map.looks import FASTER, SLOWER, UNITS, VERDICTS, Runs
+from benchmark.studies.map.declared import axis_of, curve_grids, name_of
+from benchmark.studies.map.looks import FASTER, SLOWER, UNITS, VERDICTS, Runs, by_pick, wins_of
 
 Row = Mapping[str, object]
 
@@ -27,7 +27,8 @@ _SPREAD: Final = 18  # evaluations of `success.csv`
 @_item(
     "cells",
     "every point and learner: the share of runs that learn, and medians of what they take",
-    "grid point learner n solved success steps disagreements unseen_success",
+    "grid point learner n solved success steps steps_fastest steps_slowest disagreements unseen_success "
+    "unseen_budget",
     best="-steps",
 )
 def cells(analysis: MapAnalysis) -> pd.DataFrame:
@@ -47,7 +48,7 @@ def cpu(analysis: MapAnalysis) -> Iterator[Row]:
 @item(
     "contrasts",
     "which learner needs fewer steps, at the first look that decides it, or at the last",
-    "grid point x y n verdict faster ratio wrong_pings_verdict fewer_wrong_pings",
+    "grid point x y n verdict faster picks picks_faster ratio wrong_pings_verdict fewer_wrong_pings",
     labels=_LABELS | {"n": "pairs of runs"},
 )
 def contrasts(analysis: MapAnalysis) -> Iterator[Row]:
@@ -62,6 +63,8 @@ def contrasts(analysis: MapAnalysis) -> Iterator[Row]:
                 "verdict": steps.verdict,
                 "why_none": steps.why,
                 "faster": steps.faster,
+                "picks": len(contrast.shares),
+                "picks_faster": sum(share > 0.5 for share in contrast.shares),
                 "ratio": contrast.ratios["steps"],
                 "ratio_disagreements": contrast.ratios["disagreements"],
                 "n_wrong_pings": wrong_pings.n,
@@ -129,27 +132,26 @@ def _counted(ended: Sequence[str]) -> dict[str, int]:
 
 @item(
     "crossings",
-    "exploratory: from which value on x needs fewer steps than y, with each of the best settings of both",
+    "exploratory: from which value on x needs fewer steps than y, for each pick of settings of x and of y",
 )
 def crossings(analysis: MapAnalysis) -> Iterator[Row]:
-    """Tabulates where the faster learner changes in the first grid, if there are several settings."""
-    experiment, grid = analysis.data.experiment, curve_grids(analysis.data.experiment)[0]
-    (axis, numbers), ranks = axis_of(experiment, grid), ranked(experiment)
+    """Tabulates where the faster learner changes in the first grid."""
+    grid = curve_grids(analysis.data.experiment)[0]
+    axis, numbers = axis_of(analysis.data.experiment, grid)
     medians = {
-        (population.learner.name, population.condition.axes[axis]): np.median(runs["steps"])
+        (population.learner.name, population.condition.axes[axis]): [
+            np.median(steps) for steps in by_pick(runs["steps"], population)
+        ]
         for population, runs in analysis.learned.items()
-        if population.condition.axes["grid"] == grid
+        if population.condition.axes["grid"] == grid and len(runs) >= len(population.firsts)
     }
-    ran = {name for name, _ in medians}
     for x, y in analysis.data.declared.contrasts:
-        sides = [[name for name in (side, *ranks.get(side, ())) if name in ran] for side in (x, y)]
-        values = [v for v in numbers if all((name, v) in medians for name in sides[0] + sides[1])]
-        combinations = [*product(*sides)]
-        if len(combinations) < 2 or not values:
+        values = [value for value in numbers if {(x, value), (y, value)} <= {*medians}]
+        if not values:
             continue
-        steps = [[[medians[name, v] for v in values] for name in pair] for pair in combinations]
-        first, second = np.array(steps).swapaxes(0, 1)  # (combinations, values)
-        fewer = (first < second) * 1 - (first > second) * 1
+        first, second = (np.array([medians[side, value] for value in values]).T for side in (x, y))
+        first, second = first[:, None], second[None]  # (picks of x, picks of y, values)
+        fewer = ((first < second) * 1 - (first > second) * 1).reshape(-1, len(values))
         # By combination: the index of the first value from which on x always needs fewer
         n_before = [len(values) - int(np.minimum.accumulate(row[::-1] > 0).sum()) for row in fewer]
         crossed = [numbers[values[i]] for i in n_before if 0 < i < len(values)]
@@ -188,7 +190,7 @@ def reference(analysis: MapAnalysis) -> Iterator[Row]:
                 "n_reference": len(y),
                 "steps": median(x),
                 "steps_reference": median(y),
-                "faster": float(np.where(x[:, None] == y, 0.5, x[:, None] < y).mean()),
+                "faster": float(wins_of(x[:, None], y).mean()),
             }
 
 

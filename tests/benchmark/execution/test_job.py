@@ -1,13 +1,42 @@
 """What a record holds of what was trained."""
 
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from benchmark.execution.job import recorded
+from benchmark.analysis.frames import learned
+from benchmark.execution.job import execute_job, recorded
+from benchmark.experiments import load_experiment
+from envs import load_scenario
 
+SOLVED = """
+description = "-"
+scenarios = ["Anywhere"]
+horizon = 60
+evaluation_every = 100
+map_every = 100
+solved = { success = 0.9, growth = 1.2 }
+settings = { time_limit = 60 }
+
+[algorithms.table]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 1
+settings = { budget = 20_000, epsilon = 0.1 }
+
+[algorithms.net]
+algorithm = "sb3_dqn"
+observations = ["coordinates"]
+seeds = 1
+settings = { budget = 2000, learning_rate = 1e-9, policy_kwargs = { net_arch = [8] } }
+"""
 VALUES = st.floats(-8000, 8000, width=32) | st.floats(-1, 1, width=32) | st.just(np.nan)
 
 
@@ -27,3 +56,37 @@ def test_recorded_probabilities_are_those_after_training() -> None:
     assert np.array_equal(made["stochastic"], stochastic[:, 3:])
     assert made["updates"].tolist() == [0, 1]
     assert recorded({"values": values, "stochastic": stochastic[:, :0]})["stochastic"].shape == (2, 0, 3, 5)
+
+
+@pytest.mark.parametrize(
+    ("learner", "unseen", "has_ended"), [("table", 0, False), ("table", 13, False), ("net", 0, True)]
+)
+def test_a_run_that_is_given_up_never_learns(
+    tmp_path: Path, learner: str, unseen: int, has_ended: bool
+) -> None:
+    (path := tmp_path / "mine.toml").write_text(SOLVED, encoding="utf-8")
+    first = next(each for each in load_experiment(path).populations if each.learner.variant == learner).first
+    run = replace(first, scenario=load_scenario("Anywhere", {"issuer.places": 4, "issuer.unseen": unseen}))
+    assert run.solved is not None
+    steps = run.schedule.evaluation_steps
+
+    def trained(**more: float) -> Any:
+        (record,) = execute_job([replace(run, solved={**(run.solved or {}), **more})])
+        assert record.status == "done", record.error
+        return record.arrays
+
+    whole = trained()
+    late = next((i for i, success in enumerate(whole["success"]) if success >= 0.45), 5)
+    assert late > 1
+    assert (learned(whole["success"][None], steps, 0.9, until=2)[0] < len(steps)) == (learner == "table")
+    # At the evaluation before it reaches half of the level, it is given up; at that evaluation, no longer.
+    given_up = trained(given_up_after=steps[late - 1] / steps[-1] - 1e-9)
+    for name in ("success", "disagreements"):
+        expected = [*whole[name][:late], *[whole[name][late - 1]] * (len(steps) - late)]
+        assert given_up[name].tolist() == expected
+    for level in (0.9, 0.45):
+        assert learned(given_up["success"][None], steps, level, until=2)[0] == len(steps)
+    assert (given_up["updates"] < whole["updates"]) == has_ended
+    if learner == "table":
+        kept = trained(given_up_after=steps[late] / steps[-1] - 1e-9)
+        assert all(np.array_equal(kept[name], whole[name]) for name in ("success", "disagreements"))

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from agents.sb3.settings import PolicyArguments
 from benchmark.experiments import Experiment, choices
 from benchmark.experiments.search import Choice, Search, Space, Span, trials
 from benchmark.sealed import sealed, unsealed
@@ -212,6 +213,29 @@ def test_only_what_a_search_depends_on_changes_its_digest(search: Experiment, tm
     assert digest("horizon", "solved = { growth = 1.1 }\nhorizon") != same
     growths = {digest("horizon", f"solved = {{ growth = {growth} }}\nhorizon") for growth in (1.1, 1.2, 1.2)}
     assert len(growths) == 2
+    given_up = digest("horizon", "solved = { growth = 1.1, given_up_after = 0.3 }\nhorizon")
+    assert given_up not in growths
+
+
+def test_trials_change_single_arguments_of_the_optimiser(tmp_path: Path) -> None:
+    net = """
+algorithm = "compiled_dqn"
+observations = ["one_hot"]
+seeds = 2
+settings = { policy_kwargs = { net_arch = [5], optimizer_kwargs = { eps = 0.1 } } }
+
+[algorithms.q_learning.search]
+"policy_kwargs.KEY" = { values = VALUES, why = "-" }
+"""
+    head = SEARCH.partition("algorithm =")[0]
+    for key, values, expected in (
+        ("net_arch", [[8], [9]], {((5,), 0.1), ((8,), 0.1), ((9,), 0.1)}),
+        ("optimizer_kwargs.eps", [0.2, 0.3], {((5,), 0.1), ((5,), 0.2), ((5,), 0.3)}),
+    ):
+        text = head + net.replace("KEY", key).replace("VALUES", str(values))
+        tried = [each.first.settings for each in experiment_of(tmp_path / "mine.toml", text).populations]
+        nets: list[PolicyArguments] = [vars(settings)["policy_kwargs"] for settings in tried]
+        assert {(each.net_arch, each.optimizer_kwargs.eps) for each in nets} == expected
 
 
 def test_edges_are_the_outer_tenths_and_the_outer_of_three_numbers() -> None:

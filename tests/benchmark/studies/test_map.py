@@ -221,37 +221,38 @@ def test_unseen_places_are_scored_at_equal_numbers_of_steps(learner: str, tmp_pa
 # Maps made by hand, with 100,000 steps
 
 
-def by_hand(
-    folder: Path, curve_of: Callable[[Population], Mapping[float, float]], more: str = ""
-) -> MapAnalysis:
-    """Analyses a map in which success is 0, and a number from each of these steps on.
+Changes = Mapping[float, float]
 
-    A variant whose name ends with a digit has the settings of this rank.
-    """
-    text = (EXPERIMENT + more).replace("6000", "100000")
-    experiment, runs, curves = experiment_of(folder / "hand.toml", text), [], []
-    learners = dict(experiment.learners)
-    for name, learner in learners.items():
-        if (rank := learner.variant[-1]).isdecimal():
-            declared = learner.declared.model_copy(update={"rank": int(rank)})
-            learners[name] = replace(learner, declared=declared)
+
+def by_hand(
+    folder: Path,
+    curves_of: Callable[[Population], Changes | list[Changes]],
+    more: str = "",
+    text: str = EXPERIMENT,
+) -> MapAnalysis:
+    """Analyses a map in which success is 0, and a number from each of these steps on, with each pick."""
+    text = (text + more).replace("6000", "100000")
+    experiment, populations, runs, curves = experiment_of(folder / "hand.toml", text), [], [], []
     for population in experiment.populations:
         if not population.learner.reference_for:
-            changes = curve_of(population)
-            ends = [min(start, 1e5) * part for start in changes for part in (0.9, 1)]
+            found = curves_of(population)
+            picks = found if isinstance(found, list) else [found]
+            populations.append(replace(population, firsts=(population.first,) * len(picks)))
+            ends = [min(start, 1e5) * part for changes in picks for start in changes for part in (0.9, 1)]
             step = np.unique([0, 100, 1e5, *ends])
-            success = np.zeros(len(step))
-            for start, value in changes.items():
-                success[step >= start] = value
-            curve = {"step": step, "success": success}
-            curve |= {"training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
-            seeds = {"seed": np.repeat(range(12), len(step))}
+            success = np.zeros((12, len(step)))
+            for run in range(12):
+                for start, value in picks[run % len(picks)].items():
+                    success[run, step >= start] = value
+            curve = {"step": step, "training_wrong_pings": step / 10, "cpu_time_s": step / 1000}
             columns = {name: np.tile(values, 12) for name, values in curve.items()}
-            curves.append(pd.DataFrame(keys_of(population) | seeds | columns))
-            unseen = {"unseen_success": 0.25, "unseen_budget": 0.25}
+            columns |= {"seed": np.repeat(range(12), len(step)), "success": success.ravel()}
+            curves.append(pd.DataFrame(keys_of(population) | columns))
+            unseen = {"unseen_success": 0.25, "unseen_budget": 0.5}
             runs.append(pd.DataFrame(keys_of(population) | {"seed": range(12), **unseen}))
     data = {"runs": pd.concat(runs), "curves": pd.concat(curves), "declared": report_of(experiment).declared}
-    return analyse(cast("Any", SimpleNamespace(experiment=replace(experiment, learners=learners), **data)))
+    experiment = replace(experiment, populations=populations)
+    return analyse(cast("Any", SimpleNamespace(experiment=experiment, **data)))
 
 
 def tabulated(item: Item[Any], analysis: MapAnalysis) -> pd.DataFrame:
@@ -292,19 +293,50 @@ def test_verdicts_and_ratios_by_hand(
         assert drawn(draw, analysis)  # without a difference, too
 
 
-def test_the_answer_by_hand(tmp_path: Path) -> None:
+GROUPS = """
+[[report.answer.groups]]
+title = "Cells"
+learners = { "table, index" = "mine" }
+
+[[report.answer.groups]]
+title = "Both"
+learners = { "table, index" = "mine", "shared, offset" = "shared" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("groups", "headings", "learners", "rows"),
+    [
+        ("", [], ["mine", "shared"], [0, 1]),
+        (GROUPS, ["Cells", "Both"], ["mine", "mine", "shared"], [1, 3, 4]),
+    ],
+)
+def test_the_answer_by_hand(
+    groups: str, headings: list[str], learners: list[str], rows: list[int], tmp_path: Path
+) -> None:
+    """Of each row, whose heading is a row, too: texts, values, and which markers are hollow."""
     steps = {"shared": 7000, "table": np.inf}
-    analysis = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
+    text = re.sub("answer.learners.*", "", EXPERIMENT) if groups else EXPERIMENT
+    analysis = by_hand(tmp_path, lambda each: {steps[each.learner.variant]: 1.0}, groups, text)
     left, right = drawn(figures.answer.draw, analysis)
-    assert [label.get_text() for label in left.get_yticklabels()] == ["mine", "shared"]
+    assert [*filter(None, (label.get_text() for label in left.get_yticklabels()))] == learners
+    assert right.get_title(loc="left").endswith("after 100,000 steps")
+    shown = {"mine": ("never learns", 1e5), "shared": ("7,000", 7e3)}
     for axis, texts, values in (
-        (left, ["never learns", "7,000"], [100_000, 7000]),
-        (right, ["0.25"] * 2, [0.25] * 2),
+        (left, [shown[name][0] for name in learners], [shown[name][1] for name in learners]),
+        (right, ["0.50"] * len(rows), [0.5] * len(rows)),  # not when it has learned
     ):
-        assert [text.get_text() for text in axis.texts] == texts
-        dots = [line for line in axis.lines if line.get_marker() == "o"]
-        assert [float(dot.get_xdata()[0]) for dot in dots] == values
+        assert sorted(text.get_text() for text in axis.texts) == sorted(texts + headings * (axis is left))
+        dots = [line for line in axis.lines if line.get_linestyle() == "None"]
+        assert [float(*dot.get_xdata()) for dot in dots] == values
+        assert [float(*dot.get_ydata()) for dot in dots] == rows
         assert [dot.get_markerfacecolor() == "white" for dot in dots] == [text[0] == "n" for text in texts]
+    panels = drawn(figures.unseen, analysis)
+    question = "What is learned about places in which the person never stood?"
+    titles = [" ".join(axis.get_title(loc="left").split()) for axis in panels]
+    assert titles == [f"{heading}: {question}" for heading in headings] or titles == [question]
+    assert "after 100,000 steps" in panels[0].get_ylabel()
+    assert panels[0].lines[0].get_ydata().tolist() == [0.5]
 
 
 def test_levels_by_hand(tmp_path: Path) -> None:
@@ -348,37 +380,43 @@ def test_runs_do_not_depend_on_levels(tmp_path: Path) -> None:
     assert with_levels == without
 
 
-# Of (shared, table) and (shared, table_2), 16 places are the first at which 3,000 steps are fewer; of
-# (shared_2, table), 4 places; (shared_2, table_2) is faster everywhere.
+# Of (shared 1, table 1) and (shared 1, table 2), 16 places are the first at which 3,000 steps are fewer; of
+# (shared 2, table 1), 4 places; (shared 2, table 2) is faster everywhere.
 STEPS = {
-    "shared": (3000.0, 3000.0, 3000.0),
-    "shared_2": (1500.0, 500.0, 500.0),
-    "table": (1000.0, 2000.0, 4000.0),
-    "table_2": (2000.0, 2000.0, 8000.0),
+    "shared": [(3000.0, 3000.0, 3000.0), (1500.0, 500.0, 500.0)],
+    "table": [(1000.0, 2000.0, 4000.0), (2000.0, 2000.0, 8000.0)],
 }
 
 
 @pytest.mark.parametrize(
-    ("third", "counts"),
+    ("third", "counts", "faster", "slowest"),
     [
-        (20_000.0, {"x_always": 1, "y_always": 2, "x_later": 3, "agreement": 0}),
-        (600.0, {"x_always": 3, "y_always": 0, "x_later": 3, "agreement": 1}),  # with 16 places
+        (20_000.0, {"x_always": 1, "y_always": 2, "x_later": 3, "agreement": 0}, (1, 2, 4), 20_000),
+        (600.0, {"x_always": 3, "y_always": 0, "x_later": 3, "agreement": 1}, (3, 4, 6), 3000),
     ],
 )
-def test_crossings_by_hand(third: float, counts: dict[str, int], tmp_path: Path) -> None:
-    steps = STEPS | {"shared_3": (third,) * 3}
+def test_picks_by_hand(
+    third: float, counts: dict[str, int], faster: tuple[int, ...], slowest: float, tmp_path: Path
+) -> None:
+    """Three picks of one learner and two of the other: 12 runs have each of 6 pairs of picks twice.
 
-    def curve(population: Population) -> dict[float, float]:
+    With one place, 1,500 steps are fewer than 2,000, and 600 fewer than both 1,000 and 2,000, but not 20,000.
+    """
+    steps = STEPS | {"shared": [*STEPS["shared"], (third,) * 3]}
+
+    def curves(population: Population) -> list[Changes]:
         places = {"1": 0, "4": 1, "16": 2}.get(population.condition.axes.get("places", ""), 0)
-        return {steps[population.learner.variant][places]: 1.0}
+        return [{own[places]: 1.0} for own in steps[population.learner.variant]]
 
-    ranks = [("shared_2", "offset"), ("shared_3", "offset"), ("table_2", "index")]
-    same = 'algorithm = "q_learning", seeds = 12'
-    more = "\n".join(f'{name} = {{ observations = ["{form}"], {same} }}' for name, form in ranks)
-    analysis = by_hand(tmp_path, curve, more)
+    analysis = by_hand(tmp_path, curves)
     (row,) = tabulated(tables.crossings, analysis).to_dict("records")
     names = {"grid": "places", "x": OFFSETS, "y": TABLE, "combinations": 6, "values": 3}
     assert row == names | counts | {"earliest": 4.0, "latest": 16.0}
+    contrasts = tabulated(tables.contrasts, analysis).query("grid == 'places'")
+    assert ({*contrasts["picks"]}, tuple(contrasts["picks_faster"])) == ({6}, faster)
+    cells = tabulated(tables.cells, analysis).query("point == 'places 4' and variant == 'shared'").iloc[0]
+    middle = sorted([3000, 500, third])[1]
+    assert cells[["picks", "steps_fastest", "steps", "steps_slowest"]].tolist() == [3, 500, middle, slowest]
 
 
 PEOPLE = """
@@ -471,6 +509,7 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
          "algorithms.table: budget = 9000 at places/places=1: accepted: 6000, as others have there"),
         ("[grids.code]", '[grids.code]\nlearners = ["dqn"]', "grids.code.learners: dqn: accepted: "),
         ("levels = [0.5", "levels = [0.95", "levels = [0.95, 0.7]: accepted: numbers up to success = 0.9"),
+        ("levels = [0.5", "given_up_after = 0.3, levels = [0.4", "[0.4, 0.7]: accepted: numbers from 0.45"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["dqn, index"] }]',
          "report.panels: dqn, index: accepted: learners of the grid places: shared, o"),
         ("[report]", '[report]\npanels = [{ grid = "code", title = "All", learners = ["table, index"] }]',
@@ -488,6 +527,8 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ("looks = [12, 16]", "looks = [12, 1_000_000_000]", "18,000,000,018 runs, which take 208,333.3 days"),
         ('"table, index"]]', '"shared, offset"]]', "shared, offset and shared, offset: accepted: two"),
         ('"table, index"]]', '"table, index"], ["table, index", "shared, offset"]]', "index is named twice"),
+        ("answer.learners", 'answer.groups = [{ title = "-", learners = { x = "y" } }]\nanswer.learners',
+         "report.answer: accepted: either learners or groups"),
         ('"mine"', '"shared\N{ZERO WIDTH SPACE}"', "report.answer: shared is named twice"),
     ],
 )  # fmt: skip

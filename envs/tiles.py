@@ -13,9 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from envs import InputError, Model
-from envs.model import kept_with_model, numbered
-from envs.observations import values_of
+from envs.inputs import InputError
+from envs.model import Model, kept_with_model, numbered
 
 MAX_FEATURES: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
 
@@ -36,7 +35,7 @@ def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
     """
     check_tiles(model.n_observations, n_tilings)
     positions, others, per_cell = [], [], []
-    for component, value in zip(model.components, values_of(model), strict=True):
+    for component, value in zip(model.components, model.values, strict=True):
         if component.per_cell:
             positions.append(component.numbers[value])
             per_cell += [component.per_cell] * positions[-1].shape[1]
