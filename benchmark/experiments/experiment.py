@@ -97,11 +97,7 @@ def title_of(variant: str, observation: str, family: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """The runs of a learner in a scenario under a condition.
-
-    They differ by their seed alone. If a search with several parts has chosen their settings, they take turns
-    with its picks.
-    """
+    """The runs of a learner in a scenario under a condition, which differ by seed, and perhaps pick."""
 
     condition: schema.Condition
     scenario: Scenario  # as it is under the condition
@@ -116,10 +112,7 @@ class Population:
         return self.firsts[0]
 
     def pick_of(self, seed: int) -> int:
-        """Returns the index in `firsts` of the settings of the run with this seed.
-
-        A reference implementation has the same settings for the same seed.
-        """
+        """Returns the index of a seed's run in `firsts`; a reference implementation has the same."""
         return (seed - self.beside.start) % len(self.firsts)
 
     def taken(self, seeds: Sequence[int] | None) -> Sequence[int]:
@@ -129,8 +122,7 @@ class Population:
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
-        given = self.seeds if seeds is None else seeds
-        return [self.firsts[self.pick_of(seed)].with_seed(seed) for seed in given]
+        return [self.firsts[self.pick_of(s)].with_seed(s) for s in (self.seeds if seeds is None else seeds)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,11 +233,7 @@ class _Loading:
             changed = tuple(choices.changed_settings(self.declared, name))
             learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed))
         with suppress(InputError):  # `populations` reports wrong settings
-            families = {
-                _family(learner, settings)
-                for learner in learners
-                for settings in self._settings(learner, first)
-            }
+            families = {_family(it, own) for it in learners for own in self._settings(it, first)}
         family = families.pop() if len(families) == 1 else algorithm.family
         yield from (replace(learner, family=family) for learner in learners)
 
@@ -329,7 +317,7 @@ class _Loading:
         changed = own | condition.settings_changes(learner.variant)
         names = self.declared, learner.variant, learner.observation, condition.tuned_by
         found = choices.chosen_for(*names) if condition.tuned_by else learner.chosen
-        picks = [{}] if found is None else [pick.settings for pick in found.used]
+        picks = [{}] if found is None else [pick.settings for pick in found.picks or (found,)]
         where = self._where(learner, condition)
         settings = [parse(cls, override(shared | pick, changed, where), where) for pick in picks]
         budgets = {(each.budget, getattr(each, "budget_unit", "")) for each in settings}

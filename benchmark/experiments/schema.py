@@ -330,8 +330,7 @@ class Declaration(Table):
         require(bool(variant.search), where, "a table search, as the experiment has one")
         fixed = sorted({"budget", "budget_unit", "time_limit"} & variant.search.keys())
         require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
-        is_enough = variant.seeds * len(self.scenarios) > 1
-        require(is_enough, f"{where}.seeds = 1", "at least 2 in a search with one scenario")
+        require(variant.seeds * len(self.scenarios) > 1, f"{where}.seeds = 1", "at least 2 with one scenario")
         seeds, fresh = self.seeds_of_search(name)
         accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its finalists use"
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
@@ -410,8 +409,7 @@ class Declaration(Table):
         """Yields the points of grids, or of a search, as conditions without a reading."""
         if self.search is not None:
             n, parts = self.search.trials, self.search.parts
-            variants = self.algorithms.items()
-            drawn = {name: trials(name, variant.search, n, parts) for name, variant in variants}
+            drawn = {name: trials(name, it.search, n, parts) for name, it in self.algorithms.items()}
             for t in range(n + 1):
                 of_variants = {name: settings[t] for name, settings in drawn.items()}
                 yield Condition(f"trial={t}", {"trial": str(t)}, {}, of_variants=of_variants)

@@ -114,12 +114,10 @@ class Search(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        n, is_whole = self.trials + 1, (self.trials + 1) % self.parts == 0
-        accepted = f"a number that divides trials + 1 = {n}, the trials with trial 0"
-        require(is_whole or self.parts == 1, f"parts = {self.parts}", accepted)
-        most = self.trials if self.parts == 1 else n // self.parts
-        accepted = f"at most {most}, {'trials' if self.parts == 1 else 'the trials of a part'}"
-        require(self.finalists <= most, f"finalists = {self.finalists}", accepted)
+        size, rest = divmod(n := self.trials + 1, self.parts)
+        require(rest == 0, f"parts = {self.parts}", f"a number that divides trials + 1 = {n}, with trial 0")
+        most = min(size, self.trials)
+        require(self.finalists <= most, f"finalists = {self.finalists}", f"at most {most}, trials of a part")
         return self
 
     @property
@@ -136,8 +134,6 @@ class Search(Table):
 
 def trials(name: str, space: Space, n: int, parts: int = 1) -> list[dict[str, object]]:
     """Returns the settings of trials 0 to n, each as changes of the variant's own; trial 0 changes nothing.
-
-    The first point of the sequence is that of trial 1, or of trial 0 if there are several parts.
 
     >>> space = {"epsilon": Span(low=0, high=1, why="-")}
     >>> trials("q", space, 8)[:3] == trials("q", space, 2)
@@ -170,11 +166,6 @@ class Chosen(Finalist):
     runs: int  # on which the choice depends
     steps: int  # environment steps of all these runs; an upper bound if they can end early
     cpu_time_s: float  # of their training
-
-    @property
-    def used(self) -> tuple[Finalist, ...]:
-        """The picks with which runs take turns; one if the search has one part."""
-        return self.picks or (self,)
 
 
 class Choices(Table):

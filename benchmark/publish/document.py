@@ -11,7 +11,7 @@ import html
 import inspect
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property, partial
 from pathlib import Path
@@ -147,7 +147,8 @@ class Document:
                 rows.append(row)
             for observation, found in declared.get("picks", {}).items():
                 name = self.folder.title(f"{variant}, {observation}")
-                picks += [f"Runs of {name} take turns with {len(found)} picks of the search:", _listed(found)]
+                listed = "\n".join(f"{n}. `{json.dumps(pick)}`" for n, pick in enumerate(found, start=1))
+                picks.append(f"Runs of {name} take turns with these picks of the search:\n\n{listed}")
         return "\n\n".join([tables.to_markdown(pd.DataFrame(rows)), *picks]) if rows else ""
 
     @property
@@ -161,12 +162,6 @@ class Document:
                 rows.append((", ".join([first, *ends]), item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times; digests of files"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
-
-
-def _listed(picks: Iterable[Mapping[str, object]]) -> str:
-    """Returns a Markdown list of settings, a line for each pick."""
-    texts = (", ".join(f"{key} = {json.dumps(value)}" for key, value in pick.items()) for pick in picks)
-    return "\n".join(f"{n}. `{text}`" for n, text in enumerate(texts, start=1))
 
 
 class Measurements(Document):

@@ -46,6 +46,6 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert found is not None
     text = (tmp_path / "results" / "tuned" / "README.md").read_text(encoding="utf-8")
     for n, pick in enumerate(found.picks, start=1):
-        assert f"{n}. `epsilon = {pick.settings.get('epsilon', 0.6)}`" in text
+        assert f'{n}. `{{"epsilon": {pick.settings.get("epsilon", 0.6)}}}`' in text
     manifest = json.loads((tmp_path / "results" / "tuned" / "manifest.json").read_bytes())
     assert (manifest["seeds"], manifest["first_seed"], manifest["algorithms"]["mine"]["runs"]) == (2, 50, 2)

@@ -203,8 +203,7 @@ def learned_at(experiment: Experiment, curves: Rows) -> dict[float, dict[Populat
 
 def digests(x: Population, y: Population) -> tuple[str, str]:
     """Returns a key of two populations, which is the same for the same runs in another grid."""
-    x_runs, y_runs = ("".join(run.digest for run in side.firsts) for side in (x, y))
-    return x_runs, y_runs
+    return "".join(run.digest for run in x.firsts), "".join(run.digest for run in y.firsts)
 
 
 def contrasts_of(

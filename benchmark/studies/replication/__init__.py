@@ -36,8 +36,7 @@ def check(experiment: Experiment, _: Declared) -> None:
         raise InputError(f"{source}: scenarios: a replication takes the paper's: {listed(SCENARIOS)}.")
     for population in experiment.populations:
         if len(population.firsts) > 1:
-            accepted = "accepted in a replication: a search with one part"
-            raise InputError(f"{source}: algorithms.{first.variant}.tuned_by: {accepted}.")
+            raise InputError(f"{source}: tuned_by: accepted in a replication: a search with one part.")
         settings = population.first.settings.model_dump()
         if settings["budget"] <= settings["record_every"]:
             found = f"algorithms.{first.variant}: record_every = {settings['record_every']}"

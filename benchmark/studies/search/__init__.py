@@ -6,8 +6,9 @@ from typing import Final
 from benchmark.drawing.tables import inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.folder import Folder
-from benchmark.studies.search import figures, tables
+from benchmark.studies.search import tables
 from benchmark.studies.search.analysis import COLUMNS, analyse, stages
+from benchmark.studies.search.figures import scenes
 from benchmark.studies.study import Declared, Study
 from envs import InputError
 
@@ -49,15 +50,7 @@ STUDY: Final = Study(
     check=check,
     analyse=analyse,
     stages=stages,
-    items=(
-        tables.chosen,
-        tables.picks,
-        tables.effort,
-        tables.cost,
-        tables.trials,
-        tables.spaces,
-        figures.scenes,
-    ),
+    items=(tables.chosen, tables.picks, tables.effort, tables.cost, tables.trials, tables.spaces, scenes),
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
     lead="picks",

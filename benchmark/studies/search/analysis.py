@@ -54,11 +54,6 @@ class Outcome:
         first, *others = self.finalists
         return [max(part, key=self.mean) for part in ([*first, 0], *others)]
 
-    @property
-    def best(self) -> int:
-        """The best pick on fresh seeds."""
-        return max(self.picks, key=self.mean)
-
     def mean(self, trial: int) -> float:
         """Returns the mean of a finalist or of trial 0 on fresh seeds."""
         return float(np.mean(self.again(trial)))
@@ -169,20 +164,19 @@ def _searched(experiment: Experiment, runs: pd.DataFrame, learner: Learner) -> F
 
 def _chosen(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Chosen:
     """Returns the best settings of a learner and the effort of finding them."""
-    candidates = {*chain(*outcome.finalists), *outcome.picks}
+    learner, candidates = outcome.learner, {*chain(*outcome.finalists), *outcome.picks}
     is_final = (runs["stage"] == _FRESH) & runs["trial"].isin([*map(str, candidates)])
-    tried = runs[(runs["learner"] == outcome.learner.name) & ((runs["stage"] == _SEARCHED) | is_final)]
-    picks = {
-        trial: Finalist(
-            trial=trial,
-            settings=_declared_settings(experiment, outcome.learner, trial),
-            score=round(outcome.mean(trial), 6),
+    tried = runs[(runs["learner"] == learner.name) & ((runs["stage"] == _SEARCHED) | is_final)]
+    picks = [
+        Finalist(
+            trial=t, settings=_declared_settings(experiment, learner, t), score=round(outcome.mean(t), 6)
         )
-        for trial in outcome.picks
-    }
+        for t in outcome.picks
+    ]
+    best = max(picks, key=lambda pick: pick.score)
     return Chosen(
-        **dict(picks[outcome.best]),
-        picks=tuple(picks.values()) if len(picks) > 1 else (),
+        **dict(best),
+        picks=tuple(picks) if len(picks) > 1 else (),
         trials=len(outcome.searched) - 1,
         runs=len(tried),
         steps=int(tried["budget"].sum()),
@@ -228,32 +222,12 @@ def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:
     return Estimate(float(np.dot(weights, means)), *combined(weights, means, [*map(len, sides)]))
 
 
-def steps_of(earliness: Floats, first: int, budget: int) -> Floats:
-    """Returns after how many steps runs have learned, by their earliness; inf if they never do.
-
-    >>> steps_of(np.array([1, 0.5, 0]), 100, 10_000).tolist()
-    [100.0, 1000.0, inf]
-    """
-    return np.where(earliness > 0, first * (budget / first) ** (1 - earliness), np.inf)
-
-
 def expected_total(default: Floats, others: Floats, budget: int) -> float:
-    """Returns the expected steps of search and training together, until a run has learned.
+    """Returns the expected steps of runs, the last of which has learned; inf if there may be none.
 
-    One run with the declared settings comes first. If it does not learn, others are drawn without replacement
-    until one has learned. A run that does not learn costs the budget. Of n others, of which m learn,
-    (n - m) / (m + 1) fail on average before the first that learns.
-
-    Args:
-      default: Steps until each run with the declared settings has learned, (N,); inf if it never does.
-      others: The same of the runs that can be drawn, (n,).
-      budget: Steps of a run that does not learn.
-
-    Returns:
-      The mean over runs with the declared settings; inf if it may be that no run learns.
-
-    >>> round(expected_total(np.array([np.inf]), np.array([300.0, np.inf, np.inf, 500.0]), 1000))
-    2067
+    One of the runs with the declared settings, (N,), comes first. Then others, (n,), are drawn without
+    replacement until one has learned: if m learn, (n - m) / (m + 1) fail on average before. Given are the
+    steps until each run has learned; a run that never does, inf, costs the budget.
     """
     learned = others[np.isfinite(others)]
     failures = (len(others) - len(learned)) / (len(learned) + 1)
@@ -276,10 +250,10 @@ def chances(means: Floats, b: int) -> Floats:
 def picked(trials: pd.DataFrame, families: Mapping[str, str], first: int = 1) -> Iterator[Row]:
     """Yields how the pick from b trials compares with that of a reference, for b = 1, 2, 4, ..., and all.
 
-    A pick is the trial of the largest mean over scenarios among b that are drawn. Picks are
-    compared by this mean, and by that in each scenario; ties count as a half. The reference is the learner
-    whose best trial has the largest mean on fresh runs, of those that observe the same (cells or offsets) and
-    are neither nets nor planners; if there are none, of all that observe the same. It has none itself.
+    A pick is the trial of the largest mean over scenarios among b that are drawn. Picks are compared by this
+    mean, and by that in each scenario; ties count as a half. The reference is the learner whose best trial
+    has the largest mean on fresh runs, of those that observe the same (cells or offsets) and are neither nets
+    nor planners; if there are none, of all that observe the same. It has none itself.
 
     Args:
       trials: A table like trials.csv, whose last columns are the means in each scenario.

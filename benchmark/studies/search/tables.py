@@ -19,7 +19,6 @@ from benchmark.studies.search.analysis import (
     expected_total,
     gain,
     picked,
-    steps_of,
     text_of,
     value_at,
 )
@@ -34,14 +33,11 @@ _item: Final = partial(Item[SearchAnalysis], labels=COLUMNS["search_labels"])
     best="chosen",
 )
 def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates means over scenarios on fresh runs, a row for the pick of every part.
-
-    `found` is the mean of the best trial's first runs.
-    """
+    """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
     scenarios = analysis.data.experiment.scenarios
-    picks = [(outcome, *pick) for outcome in analysis.outcomes for pick in enumerate(outcome.picks)]
+    picks = [(outcome, *pick) for outcome in analysis.outcomes for pick in enumerate(outcome.picks, 1)]
     for outcome, part, trial in picks:
-        learner, is_part = outcome.learner, len(outcome.picks) > 1
+        learner, parts = outcome.learner, {"part": part} if len(outcome.picks) > 1 else {}
         best, default = outcome.again(trial), outcome.again(0)
         pairs = zip(best_by_scenario(outcome.searched), scenarios, strict=True)
         best_of_each = [outcome.fresh[pair] for pair in pairs]
@@ -50,7 +46,7 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
         yield {
             "variant": learner.variant,
             "observation": learner.observation,
-            **({"part": part + 1} if is_part else {}),
+            **parts,
             "trial": trial,
             "settings": text_of(settings),
             "edges": ", ".join(key.split(".")[-1] for key in edges),
@@ -59,7 +55,7 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
             "gain": gain(best, default),
             "per_scenario": mean_over_scenarios(best_of_each),
             "sensitivity": gain(best_of_each, best),
-            "found": float(outcome.searched[outcome.finalists[part][0]].mean()),
+            "found": float(outcome.searched[outcome.finalists[part - 1][0]].mean()),
         }
 
 
@@ -67,15 +63,10 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
     "picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows
 )
 def picks(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates what `picked` yields for trials rounded as in trials.csv.
-
-    If the search has several parts, trial 0 is one of the trials.
-    """
-    experiment = analysis.data.experiment
-    learners = experiment.learners.values()
+    """Tabulates what `picked` yields for trials rounded as in trials.csv; with parts, trial 0 counts."""
+    learners = analysis.data.experiment.learners.values()
     trials = analysis.trials.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
-    assert experiment.declared.search is not None
-    first = 1 if experiment.declared.search.parts == 1 else 0
+    first = 0 if len(analysis.outcomes[0].picks) > 1 else 1
     yield from picked(trials, {learner.variant: learner.family for learner in learners}, first)
 
 
@@ -85,11 +76,7 @@ def picks(analysis: SearchAnalysis) -> Iterator[Row]:
     "learner default learned trials total",
     best="-total",
     where=lambda frame: frame[frame["scenario"] == ALL],
-    labels={"default": "steps of trial 0", "trials": "of", "total": "with tuning included"},
-    meanings={
-        "default": "steps until trial 0 has learned, mean over its first runs; inf if any never does",
-        "trials": "first runs of the other trials",
-    },
+    meanings=COLUMNS["search_effort"],
 )
 def effort(analysis: SearchAnalysis) -> Iterator[Row]:
     """Tabulates `expected_total` by scenario, and its mean over all, if runs are measured until they learn.
@@ -97,26 +84,19 @@ def effort(analysis: SearchAnalysis) -> Iterator[Row]:
     Once the cost of tuning counts, simple algorithms can outperform their successors: "Benchmarking RL should
     account for tuning", openreview.net/forum?id=816gaVGHgP.
     """
-    if analysis.measure != "earliness":
-        return
     experiment = analysis.data.experiment
-    run, scenarios = experiment.populations[0].first, [*experiment.scenarios]
+    run = experiment.populations[0].first
     first, budget = run.evaluation_every, run.settings.budget
-    parts = {ALL: slice(None)} | {name: slice(i, i + 1) for i, name in enumerate(scenarios)}
-    for outcome in analysis.outcomes:
-        steps = steps_of(outcome.searched, first, budget).swapaxes(0, 1)  # (I, trials, N)
-        totals = [expected_total(each[0], each[1:].ravel(), budget) for each in steps]
-        for scenario, part in parts.items():
-            default, others = steps[part, 0], steps[part, 1:]
-            yield {
-                "scenario": scenario,
-                "variant": outcome.learner.variant,
-                "observation": outcome.learner.observation,
-                "default": float(default.mean()),
-                "learned": int(np.isfinite(others).sum()),
-                "trials": others.size,
-                "total": float(np.mean(totals[part])),
-            }
+    for outcome in analysis.outcomes if analysis.measure == "earliness" else ():
+        learner = {"variant": outcome.learner.variant, "observation": outcome.learner.observation}
+        steps = np.where(outcome.searched > 0, first * (budget / first) ** (1 - outcome.searched), np.inf)
+        totals = [expected_total(each[0], each[1:].ravel(), budget) for each in steps.swapaxes(0, 1)]
+        for i, scenario in enumerate((ALL, *experiment.scenarios)):
+            some = slice(i - 1, i) if i else slice(None)
+            default, others = steps[0, some], steps[1:, some]
+            row = {"default": float(default.mean()), "learned": int(np.isfinite(others).sum())}
+            total = float(np.mean(totals[some]))
+            yield {"scenario": scenario, **learner, **row, "trials": others.size, "total": total}
 
 
 @_item(
