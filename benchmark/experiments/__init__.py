@@ -26,8 +26,6 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "reproduce": True,
     "tuning": False,
     "tuning_map": False,
-    "tuning_noise": False,
-    "tuning_groups": False,
     "equivalence": False,
     "ablation": False,
 }

@@ -8,11 +8,11 @@ import pytest
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from envs.tiles import tiles_of
 from agents.policy import ALL_ACTIONS
 from benchmark.experiments import load_experiment
 from envs import InputError, Model, load_scenario
 from envs.observations import compile_seen
+from envs.tiles import tiles_of
 from tests.agents.test_tabular import MOVES
 from tests.agents.words import textbook
 

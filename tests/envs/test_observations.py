@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from envs.tiles import tiles_of
 from envs import OBSERVATIONS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_ones, observation_table, seen_as
 from envs.scenario import RELATIVE
+from envs.tiles import tiles_of
 from tests.support import few_places
 
 # Five rows and six columns, so that offsets have 9 x 11 values: the number of (r, c) is (r + 4) * 11 + c + 5,
@@ -25,7 +25,9 @@ def seen(form: str, changes: dict[str, Any], agent: tuple[int, int], *people: tu
     is_there = model.context == model.scenario.layout.places.index(people)
     (o,) = {*model.observation[is_here & is_there].tolist()}
     table = observation_table(model, f"{form}_one_hot")
-    assert np.flatnonzero(table[o]).tolist() == sorted(observation_ones(model, f"{form}_one_hot")[0][o].tolist())
+    assert np.flatnonzero(table[o]).tolist() == sorted(
+        observation_ones(model, f"{form}_one_hot")[0][o].tolist()
+    )
     if form in ("nearest", "centre"):
         assert np.flatnonzero(table[o]).tolist() == [o]
     return np.flatnonzero(table[o]).tolist(), observation_table(model, f"{form}_coordinates")[o].tolist()
