@@ -209,7 +209,7 @@ def test_edges_are_the_outer_tenths_and_the_outer_of_three_numbers() -> None:
         (":q_learning", ":dqn", "unknown variant of .* dqn; accepted: q_learning"),
         ('"index", "offset"', '"index", "one_hot"', "unknown observation for q_learning one_hot"),
         ("PATH:q_learning", "q_learning", 'accepted: "EXPERIMENT:VARIANT"'),
-        ("PATH:q_learning", "reproduce:q_learning", "reproduce has no table .search.; accepted: an experiment"),
+        ("PATH:q_learning", "reproduce:q_learning", "reproduce has no table .search.; accepted"),
     ],
 )  # fmt: skip
 def test_what_a_search_does_not_offer_is_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
