@@ -7,21 +7,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 from agents import dynamic_programming, load_algorithm
-from benchmark.experiments.schema import Declaration, overlap, read_experiment
+from benchmark.experiments.schema import Declaration, Variant, overlap, read_experiment
 from benchmark.experiments.search import Chosen, read_chosen
 from envs import InputError, Scenario, load_scenario
 from envs.inputs import unknown_name
 
 
-def chosen_for(declared: Declaration, variant: str, observation: str, other: str = "") -> Chosen | None:
+def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen | None:
     """Returns the settings that a search has chosen for a learner, and its effort; None without a search.
 
     Raises an InputError if the search has chosen nothing for it, or has been changed since.
     """
-    name, searched = source_of(declared, variant, other)
+    name, searched = declared.algorithms[variant].source
     if not name:
         return None
-    source = f"{declared.argument}: {_key(declared, variant, other)}"
+    source = f"{declared.argument}: {_key(declared, variant)}"
     search = _search(name)
     made, learner = read_chosen(search.path, source), f"{searched}, {observation}"
     if made.search != search.digest:
@@ -32,36 +32,9 @@ def chosen_for(declared: Declaration, variant: str, observation: str, other: str
     return made.learners[learner]
 
 
-def sources_of(declared: Declaration) -> list[tuple[str, str]]:
-    """Lists pairs of a variant and "", for the search it names, or another search that a grid names."""
-    pairs = (
-        (name, search)
-        for condition in declared.conditions.values()
-        for name, variant in declared.algorithms.items()
-        for search in ("", condition.tuned_by)
-        if not search or any(condition.has(name, form) for form in variant.observations)
-    )
-    return list(dict.fromkeys(pairs))
-
-
-def source_of(declared: Declaration, variant: str, other: str = "") -> tuple[str, str]:
-    """Returns the search that a variant's settings come from, and the variant's name there, or empty texts.
-
-    A search that a grid names takes precedence.
-    """
-    name, _, searched = declared.algorithms[variant].tuned_by.rpartition(":")
-    return other if name and other else name, searched
-
-
-def _key(declared: Declaration, variant: str, other: str) -> str:
-    """Returns the key that names a search, for messages."""
-    own = f"algorithms.{variant}.tuned_by = {declared.algorithms[variant].tuned_by}"
-    return f"{own}, in a grid with tuned_by = {other}" if other else own
-
-
 def changed_settings(declared: Declaration, variant: str) -> list[str]:
     """Lists the settings that a search has chosen for a variant and that the experiment changes."""
-    name, searched = source_of(declared, variant)
+    name, searched = declared.algorithms[variant].source
     varied = _search(name).declared.algorithms[searched].search if name else {}
     return [key for key in varied if key in declared.algorithms[variant].settings]
 
@@ -85,12 +58,17 @@ def digest_of_search(search: Declaration) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def check_source(declared: Declaration, variant: str, path: Path, other: str = "") -> None:
+def _key(declared: Declaration, variant: str) -> str:
+    """Returns the key that names a search, for messages."""
+    return f"algorithms.{variant}.tuned_by = {declared.algorithms[variant].tuned_by}"
+
+
+def check_source(declared: Declaration, variant: str, path: Path) -> None:
     """Refuses, by an InputError, what does not name a variant of a search."""
     if not declared.algorithms[variant].tuned_by:
         return
-    name, searched = source_of(declared, variant, other)
-    where = f"{path}: {_key(declared, variant, other)}"
+    name, searched = declared.algorithms[variant].source
+    where = f"{path}: {_key(declared, variant)}"
     if not name:
         raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
     search = _search(name).declared
@@ -102,24 +80,24 @@ def check_source(declared: Declaration, variant: str, path: Path, other: str = "
         raise InputError(f"{where}: its stream is that of the search; accepted: another stream.")
 
 
-def check_seeds(declared: Declaration, variant: str, path: Path, other: str = "", n_seeds: int = 0) -> None:
+def check_seeds(declared: Declaration, variant: str, path: Path, n_seeds: int = 0) -> None:
     """Refuses, by an InputError, seeds on which a variant's settings were chosen.
 
     It checks the seeds that the variant declares, or the first `n_seeds` if that is more.
     """
-    name, searched = source_of(declared, variant, other)
+    name, searched = declared.algorithms[variant].source
     taken = _search(name).declared.seeds_of_search(searched) if name else ()
     for seeds in {declared.seeds_of(variant, condition) for condition in declared.conditions.values()}:
         own = range(seeds.start, max(seeds.stop, seeds.start + n_seeds))
         if any(overlap(own, seeds) for seeds in taken):
             used = " and ".join(f"{seeds.start} to {seeds.stop - 1}" for seeds in taken)
-            found = f"{path}: {_key(declared, variant, other)}: the search has used the seeds {used}"
+            found = f"{path}: {_key(declared, variant)}: the search has used the seeds {used}"
             raise InputError(f"{found}; accepted: seeds other than {own.start} to {own.stop - 1}.")
 
 
-def check_unseen(scenario: Scenario, search: str) -> None:
-    """Refuses, by an InputError, a scenario of a search, under whatever name."""
-    if other := _search(search).scenarios.get(content_of(scenario)):
+def check_unseen(scenario: Scenario, variant: Variant) -> None:
+    """Refuses, by an InputError, a scenario of the search that a variant names, under whatever name."""
+    if other := _search(variant.source[0]).scenarios.get(content_of(scenario)):
         reason = f"{scenario.name} is {other}, a scenario of the search"
         raise InputError(f"{reason}; accepted: other scenarios.")
 

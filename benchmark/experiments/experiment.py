@@ -36,7 +36,7 @@ class Learner:
     family: str
     """What its variant counts as, see `_Loading.learners` and `Algorithm.family`."""
     chosen: Chosen | None
-    """What its search has chosen for it; a grid may name another search."""
+    """What its search has chosen for it, if it has one."""
     changed: tuple[str, ...] = ()
     """The chosen settings that the experiment overrides."""
 
@@ -189,18 +189,17 @@ class _Loading:
         """Returns the experiment; raises an InputError with all mistakes at once."""
         declared, variants = self.declared, self.declared.algorithms
         check_number(declared.most_runs, str(self.path))
-        sources = choices.sources_of(declared)
         check_all(  # everything else depends on these
             *(partial(_check_observations, declared, name, self.path) for name in variants),
-            *(partial(choices.check_source, declared, name, self.path, other) for name, other in sources),
+            *(partial(choices.check_source, declared, name, self.path) for name in variants),
             partial(_check_scenarios, declared, self.path),
         )
         learners = {learner.name: learner for name in variants for learner in self.learners(name)}
         conditions = declared.conditions.values()
         populations = [*chain(*(self.populations(each, learners.values()) for each in conditions))]
-        for name, other in sources:
+        for name in variants:
             with self.noted():
-                choices.check_seeds(declared, name, self.path, other)
+                choices.check_seeds(declared, name, self.path)
         if self.mistakes:
             raise InputError(*self.mistakes.values())
         _check_titles(learners.values(), str(self.path))
@@ -296,9 +295,8 @@ class _Loading:
                 accepted = f"less than budget = {settings.budget} with [solved]"
                 raise InputError(f"evaluation_every = {evaluation_every}; accepted: {accepted}.")
         if variant.tuned_by:
-            search, _ = choices.source_of(declared, learner.variant, condition.tuned_by)
             with self.noted(f"{where}.tuned_by: "):
-                choices.check_unseen(scenario, search)
+                choices.check_unseen(scenario, variant)
         beside = declared.seeds_of(variant.reference_for or learner.variant, condition)
         return Population(condition, scenario, learner, firsts, seeds, beside)
 
@@ -315,8 +313,7 @@ class _Loading:
             for inner, value in (table.items() if isinstance(table, dict) else [("", table)])
         }
         changed = own | condition.settings_changes(learner.variant)
-        names = self.declared, learner.variant, learner.observation, condition.tuned_by
-        found = choices.chosen_for(*names) if condition.tuned_by else learner.chosen
+        found = learner.chosen
         picks = [{}] if found is None else [pick.settings for pick in found.picks or (found,)]
         where = self._where(learner, condition)
         settings = [parse(cls, override(shared | pick, changed, where), where) for pick in picks]

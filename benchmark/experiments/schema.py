@@ -84,6 +84,12 @@ class Variant(Table):
     """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own settings. If
     the search has several parts, the runs of a learner take turns with their picks."""
 
+    @property
+    def source(self) -> tuple[str, str]:
+        """The search in `tuned_by`, and the variant there; empty texts without a search."""
+        search, _, variant = self.tuned_by.rpartition(":")
+        return search, variant
+
 
 class Changes(Table):
     """Changes of scenarios and settings, as dotted keys. All conditions have the same random streams."""
@@ -160,8 +166,6 @@ class Grid(Changes):
     number, or two joined by "x"."""
     is_compared: bool = True
     """Whether a map decides contrasts at its points."""
-    tuned_by: Line = ""
-    """Another search, from which learners of this grid take the settings of the variant in `tuned_by`."""
     without: tuple[str, ...] = ()
     """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
@@ -238,8 +242,6 @@ class Condition:
     """What it changes, in this order, by the tables of the file."""
     learners: tuple[str, ...] = ()
     """Names of the learners, or of their variants, that run under it; all if it is empty."""
-    tuned_by: str = ""
-    """The search from which learners take their settings, if not from their own."""
     of_variants: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     """Further changes of settings, by variant: those of a trial."""
 
@@ -343,8 +345,6 @@ class Declaration(Table):
             for learner in grid.learners:
                 where = f"grids.{name}.learners: {learner}"
                 require(learner in known, where, ", ".join(f'"{each}"' for each in sorted(known)))
-            is_used = not grid.tuned_by or any(variant.tuned_by for variant in self.algorithms.values())
-            require(is_used, f"grids.{name}.tuned_by = {grid.tuned_by}", "variants with a key tuned_by, too")
 
     def _check_report(self) -> None:
         """Refuses labels that readers see as the same."""
@@ -423,7 +423,7 @@ class Declaration(Table):
                     for axis, value in point.items():
                         changes[f"{table}.axes.{axis}.{value}"] = grid.axes[axis][value]
                     axes = {"grid": grid_name, **point}
-                    yield Condition(f"{grid_name}/{name}", axes, changes, learners, grid.tuned_by)
+                    yield Condition(f"{grid_name}/{name}", axes, changes, learners)
         else:
             yield Condition("", {}, {})
 

@@ -132,8 +132,6 @@ class Document:
             search = declared["tuned_by"].partition(":")[0]
             sources = [f"search `{search}`" if search else "declared"]
             sources += [f"{key} declared" for key in declared["changed"]]
-            others = manifest.get("searches", {}).items() if search else ()
-            sources += [f"search `{other}` in the grid `{grid}`" for grid, other in others]
             for observation in declared["settings"]:
                 varied = declared.get("varied", {}).get(observation, {}).items()
                 tables_of = [(*table.split("."), "`, `".join(keys)) for table, keys in varied]

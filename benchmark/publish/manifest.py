@@ -23,7 +23,6 @@ def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, 
     populations.sort(key=lambda population: population.condition.axes["reading"] != DEFAULT_CONDITION)
     for population in populations:
         first.setdefault((population.scenario.name, population.learner.name), population)
-    searches = {name: grid.tuned_by for name, grid in declared.grids.items() if grid.tuned_by}
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
     return {
         "experiment": declared.name,
@@ -34,7 +33,6 @@ def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, 
         "report": data.declared.model_dump(mode="json"),
         **declared.model_dump(mode="json", include={"solved", "search"}),
         "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
-        **({"searches": searches} if searches else {}),
         "horizon": declared.horizon,
         "scenarios": {name: each.scenario.model_dump(mode="json") for (name, _), each in first.items()},
         "algorithms": _variants(data, first, sizes),

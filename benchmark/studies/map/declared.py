@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from agents.dynamic_programming import evaluate, largest_success
 from agents.policy import uniform_policy
 from benchmark.experiments import Experiment, Population
-from benchmark.experiments.choices import check_seeds, sources_of
+from benchmark.experiments.choices import check_seeds
 from benchmark.experiments.experiment import check_number
 from benchmark.experiments.schema import is_number
 from benchmark.studies.study import Declared
@@ -167,8 +167,8 @@ def check(experiment: Experiment, declared: MapDeclared) -> None:
     runs = [*_of_contrasts(experiment, declared), *_of_budgets(experiment)]
     _refuse(experiment, *runs, *_of_panels(experiment, declared), *_of_answer(experiment, declared))
     check_number(most_runs(experiment, declared), str(experiment.path))
-    for variant, search in sources_of(experiment.declared):
-        check_seeds(experiment.declared, variant, experiment.path, search, declared.looks[-1])
+    for variant in experiment.declared.algorithms:
+        check_seeds(experiment.declared, variant, experiment.path, declared.looks[-1])
     _refuse(experiment, *_unreachable(experiment, declared))
 
 

@@ -67,19 +67,14 @@ def chosen(learning_rate: float) -> dict[str, object]:
     return best | effort
 
 
-def searched(path: Path, text: str, *rates: float) -> Experiment:
-    """A search, and beside its file what it has chosen: these learning rates for the forms of observation."""
-    search = experiment_of(path, text)
-    learners = {f"q_learning, {form}": chosen(rate) for form, rate in zip(FORMS, rates, strict=True)}
-    content = {"search": choices.digest_of_search(search.declared), "trials": "", "learners": learners}
-    path.with_name(f"{path.stem}.chosen.json").write_text(sealed(content, indent=1))
-    return search
-
-
 @pytest.fixture
 def search(tmp_path: Path) -> Experiment:
-    """A search that has chosen."""
-    return searched(tmp_path / "search.toml", SEARCH, 0.25, 0.75)
+    """A search, and beside its file what it has chosen for each form of observation."""
+    search = experiment_of(tmp_path / "search.toml", SEARCH)
+    learners = {"q_learning, index": chosen(0.25), "q_learning, offset": chosen(0.75)}
+    content = {"search": choices.digest_of_search(search.declared), "trials": "", "learners": learners}
+    (tmp_path / "search.chosen.json").write_text(sealed(content, indent=1))
+    return search
 
 
 def tuned(tmp_path: Path, *changes: tuple[str, str]) -> Experiment:
@@ -159,49 +154,6 @@ def test_parts_of_a_search_are_evenly_spread() -> None:
         assert sorted(share * 16 // 1 for share in shares) == pytest.approx(np.arange(16), abs=1)
 
 
-@pytest.mark.usefixtures("search")
-def test_a_grid_can_take_settings_from_another_search(tmp_path: Path) -> None:
-    """As where feedback is noisy: the same learner, with the settings that were found under noise."""
-    noisy = tmp_path / "noisy.toml"
-    searched(noisy, SEARCH.replace("FarCorner", "Noisy"), 0.05, 0.05)
-
-    def rates(search: Path | str, names: str) -> dict[tuple[str, str], object]:
-        grids = f"""
-[algorithms.own]
-algorithm = "sarsa"
-observations = ["index"]
-seeds = 1
-[grids.quiet]
-learners = ["mine", "own", "plain"]
-axes.at.1.scenario = {{ "grid.start" = [0, 1] }}
-[grids.noisy]
-learners = {names}
-tuned_by = "{search}"
-axes.noise.1.scenario = {{ "issuer.feedback" = {{ kind = "noisy", noise = 1 }} }}
-[algorithms.plain]"""
-        experiment = tuned(tmp_path, ("\n[algorithms.plain]", grids))
-        rated = [(each, each.first.settings.model_dump()["learning_rate"]) for each in experiment.populations]
-        return {(each.condition.axes["grid"], each.learner.name): rate for each, rate in rated}
-
-    found = rates(noisy, '["mine", "own"]')
-    assert found["quiet", "mine, index"] == 0.25
-    assert found["noisy", "mine, index"] == found["noisy", "mine, offset"] == 0.05
-    assert found["noisy", "own, index"] == 0.6  # is not tuned at all
-    assert rates("reproduce", '["own"]')["quiet", "mine, index"] == 0.25  # no tuned learner runs there
-    with pytest.raises(InputError, match="in a grid with tuned_by = reproduce: reproduce has no table"):
-        rates("reproduce", '["mine"]')
-    (tmp_path / "noisy.chosen.json").unlink()
-    with pytest.raises(InputError, match="json is missing; python -m benchmark run"):
-        rates(noisy, '["mine"]')
-
-
-def test_a_grid_with_another_search_needs_learners_with_one(tmp_path: Path) -> None:
-    grid = '[grids.noisy]\ntuned_by = "tuning"\naxes.noise.1.scenario = { ping_limit = 1 }\n'
-    learner = '[algorithms.mine]\nalgorithm = "q_learning"\nobservations = ["index"]\nseeds = 2\n'
-    with pytest.raises(InputError, match=r"grids.noisy.tuned_by = tuning: accepted: variants with a key"):
-        experiment_of(tmp_path / "mine.toml", BASE + grid + learner)
-
-
 def test_only_what_a_search_depends_on_changes_its_digest(search: Experiment, tmp_path: Path) -> None:
     def digest(old: str, new: str) -> str:
         assert old in SEARCH
@@ -257,6 +209,7 @@ def test_edges_are_the_outer_tenths_and_the_outer_of_three_numbers() -> None:
         (":q_learning", ":dqn", "unknown variant of .* dqn; accepted: q_learning"),
         ('"index", "offset"', '"index", "one_hot"', "unknown observation for q_learning one_hot"),
         ("PATH:q_learning", "q_learning", 'accepted: "EXPERIMENT:VARIANT"'),
+        ("PATH:q_learning", "reproduce:q_learning", "reproduce has no table .search.; accepted"),
     ],
 )  # fmt: skip
 def test_what_a_search_does_not_offer_is_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
