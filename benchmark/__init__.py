@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-__version__ = "0.10.0"
+__version__ = "0.11.0"
 
 # Others have packages of these names, too. Ours are known by a word in their `__init__.py`.
 for _name, _word in (("agents", b"load_algorithm"), ("envs", b"Proxemic/")):

@@ -1,13 +1,15 @@
 """What is observed of several people: by hand, and against its definition in plain Python."""
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 from envs import OBSERVATIONS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_ones, observation_table, seen_as
-from envs.scenario import RELATIVE
+from envs.scenario import RELATIVE, SCENARIO_DIRECTORY
 from envs.tiles import tiles_of
 from tests.support import few_places
 
@@ -168,3 +170,14 @@ def test_six_people_in_a_large_room_have_no_larger_numbers_than_integers_hold() 
     assert len(np.unique(rows, axis=0)) == len(rows) == model.n_observations
     cells = model.components[0].numbers
     assert len(np.unique(tiles_of(model, 1, 1)[:, 0])) == len(np.unique(cells, axis=0))
+
+
+def test_the_guide_has_the_width_of_every_form() -> None:
+    guide = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
+    said = re.findall(r"`(\w+)` \|(?:[^|`]* \|)? (?:1 of )?([\d,]+)(?: values)? \|", guide)
+    widths = dict[str, str]()
+    for form in OBSERVATIONS:
+        if not form.startswith(("nearest", "two_nearest", "centre_")) and form != "centre":
+            space = ProxemicEnv("Anywhere", form).observation_space
+            widths[form] = f"{space.n if isinstance(space, spaces.Discrete) else spaces.flatdim(space):,}"
+    assert dict(said) == widths
