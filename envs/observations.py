@@ -73,17 +73,18 @@ def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.int_], 
     if encoding == "tiles":
         tiles = tiles_of(model, N_TILINGS, TILE_WIDTH)
         return tiles, int(tiles.max()) + 1
-    blocks: list[tuple[NDArray[np.int_], int]] = []  # which numbers are 1 for each value, (size, ones); width
-    for part in model.components:
+    blocks: list[NDArray[np.int_]] = []  # (O, ones) which numbers of a block are 1
+    widths = [0]
+    for part, value in zip(model.components, model.values, strict=True):
         if encoding == "one_hot":
-            blocks.append((part.ones, part.width))
+            blocks.append(part.ones[value])
+            widths.append(part.width)
         else:
-            blocks += zip(part.numbers.T[..., None], part.largest + 1, strict=True)
-    n_blocks = [len(part.largest) if encoding == "factored" else 1 for part in model.components]
-    values = [value for value, n in zip(model.values, n_blocks, strict=True) for _ in range(n)]
-    ends = np.cumsum([0, *(width for _, width in blocks)])
-    ones = [block[value] + end for (block, _), value, end in zip(blocks, values, ends[:-1], strict=True)]
-    return np.concatenate(ones, axis=1), int(ends[-1])
+            blocks += [*part.numbers[value].T[..., None]]
+            widths += (part.largest + 1).tolist()
+    *starts, width = np.cumsum(widths).tolist()
+    ones = [block + start for block, start in zip(blocks, starts, strict=True)]
+    return np.concatenate(ones, axis=1), width
 
 
 def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32]:

@@ -83,12 +83,10 @@ def net_of(
     is_relu: bool,
 ) -> Net:
     """Returns a net whose parameters begin at the index `first`, for calls with at most B rows."""
-    ones = table = np.empty((model.n_observations, 0))
-    if ENCODINGS[observation] in SPARSE:
-        ones, n_inputs = observation_ones(model, observation)
-    else:
-        table = observation_table(model, observation)
-        n_inputs = table.shape[1]
+    is_sparse, nothing = ENCODINGS[observation] in SPARSE, np.empty((model.n_observations, 0), np.int64)
+    ones, n_ones = observation_ones(model, observation) if is_sparse else (nothing, 0)
+    table = nothing if is_sparse else observation_table(model, observation)
+    n_inputs = n_ones + table.shape[1]
     outputs = np.array([*hidden, n_outputs])
     width = -(-outputs // LANES) * LANES
     sizes = np.array([n_inputs, *width[:-1]]) * width
