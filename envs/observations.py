@@ -67,7 +67,7 @@ def compile_seen(scenario: Scenario, observation: str) -> Model:
     return compile_scenario(seen)
 
 
-def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.int_], int]:
+def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.integer[Any]], int]:
     """Returns which numbers of a sparse form are 1, (O, ones), and how many numbers there are."""
     encoding = ENCODINGS[observation]
     if encoding == "tiles":
