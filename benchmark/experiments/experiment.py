@@ -3,10 +3,11 @@
 Nothing after `load_experiment` looks up a name again, or asks in which way a condition was declared.
 """
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Final
@@ -150,10 +151,17 @@ class Experiment:
         """All conditions, by name."""
         return self.declared.conditions
 
+    @cached_property
+    def _by_names(self) -> Mapping[tuple[str, str], Sequence[Population]]:
+        """The populations of each condition and learner, by their names."""
+        found = defaultdict[tuple[str, str], list[Population]](list)
+        for population in self.populations:
+            found[population.condition.name, population.learner.name].append(population)
+        return found
+
     def population(self, condition: str, scenario: str, learner: str) -> Population:
         """Returns a population by its names; the scenario may be any other, by name or path."""
-        names = condition, learner
-        alike = [p for p in self.populations if (p.condition.name, p.learner.name) == names]
+        alike = self._by_names[condition, learner]
         name = Path(scenario).stem
         if name in self.scenarios:
             return next(population for population in alike if population.scenario.name == name)

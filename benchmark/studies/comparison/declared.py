@@ -11,7 +11,7 @@ from benchmark.experiments import Experiment
 from benchmark.studies.study import Declared
 from envs import InputError
 from envs.inputs import Names, Table, distinct, unknown_name
-from envs.scenario import RELATIVE
+from envs.observations import is_relative
 
 AXES: Final = ("learner", "scenario", "condition")  # columns, in the order in which a side names them
 Margin = Annotated[float, Field(gt=0, le=0.2)]  # a larger difference matters
@@ -69,7 +69,7 @@ def side_name(side: Side) -> str:
 
 def knowledge(learner: str) -> str:
     """Returns what a learner of this name observes of people: cells, or offsets from the agent."""
-    return "offsets" if learner.partition(", ")[2].startswith(RELATIVE) else "cells"
+    return "offsets" if is_relative(learner.partition(", ")[2]) else "cells"
 
 
 def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:

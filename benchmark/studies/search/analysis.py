@@ -26,7 +26,7 @@ from benchmark.experiments.search import Chosen, Finalist, Search, Space
 from benchmark.studies.data import Data
 from benchmark.studies.study import Declared
 from envs.inputs import override
-from envs.scenario import RELATIVE
+from envs.observations import is_relative
 
 Row = dict[str, object]
 
@@ -269,7 +269,7 @@ def picked(trials: pd.DataFrame, families: Mapping[str, str], first: int = 1) ->
     }
     best = {key: rows[f"fresh_{measure}"].max() for key, rows in by_learner.items()}
     for key, own in means.items():
-        alike = [other for other in means if other[1].startswith(RELATIVE) == key[1].startswith(RELATIVE)]
+        alike = [other for other in means if is_relative(other[1]) == is_relative(key[1])]
         reference = max(alike, key=lambda other: (families[other[0]] not in ("deep", "planner"), best[other]))
         n, other, name = own.shape[1], means[reference], ", ".join(reference) * (reference != key)
         for scenario, x, y in zip((ALL, *scenarios), own, other, strict=True):
