@@ -26,6 +26,8 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "reproduce": True,
     "tuning": False,
     "tuning_map": False,
+    "tuning_tables": False,
+    "tuning_forms": False,
     "equivalence": False,
     "ablation": False,
 }
