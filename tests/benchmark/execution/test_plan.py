@@ -7,7 +7,7 @@ from benchmark.experiments import all_specifications, load_experiment
 
 
 def test_runs_of_a_population_are_one_job_and_all_populations_come_first() -> None:
-    for name, n_populations in (("reproduce_smoke", 23), ("compare_deep_smoke", None)):
+    for name, n_populations in (("reproduce_smoke", 23), ("equivalence_smoke", None)):
         runs = all_specifications(load_experiment(name))
         jobs = plan(runs)
         assert sorted(run.digest for job in jobs for run in job) == sorted(run.digest for run in runs)
