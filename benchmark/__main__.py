@@ -218,7 +218,8 @@ def _parser() -> argparse.ArgumentParser:
     about = (
         "form of observation that the agent takes: index, one_hot, factored, tiles, coordinates or centred; "
     )
-    about += "of people: offset, nearest, two_nearest or centre, alone or followed by _FORM"
+    about += "or of people, relative to the agent: offset, nearest, two_nearest or centre, "
+    about += "alone or followed by _one_hot, _factored and so on"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
     about = "write results/leaderboard/NAME.toml, for the leaderboard; the options below require it"

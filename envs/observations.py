@@ -20,7 +20,7 @@ from envs.tiles import tiles_of
 
 _ENCODINGS: Final = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
 SPARSE: Final = ("one_hot", "factored", "tiles")  # encodings by numbers that are mostly 0, else 1
-# What is observed and the encoding, of every form: ("", "tiles") of "tiles", ("offset", "index") of "offset".
+# What each form observes, and its encoding: "tiles" has ("", "tiles"), and "offset" has ("offset", "index").
 _PARTS: Final = {
     "_".join(filter(None, (seen, "" if seen and encoding == "index" else encoding))): (seen, encoding)
     for seen, encoding in product(("", *RELATIVE), _ENCODINGS)
@@ -101,7 +101,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         One-hot: a block per component, with a 1 at its value. Factored: a block per coordinate, so one for
         the row and one for the column of a cell. Tiles: a number for each tile, see `envs.tiles`, of
         `N_TILINGS` tilings. Coordinates: those of all components in turn, each scaled to [0, 1]. Centred: the
-        same, scaled to [-2, 2], about what a running standardization makes of them.
+        same, scaled to [-2, 2], roughly the range of standardized values.
     """
     check_form(kind)
     encoding = ENCODINGS[kind]

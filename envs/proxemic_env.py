@@ -46,11 +46,13 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number per other component,
       each divided by its maximum
     - `"centred"`: `Box(-2, 2, (D,), float32)`, the coordinates scaled so that 0 is in the middle
-    - `"factored"`: `Box(0, 1, (N,), float32)`, one block per coordinate: one for rows, one for columns
-    - `"tiles"`: `Box(0, 1, (N,), float32)`, the tiles of tile coding, see `envs.tiles`, with 16 ones
+    - `"factored"`: `Box(0, 1, (N,), float32)`, one block per coordinate, with a 1 at its value: of a cell, a
+      block for its row and one for its column
+    - `"tiles"`: `Box(0, 1, (N,), float32)`, a number per tile of 16 tilings, with a 1 for the tile of each
+      tiling in which the observation lies, see `envs.tiles`
     - `"offset"`, `"offset_one_hot"` and so on: the same, with the person's cell relative to the agent's in
       place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
-    - `"nearest"`, `"two_nearest"`, `"centre"`, also followed by the name of a form: the same with the nearest
+    - `"nearest"`, `"two_nearest"`, `"centre"`, also with `"_one_hot"` and so on: the same with the nearest
       person, the two nearest, or the centre of all people, if the person has a group
 
     The person's cell has a value for each cell in which the person may be. A group has a value for each way

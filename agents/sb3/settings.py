@@ -38,7 +38,7 @@ class PolicyArguments(Table):
     net_arch: Annotated[tuple[Units, ...], Field(max_length=8)] = (64, 64)
     """Units of each hidden layer; an empty list makes a linear net."""
     optimizer_kwargs: OptimizerArguments = OptimizerArguments()
-    """The optimiser."""
+    """Arguments of the optimiser."""
 
 
 class Sb3Settings(LearnerSettings):

@@ -97,7 +97,7 @@ class TraceSettings(ValueSettings):
     """Lambda: the share of a trace that remains after a step, besides the discount."""
     backward_passes: Annotated[int, Field(ge=0, le=100)] = 0
     """How often each episode, when it ends, is replayed from its last step to its first, by one-step updates
-    at the learning rate of the last (Lin 1992, Machine Learning 8:293-321). `updates` does not count them."""
+    at the last step's learning rate (Lin 1992, Machine Learning 8:293-321). `updates` does not count them."""
 
     @model_validator(mode="after")
     def _episodes_fit(self) -> Self:

@@ -227,7 +227,8 @@ class _Loading:
         """Yields the learners of a variant.
 
         A variant counts as what its algorithm is, but a net without hidden layers is linear, or a table if it
-        learns from one-hot observations alone: it has a row of weights for each observation.
+        learns from one-hot observations alone: it has a row of weights for each observation. If this differs
+        between its forms of observation or its picks, the variant counts as what its algorithm is.
         """
         variant, first = self.declared.algorithms[name], next(iter(self.declared.conditions.values()))
         algorithm = load_algorithm(variant.algorithm)

@@ -59,11 +59,11 @@ class Answer(Table):
     learners: LearnerNames = Field(default={})
     """What the figure calls each learner, by its name, if it has no groups."""
     groups: tuple[AnswerGroup, ...] = ()
-    """Learners under headings, instead."""
+    """The learners under headings, instead of `learners`."""
 
     @property
     def headed(self) -> dict[str, LearnerNames]:
-        """The learners by heading, which is empty without groups."""
+        """The learners by heading; without groups, there is one empty heading."""
         return {group.title: group.learners for group in self.groups} or {"": self.learners}
 
 

@@ -106,7 +106,7 @@ def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
 
 
 def _draw_row(axis: Axes, y: int, row: pd.Series, column: str, style: Mapping[str, Any]) -> None:
-    """Draws a value with its interval, hollow if the learner never learns, and writes it at the right."""
+    """Draws a value with its interval, hollow if most runs never learn, and writes the value on the right."""
     ends, colour, number = row.filter(like=column), style["color"], row[column]
     text = f"{number:.2f}"
     if column == "steps":

@@ -9,7 +9,7 @@ A search may have picked several settings for a learner. Its runs take turns wit
 of the same number. A verdict is about the mean over these picks. Given the picks, pairs are independent,
 though their probabilities may differ. The number of pairs that x wins then varies less than if all had the
 mean probability, so its interval is, if anything, too wide (Hoeffding 1956, Annals of Mathematical Statistics
-27:713-721). It does not cover what further searches would pick: this would take many more of them. Tables
+27:713-721). It does not cover what other searches would pick; that would take many more searches. Tables
 therefore show how medians and shares of pairs differ between picks.
 
 Looks share an error of 5 % equally. At each, intervals hold for all contrasts at once, so it does not matter

@@ -133,7 +133,7 @@ def measure_of(experiment: Experiment) -> str:
 
 
 def finalists(searched: Floats, search: Search) -> list[list[int]]:
-    """Returns the best trials of every part by (trials, I, N) measures, the best and the earliest first."""
+    """Returns the best trials of every part by (trials, I, N) measures, the best first; ties in order."""
     means = searched.mean(axis=(1, 2))
     return [sorted(part, key=lambda trial: -means[trial])[: search.finalists] for part in search.blocks]
 
@@ -223,11 +223,11 @@ def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:
 
 
 def expected_total(default: Floats, others: Floats, budget: int) -> float:
-    """Returns the expected steps of runs, the last of which has learned; inf if there may be none.
+    """Returns the expected steps of all runs up to the first that has learned; inf if there may be none.
 
     One of the runs with the declared settings, (N,), comes first. Then others, (n,), are drawn without
-    replacement until one has learned: if m learn, (n - m) / (m + 1) fail on average before. Given are the
-    steps until each run has learned; a run that never does, inf, costs the budget.
+    replacement until one has learned: if m of them learn, (n - m) / (m + 1) fail before, on average. The
+    arguments hold the steps until each run has learned, or inf if it never does; such a run costs the budget.
     """
     learned = others[np.isfinite(others)]
     failures = (len(others) - len(learned)) / (len(learned) + 1)
