@@ -250,7 +250,7 @@ def _of_answer(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
             yield f"{where}: accepted: {accepted or 'none, since no point has unseen places'}."
         for name in chain(*answer.headed.values()):
             if learners and name not in learners:
-                yield f"report.answer.learners: {name}: accepted: {', '.join(learners)}."
+                yield f"report.answer: {name}: accepted: {', '.join(learners)}."
 
 
 def _unreachable(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:

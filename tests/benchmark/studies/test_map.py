@@ -516,7 +516,7 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
          "report.panels: grid = code: accepted: places."),
         ('grid = "unseen"', 'grid = "rooms"',
          'report.answer: grid = "rooms", point = "places 8": accepted: grid = "unseen", point = "places 8".'),
-        ('"table, index" = "m', '"dqn, index" = "m', "report.answer.learners: dqn, index: accepted: sha"),
+        ('"table, index" = "m', '"dqn, index" = "m', "report.answer: dqn, index: accepted: sha"),
         ("[report]", '[report]\npanels = [{ title = "All", learners = ["check, index"] }]',
          "report.panels: check, index: accepted: learners of the grid places"),
         ("axes.places.1.scenario", "axes.rate.1 = {}\naxes.places.1.scenario",
