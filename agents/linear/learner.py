@@ -16,18 +16,18 @@ from agents.linear.kernel import train
 from agents.process import process_of
 from agents.tabular.learner import TraceSettings, ValueAlgorithm
 from envs.model import ACTIONS, Model
-from envs.observations import ENCODINGS, observation_ones
+from envs.observations import ENCODINGS, N_TILINGS, TILE_WIDTH, observation_ones
 from envs.tiles import tiles_of
 
-_ENCODINGS: Final = ("coordinates", "factored", "tiles")  # coordinates are tiled by the learner
+_FEATURES: Final = ("coordinates", "factored", "tiles")  # coordinates are tiled by the learner
 
 
 class LinearSettings(TraceSettings):
     """The settings of a linear learner."""
 
-    n_tilings: Annotated[int, Field(ge=1, le=1024)] = 16
+    n_tilings: Annotated[int, Field(ge=1, le=1024)] = N_TILINGS
     """How many tilings; each learns with its share of the learning rate."""
-    tile_width: Annotated[int, Field(ge=1, le=1000)] = 3
+    tile_width: Annotated[int, Field(ge=1, le=1000)] = TILE_WIDTH
     """Cells along each side of a tile."""
 
 
@@ -35,7 +35,7 @@ class LinearAlgorithm(ValueAlgorithm[Training]):
     """Q(lambda) or Sarsa(lambda) over tile coding, or over the features of a sparse form."""
 
     family = "linear"
-    observations = tuple(form for form, kind in ENCODINGS.items() if kind in _ENCODINGS)
+    observations = tuple(form for form, kind in ENCODINGS.items() if kind in _FEATURES)
     settings = LinearSettings
     training = Training
 
