@@ -35,7 +35,7 @@ TILE_WIDTH: Final = 3  # cells
 _CENTRED: Final = 2.0  # the largest centred coordinate
 
 
-def check_one_hot(n_observations: int, n_features: int, observation: str = "one_hot") -> None:
+def check_sparse(n_observations: int, n_features: int, observation: str = "one_hot") -> None:
     """Refuses, by an InputError, a table of observations in a sparse form that does not fit into memory."""
     if n_observations * n_features > MAX_TABLE:
         found = f"{n_observations:,} observations of {n_features:,} numbers each"
@@ -68,7 +68,7 @@ def compile_seen(scenario: Scenario, observation: str) -> Model:
     seen = seen_as(scenario, observation)
     is_exact = seen.observe[0] == "agent" or seen.n_seen == 1  # else only those offsets count that occur
     if ENCODINGS.get(observation) == "one_hot" and is_exact:
-        check_one_hot(seen.n_observations, sum(width for _, width in seen.observed_sizes.values()))
+        check_sparse(seen.n_observations, sum(width for _, width in seen.observed_sizes.values()))
     return compile_scenario(seen)
 
 
@@ -109,7 +109,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         return np.arange(model.n_observations)
     if encoding in SPARSE:
         ones, width = observation_ones(model, kind)
-        check_one_hot(len(ones), width, kind)
+        check_sparse(len(ones), width, kind)
         table = np.zeros((len(ones), width), dtype=np.float32)
         np.put_along_axis(table, ones, 1, axis=1)
         return table

@@ -18,7 +18,7 @@ from benchmark.experiments.run import RunSpecification
 from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
 from envs.inputs import check_all, override, parse, seen, unknown_name
-from envs.observations import ENCODINGS, SPARSE, check_one_hot, seen_as
+from envs.observations import ENCODINGS, SPARSE, check_sparse, seen_as
 from envs.sources import digest_of_source
 from envs.tiles import check_tiles
 
@@ -384,7 +384,7 @@ def check_size(run: RunSpecification) -> None:
     scenario = seen_as(run.scenario, run.observation)
     if ENCODINGS[run.observation] == "one_hot":
         widths = [width for _, width in scenario.observed_sizes.values()]
-        check_one_hot(scenario.n_observations, sum(widths))
+        check_sparse(scenario.n_observations, sum(widths))
     check_tiles(scenario.n_observations, getattr(run.settings, "n_tilings", 0))
     if ENCODINGS[run.observation] in SPARSE:
         for key in sorted({"n_tilings", "tile_width"} & run.settings.model_fields_set):

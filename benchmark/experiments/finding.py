@@ -47,3 +47,17 @@ def gain_of(tables: Tables) -> Callable[[str], str]:
     """Returns a function that says, in words, what a search gained for a learner."""
     default, chosen = (tables.numbers("chosen", key, "learner", ".2f") for key in ("default", "chosen"))
     return lambda learner: f"from {default(learner)} to {chosen(learner)}"
+
+
+def steps_of(tables: Tables) -> Callable[..., str]:
+    """Returns a function that says in how many steps a learner learns at a point of a grid (median)."""
+
+    def steps(learner: str, grid: str, point: str) -> str:
+        where = {"learner": learner, "grid": grid, "point": point}
+        row = tables.row("cells", **where)
+        if row["steps"] < float("inf"):
+            return tables.number("cells", "steps", **where)
+        n_learned = tables.number("cells", "n_solved", "", **where)
+        return f"more than {row['budget']:,} ({n_learned} of {row['n']} runs learn)"
+
+    return steps

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from benchmark.experiments.finding import Names, Tables
+from benchmark.experiments.finding import Names, Tables, steps_of
 
 TABLE, REPLAY_TABLE = "watkins_q_lambda, offset", "replay_table, offset"
 TILES, REPLAY_TILES = "tile_coding, offset_coordinates", "replay_tiles, offset_coordinates"
@@ -18,15 +18,10 @@ def finding(tables: Tables) -> Names:
     def verdicts(x: str, y: str) -> Callable[[str], str]:
         return lambda verdict: tables.count("contrasts", x=x, y=y, verdict=verdict)
 
-    def steps(learner: str, grid: str, places: int) -> str:
-        where = {"grid": grid, "learner": learner, "point": f"groups {places}"}
-        if tables.row("cells", **where)["steps"] < float("inf"):
-            return tables.number("cells", "steps", **where)
-        return f"more than 60,000 ({tables.number('cells', 'n_solved', '', **where)} of 16 runs learn)"
-
+    steps = steps_of(tables)
     at_128 = {"grid": "two", "point": "groups 128"}
     return {
-        "steps": steps,
+        "steps": lambda learner, grid, places: steps(learner, grid, f"groups {places}"),
         "verdicts": verdicts,
         "unseen": tables.numbers("cells", "unseen_budget", "learner", ".2f", **at_128),
         "cost": tables.numbers("cpu", "cpu_time_s", "learner", "time", **at_128),

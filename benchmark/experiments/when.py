@@ -1,6 +1,6 @@
 """Numbers and claims of the text on `when`."""
 
-from benchmark.experiments.finding import Names, Tables
+from benchmark.experiments.finding import Names, Tables, steps_of
 
 TABLE, REPLAY_TABLE = "watkins_q_lambda, index", "replay_table, index"
 TILES, REPLAY_TILES = "tile_coding, coordinates", "replay_tiles, coordinates"
@@ -22,21 +22,14 @@ FORMS = {"grid": "forms", "point": "places 64"}
 
 def finding(tables: Tables) -> Names:
     """Checks all claims, and returns what the text names."""
-    cells = tables.rows("cells", **FORMS).set_index("learner")
-
-    def steps(learner: str) -> str:
-        where = FORMS | {"learner": learner}
-        if cells.loc[learner, "steps"] < float("inf"):
-            return tables.number("cells", "steps", **where)
-        return f"more than 60,000 ({tables.number('cells', 'n_solved', '', **where)} of 16 runs learn)"
+    steps = steps_of(tables)
 
     def learned(learner: str, grid: str, point: str) -> str:
         return f"{tables.number('cells', 'n_solved', '', grid=grid, point=point, learner=learner)} of 16"
 
     return {
-        "steps": steps,
+        "steps": lambda learner, grid="forms", point="places 64": steps(learner, grid, point),
         "learned": learned,
-        "steps_at": tables.numbers("cells", "steps", "learner grid point"),
         "unseen": tables.numbers("cells", "unseen_budget", "learner", ".2f", **FORMS),
         "unseen_after": tables.numbers("cells", "unseen_budget", "learner point", ".2f", grid="unseen"),
         "wrong_pings": tables.numbers("cells", "disagreements", "learner", **FORMS),

@@ -15,28 +15,24 @@ from benchmark.analysis.frames import learned
 from benchmark.execution.job import execute_job, recorded
 from benchmark.experiments import load_experiment
 from envs import load_scenario
+from tests.support import small_experiment, variant
 
-SOLVED = """
-description = "-"
-scenarios = ["Anywhere"]
-horizon = 60
-evaluation_every = 100
-map_every = 100
-solved = { success = 0.9, growth = 1.2 }
-settings = { time_limit = 60 }
-
-[algorithms.table]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 1
-settings = { budget = 20_000, epsilon = 0.1 }
-
-[algorithms.net]
-algorithm = "sb3_dqn"
-observations = ["coordinates"]
-seeds = 1
-settings = { budget = 2000, learning_rate = 1e-9, policy_kwargs = { net_arch = [8] } }
-"""
+SOLVED = small_experiment(
+    scenarios=["Anywhere"],
+    horizon=60,
+    map_every=100,
+    solved={"success": 0.9, "growth": 1.2},
+    settings={"time_limit": 60},
+    algorithms={
+        "table": variant(seeds=1, settings={"budget": 20_000, "epsilon": 0.1}),
+        "net": variant(
+            "sb3_dqn",
+            "coordinates",
+            seeds=1,
+            settings={"budget": 2000, "learning_rate": 1e-9, "policy_kwargs": {"net_arch": [8]}},
+        ),
+    },
+)
 VALUES = st.floats(-8000, 8000, width=32) | st.floats(-1, 1, width=32) | st.just(np.nan)
 
 
