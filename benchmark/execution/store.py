@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -208,15 +209,18 @@ class Store:
                 lock(file.fileno(), f"{self._path}: waiting for another command that trains runs ...")
             yield
 
-    def statuses(self) -> dict[str, str]:
-        """Returns the status of every stored run, by digest."""
+    def statuses(self, digests: Iterable[str] | None = None) -> dict[str, str]:
+        """Returns the status of stored runs, of all or of these, by digest."""
+        query = "SELECT digest, status FROM runs"
         with self._input_errors():
-            return dict(self._connection.execute("SELECT digest, status FROM runs"))
+            if digests is None:
+                return dict(self._connection.execute(query))
+            found = (self._connection.execute(f"{query} WHERE digest = ?", (each,)) for each in digests)
+            return dict(chain.from_iterable(found))
 
     def ended(self, digests: Iterable[str] | None = None) -> set[str]:
         """Returns which runs, of all or of these, have a valid record: those that are done, or diverged."""
-        ended = {digest for digest, status in self.statuses().items() if status != "failed"}
-        return ended if digests is None else ended.intersection(digests)
+        return {digest for digest, status in self.statuses(digests).items() if status != "failed"}
 
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""
@@ -261,7 +265,7 @@ class Store:
 
     def discard_damaged(self, digests: Iterable[str]) -> int:
         """Removes damaged records of these runs, if they have ended; returns how many."""
-        damaged = self.damaged(self.ended(digests))
+        damaged = self.damaged(self.ended().intersection(digests))  # without an index, which may be damaged
         if damaged:
             with self._input_errors(), self._connection:
                 self._connection.execute("BEGIN IMMEDIATE")
