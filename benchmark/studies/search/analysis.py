@@ -225,14 +225,21 @@ def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:
 def expected_total(default: Floats, others: Floats, budget: int) -> float:
     """Returns the expected steps of all runs up to the first that has learned; inf if there may be none.
 
-    One of the runs with the declared settings, (N,), comes first. Then others, (n,), are drawn without
-    replacement until one has learned: if m of them learn, (n - m) / (m + 1) fail before, on average. The
-    arguments hold the steps until each run has learned, or inf if it never does; such a run costs the budget.
+    One of the runs with the declared settings, (N,), comes first, and then others, see `expected_drawn`.
+    """
+    then = budget + expected_drawn(others, budget)
+    return float(np.where(np.isfinite(default), default, then).mean())
+
+
+def expected_drawn(others: Floats, budget: int) -> float:
+    """Returns the same of runs that are drawn without replacement.
+
+    If m of n learn, (n - m) / (m + 1) fail before, on average. The argument, (n,), holds the steps until each
+    run has learned, or inf if it never does; such a run costs the budget.
     """
     learned = others[np.isfinite(others)]
     failures = (len(others) - len(learned)) / (len(learned) + 1)
-    then = failures * budget + learned.mean() if len(learned) else np.inf
-    return float(np.where(np.isfinite(default), default, budget + then).mean())
+    return failures * budget + float(learned.mean()) if len(learned) else np.inf
 
 
 def chances(means: Floats, b: int) -> Floats:

@@ -16,6 +16,7 @@ from benchmark.studies.search.analysis import (
     SearchAnalysis,
     at_edges,
     best_by_scenario,
+    expected_drawn,
     expected_total,
     gain,
     picked,
@@ -73,7 +74,7 @@ def picks(analysis: SearchAnalysis) -> Iterator[Row]:
 @_item(
     "effort",
     "steps with tuning included: search and training together, from nothing, until a run has learned",
-    "learner default learned trials total",
+    "learner default learned trials total drawn",
     best="-total",
     where=lambda frame: frame[frame["scenario"] == ALL],
     meanings=COLUMNS["search_effort"],
@@ -90,13 +91,15 @@ def effort(analysis: SearchAnalysis) -> Iterator[Row]:
     for outcome in analysis.outcomes if analysis.measure == "earliness" else ():
         learner = {"variant": outcome.learner.variant, "observation": outcome.learner.observation}
         steps = np.where(outcome.searched > 0, first * (budget / first) ** (1 - outcome.searched), np.inf)
-        totals = [expected_total(each[0], each[1:].ravel(), budget) for each in steps.swapaxes(0, 1)]
+        scenes = steps.swapaxes(0, 1)
+        totals = [expected_total(each[0], each[1:].ravel(), budget) for each in scenes]
+        drawn = [expected_drawn(each[1:].ravel(), budget) for each in scenes]
         for i, scenario in enumerate((ALL, *experiment.scenarios)):
             some = slice(i - 1, i) if i else slice(None)
             default, others = steps[0, some], steps[1:, some]
             row = {"default": float(default.mean()), "learned": int(np.isfinite(others).sum())}
-            total = float(np.mean(totals[some]))
-            yield {"scenario": scenario, **learner, **row, "trials": others.size, "total": total}
+            means = {"total": float(np.mean(totals[some])), "drawn": float(np.mean(drawn[some]))}
+            yield {"scenario": scenario, **learner, **row, "trials": others.size, **means}
 
 
 @_item(

@@ -27,6 +27,7 @@ from benchmark.studies.search.analysis import (
     SearchAnalysis,
     at_edges,
     best_by_scenario,
+    expected_drawn,
     expected_total,
     finalists,
     gain,
@@ -171,6 +172,7 @@ def test_expected_totals_are_means_over_all_orders() -> None:
         mean = float(np.mean(sums))
         assert expected_total(np.array([np.inf]), np.array(others), 1000) == pytest.approx(1000 + mean)
         assert expected_total(np.array([np.inf, 80]), np.array(others), 1000) == pytest.approx(540 + mean / 2)
+        assert expected_drawn(np.array(others), 1000) == pytest.approx(mean)
     assert expected_total(np.array([80.0]), np.array([np.inf]), 1000) == 80
     assert expected_total(np.array([np.inf]), np.array([np.inf]), 1000) == np.inf
 
@@ -189,8 +191,14 @@ def test_effort_by_hand() -> None:
     assert table is not None
     # In A, of three others two learn, after 550 steps on average: a third of a failure precedes the first.
     of_a = 10_000 + 10_000 / 3 + 550
-    expected = [("all", np.inf, 2, 6, (of_a + 1000) / 2), ("A", np.inf, 2, 3, of_a), ("B", 1000, 0, 3, 1000)]
-    rows = table[["scenario", "default", "learned", "trials", "total"]].itertuples(index=False, name=None)
+    expected = [
+        ("all", np.inf, 2, 6, (of_a + 1000) / 2, np.inf),
+        ("A", np.inf, 2, 3, of_a, of_a - 10_000),
+        ("B", 1000, 0, 3, 1000, np.inf),
+    ]
+    rows = table[["scenario", "default", "learned", "trials", "total", "drawn"]].itertuples(
+        index=False, name=None
+    )
     for row, (scenario, *numbers) in zip(rows, expected, strict=True):
         assert row[0] == scenario
         assert [*row[1:]] == pytest.approx(numbers)
