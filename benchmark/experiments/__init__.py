@@ -27,7 +27,6 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "tuning": False,
     "tuning_map": False,
     "tuning_tables": False,
-    "tuning_forms": False,
     "equivalence": False,
     "ablation": False,
 }

@@ -4,8 +4,13 @@ from benchmark.experiments.finding import Names, Tables
 
 TABLE, TILES = "watkins_q_lambda, index", "tile_coding, coordinates"
 OFFSET_TABLE, OFFSET_TILES = "watkins_q_lambda, offset", "tile_coding, offset_coordinates"
-REPLAY_TABLE, REPLAY_OFFSET_TABLE = "replay_table, index", "replay_table, offset"
-PPO, OFFSET_PPO, OFFSET_DQN = "ppo, coordinates", "ppo, offset_factored", "dqn, offset_factored"
+REPLAY_TABLE, REPLAY_OFFSET_TILES = "replay_table, index", "replay_tiles, offset_coordinates"
+PPO, DQN, OFFSET_PPO, OFFSET_DQN = (
+    "ppo, centred",
+    "dqn, coordinates",
+    "ppo, offset_factored",
+    "dqn, offset_factored",
+)
 PLAIN_PPO, PLAIN_DQN = "ppo, offset_coordinates", "dqn, offset_coordinates"
 TILED_DQN = "dqn, offset_tiles"
 
@@ -13,32 +18,44 @@ TILED_DQN = "dqn, offset_tiles"
 def finding(tables: Tables) -> Names:
     """Checks all claims, and returns what the text names."""
     claim, chosen = tables.claim, tables.rows("chosen")
-    total = tables.rows("effort", scenario="all").set_index("learner")["total"]
+    effort = tables.rows("effort", scenario="all").set_index("learner")
+    total, drawn = effort["total"], effort["drawn"]
     nets = total[total.index.str.match("dqn,|ppo,")]
-    offsets = nets[nets.index.str.contains("offset")]
-    is_best = [nets.drop(offsets.index).idxmin(), offsets.idxmin()] == [PPO, OFFSET_PPO]
-    claim(is_best, "PPO with these forms has the smallest effort of nets")
-    is_dqn = nets[nets.index.str.startswith("dqn, offset")].idxmin() == OFFSET_DQN
-    claim(is_dqn, "DQN of offsets has the smallest effort with one-hot rows and columns")
-    hall = tables.rows("effort", scenario="LargeHall", variant="dqn").set_index("observation")["learned"]
-    claim(not hall[["coordinates", "centred", "factored"]].any(), "given cells, DQN learns in no large hall")
+    for offset in (False, True):
+        for name, best in (("dqn", (DQN, OFFSET_DQN)), ("ppo", (PPO, OFFSET_PPO))):
+            of_forms = nets[nets.index.str.match(f"{name}, {'' if offset else '(?!offset)'}")]
+            claim(of_forms.idxmin() == best[offset], f"{best[offset]} has the smallest total of its forms")
+    claim(total[OFFSET_TABLE] < nets.min(), "with trial 0, a table of offsets needs fewer steps than nets")
+    of_drawn = [
+        drawn[each] for each in (REPLAY_OFFSET_TILES, OFFSET_TILES, TILED_DQN, OFFSET_PPO, OFFSET_TABLE)
+    ]
+    claim(
+        of_drawn == sorted(of_drawn),
+        "without trial 0, nets given offsets come after tile coding, before a table",
+    )
+    given_cells = [
+        (total[REPLAY_TABLE], total[PPO]),
+        (drawn[REPLAY_TABLE], drawn[PPO]),
+        (drawn[TILES], drawn[PPO]),
+    ]
+    claim(all(few < many for few, many in given_cells), "given cells, PPO needs more steps than both others")
     claim(tables.values("cost", "trials") == {63}, "every learner and form has 64 trials, trial 0 included")
     mean = chosen.groupby("learner")["chosen"].mean()
     of_nets = mean[mean.index.str.match("(?:dqn|ppo), offset")]
     others = mean[mean.index.str.match("(?:watkins_q_lambda|replay_table|tile_coding|replay_tiles), offset")]
-    claim(
-        of_nets.max() < others.min(),
-        "given offsets, picks of nets learn later than those of tables and tiles",
-    )
+    claim(of_nets.max() < others.min(), "given offsets, picks of nets learn later than others")
 
     def picks(learner: str) -> str:
         values = chosen[chosen["learner"] == learner]["chosen"]
         return f"{values.min():.2f} to {values.max():.2f}"
 
+    def learned(learner: str, scenario: str = "all") -> str:
+        return tables.number("effort", "learned", "", learner=learner, scenario=scenario)
+
     return {
         "total": tables.numbers("effort", "total", "learner", scenario="all"),
-        "learned": tables.numbers("effort", "learned", "learner", scenario="all"),
-        "default": tables.numbers("effort", "default", "learner", scenario="all"),
+        "drawn": tables.numbers("effort", "drawn", "learner", scenario="all"),
+        "learned": learned,
         "cpu": tables.numbers("cost", "cpu_time_s", "learner", "time"),
         "picks": picks,
     }

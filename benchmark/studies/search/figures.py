@@ -1,6 +1,7 @@
 """The figures of a search."""
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import pandas as pd
@@ -25,13 +26,14 @@ _PANELS_IN_A_ROW: Final = 3
 
 @tables.picks.figure(
     "Probability that the best of b trials beats the best of b trials of the reference, by means over all "
-    "scenarios and, if there are few, in each."
+    "scenarios and, if there are few, in each. Of a learner's forms of input with the same reference, only "
+    "that of the best trial is shown."
 )
 def picks(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure | None:
     """Draws a panel for all scenarios, and perhaps one for each, with a line per learner."""
     experiment = analysis.data.experiment
     compared = [each for each in experiment.learners.values() if _of(table, each)["beats"].notna().any()]
-    learners = [learner for learner in compared if learner.family == "deep"] or compared
+    learners = _best_forms(table, [each for each in compared if each.family == "deep"] or compared)
     if not learners:
         return None
     panels = [ALL, *(experiment.scenarios if len(experiment.scenarios) <= _MAX_PANELS else ())]
@@ -89,6 +91,14 @@ def scenes(analysis: SearchAnalysis, _: pd.DataFrame) -> Figure:
     """Draws where settings are searched for."""
     scenarios = analysis.data.experiment.scenarios.values()
     return gallery([compile_scenario(scenario) for scenario in scenarios])
+
+
+def _best_forms(table: pd.DataFrame, learners: Sequence[Learner]) -> list[Learner]:
+    """Returns, of those with the same variant and reference, the learner with the best trial."""
+    last = {each.name: _of(table[table["scenario"] == ALL], each).iloc[-1] for each in learners}
+    ranked = sorted(learners, key=lambda learner: last[learner.name]["expected"])
+    best = {(each.variant, last[each.name]["reference"]): each.name for each in ranked}
+    return [learner for learner in learners if learner.name in best.values()]
 
 
 def _of(frame: pd.DataFrame, learner: Learner) -> pd.DataFrame:
