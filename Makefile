@@ -31,7 +31,7 @@ help: ## list these commands
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
 
-tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map and tuning_tables for the maps (XX hours)
+tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map and tuning_tables for the maps (three hours)
 	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_tables),$(RUN) $(name) &&) true
 
 compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, of references 2 or 3, in compare_deep_seeds_0-9)
