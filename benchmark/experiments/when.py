@@ -4,38 +4,93 @@ from benchmark.experiments.finding import Names, Tables, steps_of
 
 TABLE, REPLAY_TABLE = "watkins_q_lambda, index", "replay_table, index"
 TILES, REPLAY_TILES = "tile_coding, coordinates", "replay_tiles, coordinates"
-DQN, FACTORED_DQN, PPO = "dqn, coordinates", "dqn, factored", "ppo, centred"
-PLAIN_PPO, FACTORED_PPO = "ppo, coordinates", "ppo, factored"
+DQN, PPO, FACTORED_PPO = "dqn, coordinates", "ppo, centred", "ppo, factored"
 OFFSET_TABLE, REPLAY_OFFSET_TABLE = "watkins_q_lambda, offset", "replay_table, offset"
 OFFSET_TILES, REPLAY_OFFSET_TILES = "tile_coding, offset_coordinates", "replay_tiles, offset_coordinates"
 OFFSET_DQN, OFFSET_PPO = "dqn, offset_tiles", "ppo, offset_factored"
 PLAIN_OFFSET_DQN, PLAIN_OFFSET_PPO = "dqn, offset_coordinates", "ppo, offset_coordinates"
-FACTORED_OFFSET_DQN, CENTRED_OFFSET_DQN = "dqn, offset_factored", "dqn, offset_centred"
-CENTRED_OFFSET_PPO = "ppo, offset_centred"
-LINEAR_DQN, LINEAR_Q = "dqn_linear, offset_tiles", "linear_q_lambda, offset_tiles"
-FACTORED_LINEAR_DQN, FACTORED_LINEAR_Q = "dqn_linear, offset_factored", "linear_q_lambda, offset_factored"
-NETS = [DQN, FACTORED_DQN, PPO, OFFSET_DQN, OFFSET_PPO]
-TILINGS = [TILES, REPLAY_TILES, OFFSET_TILES, REPLAY_OFFSET_TILES]
-TABLES = [TABLE, REPLAY_TABLE, OFFSET_TABLE, REPLAY_OFFSET_TABLE]
-FORMS = {"grid": "forms", "point": "places 64"}
+FACTORED_OFFSET_DQN = "dqn, offset_factored"
+LINEAR_DQN, LINEAR_Q = "dqn_linear, offset_factored", "linear_q_lambda, offset_factored"
+TILED_LINEAR_DQN, TILED_LINEAR_Q = "dqn_linear, offset_tiles", "linear_q_lambda, offset_tiles"
+EARLIER_TILES, EARLIER_PPO = "tile_coding_earlier, coordinates", "ppo_earlier, coordinates"
+EARLIER_DQN = "dqn_earlier, coordinates"
+_CELLS = {"nets": [DQN, PPO, FACTORED_PPO], "tables": [TABLE, REPLAY_TABLE, TILES, REPLAY_TILES]}
+_OFFSETS = {
+    "nets": [OFFSET_DQN, OFFSET_PPO],
+    "tables": [OFFSET_TABLE, REPLAY_OFFSET_TABLE, OFFSET_TILES, REPLAY_OFFSET_TILES],
+}
+_GRIDS = ["places", "rooms", "feedback"]  # each point of the map once
+_AT = {"grid": "forms", "point": "places 64"}
 
 
 def finding(tables: Tables) -> Names:
     """Checks all claims, and returns what the text names."""
-    steps = steps_of(tables)
+    claim, contrasts, steps = tables.claim, tables.rows("contrasts", **_AT), steps_of(tables)
+    cells = tables.rows("cells", grid=[*_GRIDS, "forms"])
+    claim(cells["n"].eq(16).all() and cells["budget"].eq(60_000).all(), "all have 16 runs of 60,000 steps")
+    verdicts = contrasts.set_index(["x", "y"])["verdict"].to_dict()
+    for verdict, pairs in _expected().items():
+        for x, y in pairs:
+            claim(verdicts[x, y] == verdict, f"with 64 places, {x} against {y} is {verdict}")
 
-    def learned(learner: str, grid: str, point: str) -> str:
-        return f"{tables.number('cells', 'n_solved', '', grid=grid, point=point, learner=learner)} of 16"
+    of_nets = tables.rows("contrasts", grid=_GRIDS, x=[*_CELLS["nets"], *_OFFSETS["nets"]])
+    faster = of_nets[of_nets["verdict"] == "faster"]
+    claim({*faster["y"]} <= {TABLE}, "nets learn faster than tables without replay only")
+    claim(tables.rows("levels")["reversed"].sum() == 0, "no verdict is reversed at other levels")
+    factored = tables.rows("cells", **_AT, learner=["dqn, factored", FACTORED_PPO])
+    claim(not factored["n_solved"].any(), "no net learns 64 places from one-hot rows and columns of cells")
+    depth = tables.row("levels", x=OFFSET_DQN, y=TILED_LINEAR_DQN)
+    claim(
+        depth["at_no_other_level"] == depth["decided"] == 1, "hidden layers are faster at the level 0.9 only"
+    )
+
+    def versus(offset: bool, i: int, verdict: str) -> str:
+        """Returns how many contrasts of nets with the i-th alternative without a net have this verdict."""
+        known = _OFFSETS if offset else _CELLS
+        return tables.count("contrasts", grid=_GRIDS, x=known["nets"], y=known["tables"][i], verdict=verdict)
+
+    def forms(y: str, verdict: str) -> str:
+        """Returns how many contrasts of other forms of input with plain coordinates have this verdict."""
+        return tables.count("contrasts", grid="forms", y=y, x=_forms_of(tables, y), verdict=verdict)
 
     return {
         "steps": lambda learner, grid="forms", point="places 64": steps(learner, grid, point),
-        "learned": learned,
-        "unseen": tables.numbers("cells", "unseen_budget", "learner", ".2f", **FORMS),
-        "unseen_after": tables.numbers("cells", "unseen_budget", "learner point", ".2f", grid="unseen"),
-        "wrong_pings": tables.numbers("cells", "disagreements", "learner", **FORMS),
-        "cpu": tables.numbers("cpu", "cpu_time_s", "learner", "time", **FORMS),
-        "fastest": tables.numbers("cells", "steps_fastest", "learner", **FORMS),
-        "slowest": tables.numbers("cells", "steps_slowest", "learner", **FORMS),
-        "n_slower": tables.count("contrasts", x=NETS, y=TILINGS, verdict="slower"),
-        "n_contrasts": tables.count("contrasts", x=NETS, y=TILINGS),
+        "versus": versus,
+        "forms": forms,
+        "pair": lambda x, y: tables.count("contrasts", grid=_GRIDS, x=x, y=y, verdict="faster"),
+        "unseen": tables.numbers("cells", "unseen_budget", "learner", ".2f", **_AT),
+        "unseen_after_4": tables.numbers(
+            "cells", "unseen_budget", "learner", ".2f", grid="unseen", point="places 4"
+        ),
+        "wrong_pings": tables.numbers("cells", "disagreements", "learner", **_AT),
+        "cpu": tables.numbers("cpu", "cpu_time_s", "learner", "time", **_AT),
+        "fastest": tables.numbers("cells", "steps_fastest", "learner", **_AT),
+        "slowest": tables.numbers("cells", "steps_slowest", "learner", **_AT),
+        "shuffled": lambda learner: steps(learner, "code", "permuted 100"),
+        "n_levels": str(tables.rows("levels")["decided"].sum()),
+        "n_points": tables.count("contrasts", grid=_GRIDS, x=DQN, y=TABLE),
+        "sb3": tables.numbers("reference", "steps_reference", "y point"),
+        "twin": tables.numbers("reference", "steps", "y point"),
     }
+
+
+def _forms_of(tables: Tables, y: str) -> list[object]:
+    return [*tables.values("contrasts", "x", grid="forms", y=y)]
+
+
+def _expected() -> dict[str, list[tuple[str, str]]]:
+    """Returns what the text says of single contrasts with 64 places."""
+    return {
+        "faster": [
+            (OFFSET_DQN, PLAIN_OFFSET_DQN), (REPLAY_TABLE, TABLE), (OFFSET_DQN, TILED_LINEAR_DQN),
+            (TILES, TABLE), (OFFSET_TILES, OFFSET_TABLE),
+        ],
+        "slower": [
+            (TILED_LINEAR_DQN, TILED_LINEAR_Q), (OFFSET_PPO, OFFSET_TILES), (EARLIER_DQN, EARLIER_TILES),
+            ("dqn_linear, tiles", "linear_q_lambda, tiles"),
+        ],
+        "undecided": [
+            (OFFSET_PPO, PLAIN_OFFSET_PPO), (OFFSET_DQN, OFFSET_TABLE), (OFFSET_PPO, OFFSET_TABLE),
+            (OFFSET_DQN, OFFSET_TILES), (FACTORED_OFFSET_DQN, LINEAR_DQN), (LINEAR_DQN, LINEAR_Q),
+        ],
+    }  # fmt: skip

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from benchmark.experiments import PUBLISHED
 from benchmark.experiments.finding import Names, Tables
 from benchmark.folder import Folder
@@ -13,9 +11,15 @@ from benchmark.publish import prose
 from benchmark.publish.templates import templates_in
 
 _TEMPLATE: Final = Path(__file__).with_suffix(".md.jinja")
-_NETS: Final = ["ppo, coordinates", "dqn, coordinates", "ppo, offset_coordinates", "dqn, offset_coordinates"]
+_NETS: Final = [
+    "dqn, coordinates",
+    "ppo, factored",
+    "ppo, centred",
+    "dqn, offset_tiles",
+    "ppo, offset_factored",
+]
 _TILINGS: Final = ["tile_coding, coordinates", "tile_coding, offset_coordinates"]
-_TABLES: Final = ["watkins_q_lambda, index", "watkins_q_lambda, offset"]
+_GRIDS: Final = ["places", "rooms", "feedback"]  # each point of the map once
 
 
 def front(results: Path) -> str:
@@ -42,27 +46,37 @@ def front(results: Path) -> str:
 
 def _names(tables: Mapping[str, Tables]) -> Names:
     """Checks what README claims, and returns the numbers that it names."""
-    when, groups, equivalence = (tables[name] for name in ("when", "groups", "equivalence"))
+    when, groups, equivalence, search = (
+        tables[name] for name in ("when", "groups", "equivalence", "tuning_map")
+    )
     verdicts = equivalence.rows("contrasts")["success_verdict"]
     is_small = equivalence.values("contrasts", "success_margin") == {0.15}
     are_known = len(verdicts) == 8 and {*verdicts} <= {"equivalent", "undecided"}
     equivalence.claim(is_small and are_known, "nets are equivalent within 0.15 or undecided")
-    contrasts = when.rows("contrasts", x=_NETS, y=_TILINGS)
-    are_known = {*contrasts["verdict"]} <= {"slower", "undecided"}
-    when.claim(are_known, "all contrasts of nets with tile coding are slower or undecided")
-    runs = when.rows("cells", grid="places", places=64, learner=[*_NETS, *_TILINGS, *_TABLES])
-    expected = np.where(runs["learner"].isin([_NETS[1], _TABLES[0]]), 30, 15)
-    has_as_many = (runs["n"] == expected).all()
-    when.claim(has_as_many, "with 64 places, two learners have 30 runs, and the others 15")
-    with_people = groups.values("contrasts", "verdict", x=_NETS[2:], y=_TILINGS[1])
-    groups.claim(with_people == {"slower"}, "nets are slower than tile coding with several people")
-    ppo, dqn = (when.row("crossings", x=net, y=_TILINGS[0])["x_later"] for net in _NETS[:2])
+    contrasts = when.rows("contrasts", x=_NETS, y=_TILINGS, grid=_GRIDS)
+    people = groups.rows("contrasts", y=_TILINGS[1])
+    people = people[people["x"].str.match("dqn|ppo")]
+    for each, rows in ((when, contrasts), (groups, people)):
+        are_known = {*rows["verdict"]} <= {"slower", "undecided"}
+        each.claim(are_known, "all contrasts of nets with tile coding are slower or undecided")
+    cells = when.rows("cells", grid="forms", point="places 64")
+    when.claim(cells["n"].eq(16).all(), "with 64 places, all learners have 16 runs")
+    effort = search.rows("effort", scenario="all").set_index("learner")
+    nets = effort[effort.index.str.match("(?:dqn|ppo), offset")]
+    best = [nets["total"].idxmin(), nets["drawn"].idxmin()]
+    search.claim(
+        best == ["ppo, offset_factored", "dqn, offset_tiles"], "the best nets given offsets are PPO and DQN"
+    )
     return {
         "n_equivalent": verdicts.eq("equivalent").sum(),
         "n_undecided": verdicts.eq("undecided").sum(),
-        "n_points": len(contrasts) // 4,
+        "n_points": len(contrasts[["grid", "point"]].drop_duplicates()),
         "n_contrasts": len(contrasts),
         "n_slower": contrasts["verdict"].eq("slower").sum(),
-        "n_ppo_ahead": ppo,
-        "n_dqn_ahead": dqn,
+        "n_groups": len(people),
+        "n_slower_groups": people["verdict"].eq("slower").sum(),
+        "tiles_first": f"{effort['total'][_TILINGS[1]]:,.0f}",
+        "net_first": f"{effort['total'][best[0]]:,.0f}",
+        "tiles_drawn": f"{effort['drawn'][_TILINGS[1]]:,.0f}",
+        "net_drawn": f"{effort['drawn'][best[1]]:,.0f}",
     }

@@ -30,7 +30,7 @@ _DARK: Final = 0.62  # share of the scale from which on ink is white
 _MAX_RATIO: Final = float(np.log(16.0))  # logarithm of the ratio from which on colours do not differ
 _FONT_SIZE: Final = 8.5
 _HEIGHT, _LINE = 160.0, 9.5  # points of an axis and of a line of text
-_NAME_WIDTH, _SIDE_WIDTH = 18, 37  # characters of a line of a name, at its curve and in a contrast
+_NAME_WIDTH, _SIDE_WIDTH = 18, 60  # characters of a line of a name, at its curve and in a contrast
 _NAME_DISTANCE: Final = 13  # points from the end of a curve to its name
 _ROOM: Final = 0.6  # for names at the right of curves, as a share of their width
 _TICK_DISTANCE: Final = 0.07  # smallest distance of the texts of two ticks, as a share of the axis
@@ -79,7 +79,7 @@ def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     rows, budget = dict(cells.iterrows()), cells["budget"].max()
     scenes = {each.condition.axes["grid"]: each.scenario for each in experiment.populations}
     who = "people" if scenes[declared.grid].group else "the person"
-    with figure_of(1, 2, (6.4, 1.3 + 0.26 * len(lines))) as (figure, axes):
+    with figure_of(1, 2, (7.2, 1.3 + 0.26 * len(lines))) as (figure, axes):
         steps, success = axes[0]
         for y, (text, name) in enumerate(lines):
             if name:
@@ -246,13 +246,19 @@ def _shown(rows: pd.DataFrame, column: str) -> pd.DataFrame:
 
 
 def _separate(axis: Axes, labels: Sequence[Annotation]) -> None:
-    """Moves the names at the ends of curves, so that none covers another one or the title above."""
-    top, to_share = _HEIGHT, axis.transScale + axis.transLimits
-    for label in sorted(labels, key=lambda label: label.xy[1], reverse=True):
-        end, half = to_share.transform(label.xy)[1] * _HEIGHT, _LINE * (1 + label.get_text().count("\n")) / 2
-        height = min(end, top - half)
-        label.set_position((_NAME_DISTANCE, height - end))
-        top = height - half
+    """Moves the names at the ends of curves, so that none covers another one, the title above or the axis."""
+    to_share, heights = axis.transScale + axis.transLimits, list[float]()
+    names = sorted(labels, key=lambda label: label.xy[1], reverse=True)
+    ends = [to_share.transform(label.xy)[1] * _HEIGHT for label in names]
+    halves = [_LINE * (1 + label.get_text().count("\n")) / 2 for label in names]
+    top, bottom = _HEIGHT, 0.0
+    for end, half in zip(ends, halves, strict=True):  # down from the title
+        heights.append(min(end, top - half))
+        top = heights[-1] - half
+    for i in reversed(range(len(names))):  # up from the axis
+        heights[i] = max(heights[i], bottom + halves[i])
+        bottom = heights[i] + halves[i]
+        names[i].set_position((_NAME_DISTANCE, heights[i] - ends[i]))
 
 
 @tables.verdicts.figure(
