@@ -145,15 +145,15 @@ def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     "in it, by the number of places in training, with 95 % intervals."
 )
 def unseen(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
-    """Draws the learners of the answer, or all, in the grids about unseen places that have them."""
+    """Draws the grids about unseen places, with their learners of the answer, or with all."""
     experiment, declared = analysis.data.experiment, analysis.data.declared.answer
     panels = []
     for grid in curve_grids(experiment, unseen=True):
         shown, question = shown_in(experiment, grid), experiment.declared.grids[grid].question
         for heading, names in (declared.headed if declared else {"": dict.fromkeys(shown)}).items():
-            if {*names} <= {*shown}:
+            if learners := tuple(name for name in names if name in shown):
                 title = f"{heading}: {question}" if heading else question
-                panels.append(Panel(grid=grid, title=title, learners=tuple(names)))
+                panels.append(Panel(grid=grid, title=title, learners=learners))
     return _draw_panels(analysis, panels, "unseen_budget")
 
 

@@ -39,7 +39,7 @@ def picks(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure | None:
     panels = [ALL, *(experiment.scenarios if len(experiment.scenarios) <= _MAX_PANELS else ())]
     n_rows, n = math.ceil(len(panels) / _PANELS_IN_A_ROW), table["trials"].max()
     ticks = [b for b in table["trials"].unique() if 1.4 * b <= n or b == n]  # at a distance from each other
-    height = 2.1 * n_rows + 0.45 * math.ceil(len(learners) / 2) + 0.5
+    height = 2.1 * n_rows + 0.22 * len(learners) + 0.5
     with figure_of(n_rows, min(len(panels), _PANELS_IN_A_ROW), (WIDTH, height)) as (figure, axes):
         for axis, scenario in zip(axes.flat, panels, strict=False):
             axis.axhline(0.5, color="0.35", lw=0.8, ls=":")
@@ -53,8 +53,8 @@ def picks(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure | None:
         figure.supxlabel("trials of either learner, b", fontsize="medium")
         figure.supylabel("probability of a better pick", fontsize="medium")
         names = [(learner, _of(table, learner)["reference"].iloc[0]) for learner in learners]
-        titles = [f"{learner.title}\nagainst {experiment.learners[name].title}" for learner, name in names]
-        figure.legend(axes[0, 0].lines[1:], titles, loc="outside upper center", ncols=2, frameon=False)
+        titles = [f"{learner.title} against {experiment.learners[name].title}" for learner, name in names]
+        figure.legend(axes[0, 0].lines[1:], titles, loc="outside upper left", frameon=False)
     return figure
 
 
