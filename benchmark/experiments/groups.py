@@ -1,7 +1,5 @@
 """Numbers and claims of the text on `groups`."""
 
-from collections.abc import Callable
-
 from benchmark.experiments.finding import Names, Tables, steps_of
 
 TABLE, REPLAY_TABLE = "watkins_q_lambda, offset", "replay_table, offset"
@@ -15,14 +13,17 @@ def finding(tables: Tables) -> Names:
     runs = cells["budget"].eq(60_000).all() and cells["n"].eq(16).all()
     claim(runs, "all learners have 60,000 steps and 16 runs")
 
-    def verdicts(x: str, y: str) -> Callable[[str], str]:
-        return lambda verdict: tables.count("contrasts", x=x, y=y, verdict=verdict)
+    def against(y: str, verdict: str) -> str:
+        return tables.count("contrasts", x=[DQN, PPO], y=y, verdict=verdict)
 
+    pairs = [(x, y) for x in (DQN, PPO) for y in (TABLE, REPLAY_TABLE, TILES, REPLAY_TILES)]
+    n_points = {len(tables.rows("contrasts", x=x, y=y)) for x, y in pairs}
+    claim(n_points == {4}, "each contrast of nets has four points")
     steps = steps_of(tables)
     at_128 = {"grid": "two", "point": "groups 128"}
     return {
         "steps": lambda learner, grid, places: steps(learner, grid, f"groups {places}"),
-        "verdicts": verdicts,
+        "against": against,
         "unseen": tables.numbers("cells", "unseen_budget", "learner", ".2f", **at_128),
         "cost": tables.numbers("cpu", "cpu_time_s", "learner", "time", **at_128),
         "wrong_pings": tables.numbers("cells", "disagreements", "learner", **at_128),
