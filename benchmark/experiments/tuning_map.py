@@ -26,6 +26,9 @@ def finding(tables: Tables) -> Names:
             of_forms = nets[nets.index.str.match(f"{name}, {'' if offset else '(?!offset)'}")]
             claim(of_forms.idxmin() == best[offset], f"{best[offset]} has the smallest total of its forms")
     claim(total[OFFSET_TABLE] < nets.min(), "with trial 0, a table of offsets needs fewer steps than nets")
+    default = effort["default"]
+    claim(max(default[OFFSET_TABLE], default[OFFSET_TILES]) < float("inf"), "both learn with the defaults")
+    claim((default[nets.index] == float("inf")).all(), "no net learns in all scenes with its defaults")
     of_drawn = [
         drawn[each] for each in (REPLAY_OFFSET_TILES, OFFSET_TILES, TILED_DQN, OFFSET_PPO, OFFSET_TABLE)
     ]

@@ -27,7 +27,7 @@ _PANELS_IN_A_ROW: Final = 3
 @tables.picks.figure(
     "Probability that the best of b trials beats the best of b trials of the reference, by means over all "
     "scenarios and, if there are few, in each. Of a learner's forms of input with the same reference, only "
-    "that of the best trial is shown."
+    "the one with the best trial is shown."
 )
 def picks(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure | None:
     """Draws a panel for all scenarios, and perhaps one for each, with a line per learner."""
