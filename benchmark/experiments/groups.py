@@ -10,8 +10,8 @@ DQN, PPO = "dqn, offset_factored", "ppo, offset_factored"
 def finding(tables: Tables) -> Names:
     """Checks all claims, and returns what the text names."""
     claim, cells = tables.claim, tables.rows("cells")
-    runs = cells["budget"].eq(60_000).all() and cells["n"].eq(16).all()
-    claim(runs, "all learners have 60,000 steps and 16 runs")
+    runs = cells["budget"].eq(60_000).all() and cells["n"].eq(12).all()
+    claim(runs, "all learners have 60,000 steps and 12 runs")
 
     def against(y: str, verdict: str) -> str:
         return tables.count("contrasts", x=[DQN, PPO], y=y, verdict=verdict)
