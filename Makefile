@@ -43,10 +43,10 @@ sb3: $(DEEP) ## DQN, PPO and others of Stable-Baselines3 against the paper's tab
 beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)
 
-when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (two hours)
+when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (one and a half hours)
 	$(RUN) $(or $(EXPERIMENT),when)
 
-groups: $(DEEP) ## the same with several people, strangers or in a group that talks, in results/groups/ (one hour)
+groups: $(DEEP) ## the same with several people, strangers or in a group that talks, in results/groups/ (half an hour)
 	$(RUN) $(or $(EXPERIMENT),groups)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there

@@ -16,8 +16,16 @@ def finding(tables: Tables) -> Names:
     claim(scenarios == ["S1", "S2", "S3"], "the scenarios are S1, S2 and S3")
     n_others = tables.values("summary", "n", learner=[SB3_DQN, SB3_PPO])
     claim(n_others == {30}, "there are 30 runs of Stable-Baselines3's own in each scenario")
+    n_forms = tables.values("summary", "n", variant=["dqn_forms", "ppo_forms"])
+    claim(n_forms == {30}, "there are 30 runs of nets on further forms of input in each scenario")
     _check_verdicts(tables)
-    return {"success": tables.numbers("aggregate", "success", "learner", ".2f")}
+    verdicts = tables.rows("contrasts").set_index(["x", "y"])["success_verdict"]
+
+    def forms(net: str, form: str) -> str:
+        """Returns how a form of input compares with coordinates, for a net."""
+        return str(verdicts[f"{net}, {form}", f"{net}, coordinates"])
+
+    return {"success": tables.numbers("aggregate", "success", "learner", ".2f"), "forms": forms}
 
 
 def _check_verdicts(tables: Tables) -> None:
