@@ -12,13 +12,14 @@ def finding(tables: Tables) -> Names:
     """Checks all claims, and returns what the text names."""
     claim, chosen = tables.claim, tables.rows("chosen")
     claim(tables.values("cost", "trials") == {255}, "every learner has 256 trials, trial 0 included")
-    mean, ends = (chosen.groupby("learner")["chosen"].agg(how) for how in ("mean", ["min", "max"]))
+    by_learner = chosen.groupby("learner")["chosen"]
+    mean, low, high = by_learner.mean(), by_learner.min(), by_learner.max()
     for plain, replay in ((TABLE, REPLAY_TABLE), (OFFSET_TABLE, REPLAY_OFFSET_TABLE),
                           (TILES, REPLAY_TILES), (OFFSET_TILES, REPLAY_OFFSET_TILES)):  # fmt: skip
         claim(mean[plain] < mean[replay], f"picks of {replay} learn earlier than those of {plain}")
 
     def picks(learner: str) -> str:
-        return "{:.2f} to {:.2f}".format(*ends.loc[learner])
+        return f"{low[learner]:.2f} to {high[learner]:.2f}"
 
     return {
         "picks": picks,
