@@ -19,8 +19,9 @@ def finding(tables: Tables) -> Names:
     pairs = [(x, y) for x in (DQN, PPO) for y in (TABLE, REPLAY_TABLE, TILES, REPLAY_TILES)]
     n_points = {len(tables.rows("contrasts", x=x, y=y)) for x, y in pairs}
     claim(n_points == {4}, "each contrast of nets has four points")
-    steps = steps_of(tables)
-    at_128 = {"grid": "two", "point": "groups 128"}
+    steps, at_128 = steps_of(tables), {"grid": "two", "point": "groups 128"}
+    never = tables.row("cells", learner=PPO, **at_128)["steps"] == float("inf")
+    claim(never, "most runs of PPO do not learn 128 places of two who talk")
     return {
         "steps": lambda learner, grid, places: steps(learner, grid, f"groups {places}"),
         "against": against,
