@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 
 from benchmark.drawing.style import INK, colour_map, figure_of
@@ -97,6 +97,7 @@ def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
         steps.set_xlim(right=1.1 * budget)
         steps.xaxis.set_major_locator(LogLocator(numticks=9))
         steps.xaxis.set_major_formatter("{x:,.0f}")
+        steps.xaxis.set_minor_formatter(NullFormatter())
         steps.set_yticks(range(len(lines)), [text if name else "" for text, name in lines])
         steps.tick_params(axis="y", left=False)
         success.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="more is better →")
@@ -182,7 +183,8 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) ->
                 first, last = next(iter(curves.values()))["at"].iloc[[0, -1]]
                 axis.set(yscale="log", ylim=(lowest / 1.3, 2.2 * budget))
                 axis.hlines(budget, first, last, color="0.6", lw=0.8, zorder=0)
-                axis.annotate(_NEVER, (first, budget), (0, 5), textcoords="offset points")
+                if first < last:  # else the names of curves are there
+                    axis.annotate(_NEVER, (first, budget), (0, 5), textcoords="offset points")
                 axis.yaxis.set_major_formatter("{x:,.0f}")
             else:
                 axis.set(ylim=(0, 1.04))
