@@ -34,7 +34,7 @@ _STYLES: Final[dict[str, Style]] = {
 }
 _COLUMNS: Final = 3  # of panels and maps
 _N_MARKERS: Final = 6  # of a curve
-_MAX_CONTRASTS: Final = 24
+_MAX_CONTRASTS: Final = 30
 _CHARACTERS, _MAX_COLUMNS = 66, 8  # of the names of a figure's columns in a line; columns with level names
 _THRESHOLDS: Final = np.linspace(0.0, 1.0, 51)
 
