@@ -45,7 +45,7 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
         assert [*tmp_path.iterdir()] == []
     if target == "when":
         reference = pd.read_csv(tmp_path / "when_smoke" / "reference.csv")
-        assert {*reference["y"]} == {"sb3_ppo, coordinates", "sb3_dqn, coordinates"}
+        assert {*reference["y"]} == {"sb3_ppo, offset_factored", "sb3_dqn, offset_tiles"}
     if target == "speed":
         table = tmp_path / "speed_smoke" / "speed.csv"
         assert mistyped_columns(table) == []

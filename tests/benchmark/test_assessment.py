@@ -145,6 +145,7 @@ def test_tables_that_are_too_large_are_refused_before_anything_is_compiled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("envs.observations.compile_scenario", lambda _: pytest.fail("compiled"))
+    monkeypatch.setattr("envs.observations.MAX_TABLE", 50_000_000)
     with pytest.raises(InputError, match="one_hot: 236,280 observations of 236 numbers"):
         assess(lambda _: 0, scenario="ThreeTalking", observation="one_hot")
 

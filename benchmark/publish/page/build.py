@@ -184,7 +184,7 @@ class _Part:
     def _map(self) -> dict[str, object] | None:
         """Returns what the page's map needs besides tables; None if this is no map of a single scene."""
         report = self.folder.manifest["report"]
-        if report["kind"] != "map" or any("grid" in panel for panel in report.get("panels", ())):
+        if report["kind"] != "map" or any(panel.get("grid") for panel in report.get("panels", ())):
             return None
         looks, variants = {}, self.folder.manifest["algorithms"]
         colours = {name: variant.get("colour") for name, variant in variants.items()}
