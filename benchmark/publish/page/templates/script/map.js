@@ -28,10 +28,10 @@ if (box) {
   // A point may be in several grids: the first row of each key.
   const distinct = (rows, key) => rows.filter((row, i) => rows.findIndex((other) => key(other) === key(row)) === i);
 
-  // Two digits are enough.
+  // Below 10, two digits are enough.
   function short(value) {
     if (!Number.isFinite(value)) return NEVER;
-    return value < 10 ? String(Number(value.toPrecision(2))) : grouped(Number(value.toPrecision(3)));
+    return value < 10 ? String(Number(value.toPrecision(2))) : grouped(Math.round(value));
   }
 
   const whereOf = (row) => `${room(row)} cells${Number(row.permuted) ? `, ${100 * row.permuted} % of coordinates permuted` : ""}`;
