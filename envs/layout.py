@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.inputs import require
-from envs.people import Group, Issuer, Person, Phase, Walk
-from envs.regions import TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
+from envs.people import Group, Issuer, Onlookers, Person, Phase, Walk
+from envs.regions import HEADINGS, TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
 
 MAX_ZONES: Final = 100_000_000  # cells, over all phases and all ways in which people may stand
 _AT_ONCE: Final = 1_000_000  # cells, to save memory
+_MOVES: Final = np.array([*HEADINGS.values()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,7 @@ class Layout:
     zone: NDArray[np.int8]  # (J, P, C) index into `envs.regions.ZONES`
     is_start: NDArray[np.bool_]  # (J, first ticks, C) where episodes may start
     is_seen: NDArray[np.bool_]  # (J,) whether episodes with the person in a place are trained
+    onlookers: NDArray[np.int_]  # (J, P, onlookers) cells of people who are seen and do not matter
 
     @cached_property
     def ticks(self) -> NDArray[np.int_]:
@@ -84,13 +86,6 @@ class Layout:
         """(I,) where the person or someone of the group may stand at some time, by row and then by column."""
         return tuple(divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist())
 
-    def shown_cells(self, fraction: float, draw: int) -> tuple[Cell, ...]:
-        """Returns the cell that is shown for each issuer cell, (I,); a drawn fraction is permuted."""
-        n_permuted = round(fraction * len(self.issuer_cells))
-        order = sorted(self.issuer_cells, key=lambda cell: _rank([cell], draw))[:n_permuted]
-        following = dict(zip(order, [*order[1:], *order[:1]], strict=True))
-        return tuple(following.get(cell, cell) for cell in self.issuer_cells)
-
     @cached_property
     def starts(self) -> NDArray[np.int_]:
         """(starts, 3) place, tick and cell of every start of an episode, also in unseen places."""
@@ -114,7 +109,58 @@ def draw_places(layout: Layout, n: int | None, unseen: int, draw: int) -> Layout
         order = order[sorted(range(len(order)), key=ranks.__getitem__)[: n + unseen]]
     chosen, is_seen = np.sort(order), np.isin(np.sort(order), order[:n])
     ways, zone, is_start = layout.ways[chosen], layout.zone[chosen], layout.is_start[chosen]
-    return replace(layout, ways=ways, zone=zone, is_start=is_start, is_seen=is_seen)
+    onlookers = layout.onlookers[chosen]
+    return replace(layout, ways=ways, zone=zone, is_start=is_start, is_seen=is_seen, onlookers=onlookers)
+
+
+def shown_cells(cells: Sequence[Cell], fraction: float, draw: int) -> list[Cell]:
+    """Returns the cell that is shown for each of some cells; a drawn fraction is permuted."""
+    order = sorted(cells, key=lambda cell: _rank([cell], draw))[: round(fraction * len(cells))]
+    following = dict(zip(order, [*order[1:], *order[:1]], strict=True))
+    return [following.get(cell, cell) for cell in cells]
+
+
+@lru_cache(maxsize=8)
+def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
+    """Returns a layout whose places are repeated with different ways in which onlookers stand or walk."""
+    grid, n_ways = layout.grid, onlookers.ways
+    seen, unseen = np.flatnonzero(layout.is_seen), np.flatnonzero(~layout.is_seen)
+    repeated = np.resize(seen, max(n_ways, len(seen))), np.tile(unseen, -(-n_ways // len(seen)))
+    way = np.concatenate([np.arange(len(places)) % n_ways for places in repeated])
+    order = np.concatenate(repeated).argsort(kind="stable")
+    place, way = np.concatenate(repeated)[order], way[order]  # (J,) each
+
+    is_floor = ~grid.is_wall
+    is_floor[[grid.index(person.position) for people in layout.others for person in people]] = False
+    is_free = np.repeat(is_floor[None], len(place), axis=0)  # (J, C)
+    np.put_along_axis(is_free, layout.ways[place], False, axis=1)
+    cells = random_orders(n_ways, len(is_floor), "onlookers", draw)[way]  # (J, C)
+    is_free = np.take_along_axis(is_free, cells, axis=1)
+    is_first = is_free & (is_free.cumsum(axis=1) <= onlookers.people)
+    standing = cells[is_first].reshape(len(place), onlookers.people)
+
+    steps = [standing]
+    for i in range(onlookers.walk):
+        turns = random_orders(standing.size, len(_MOVES), f"walk {i}", draw)[:, 0].reshape(standing.shape)
+        moved = np.clip(grid.position[steps[-1]] + _MOVES[turns], 0, np.array(grid.size) - 1)
+        moved = moved @ (grid.columns, 1)
+        steps.append(np.where(is_floor[moved], moved, steps[-1]))
+    rounds = [*steps[:-1], *steps[:0:-1]] or [standing] * len(layout.stages)
+    return replace(
+        layout,
+        ways=layout.ways[place],
+        zone=layout.zone[place],
+        is_start=layout.is_start[place],
+        is_seen=layout.is_seen[place],
+        onlookers=np.stack(rounds, axis=1),
+    )
+
+
+def random_orders(n: int, size: int, *names: object) -> NDArray[np.int_]:
+    """Returns n random orders of the numbers below a size, (n, size), from a stream with these names."""
+    key = hashlib.sha256(json.dumps(names).encode()).digest()[:16]
+    words = np.random.Philox(key=int.from_bytes(key, "little")).random_raw(n * size)
+    return np.asarray(words.reshape(n, size).argsort(axis=1, kind="stable"))
 
 
 def _ticks(stages: Sequence[Phase]) -> NDArray[np.int_]:
@@ -186,7 +232,8 @@ def resolve(
     ways = _ways_of_group(grid, cells, group, regions, most) if group else cells[:, None]
     zone = _find_zones(grid, issuer, regions, ways, stages, others_at)
     is_start = _find_starts(grid, zone, first)
-    return Layout(grid, stages, others_at, ways, first, zone, is_start, np.ones(len(ways), dtype=np.bool_))
+    is_seen, onlookers = np.ones(len(ways), np.bool_), np.zeros((len(ways), len(stages), 0), np.int_)
+    return Layout(grid, stages, others_at, ways, first, zone, is_start, is_seen, onlookers)
 
 
 def _check_ways(n: int, most: int, n_placed: int, group: Group | None) -> None:

@@ -20,7 +20,8 @@ from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.people import BoundedFeedback, NoisyFeedback, OwnFeedback, Ping
+from envs.layout import random_orders, shown_cells
+from envs.people import BoundedFeedback, NoisyFeedback, Onlookers, OwnFeedback, Ping
 from envs.regions import ZONES
 from envs.scenario import Scenario
 
@@ -56,8 +57,8 @@ class Component:
     value: NDArray[np.int32]  # (S,) that of each state, 0 to size - 1
     numbers: NDArray[np.int_]  # (size, D) what each value stands for, from 0
     largest: NDArray[np.int_]  # (D,) the largest of these numbers
-    per_cell: int  # difference of a number between adjacent cells; 0 if it is no position
-    ones: NDArray[np.int_]  # (size, people) which columns of the component's one-hot block are 1
+    per_cell: NDArray[np.int_]  # (D,) difference of a number between adjacent cells; 0 if it is no position
+    ones: NDArray[np.int_]  # (size, people or 1) which columns of the component's one-hot block are 1
     width: int  # number of columns of this block
 
     @property
@@ -340,26 +341,64 @@ def _components(
         groups, group = np.arange(len(cells))[:, None], spots[:, 0]
     else:
         groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
-    coordinates = scenario.layout.shown_cells(scenario.issuer.permuted, scenario.draw)
+    coordinates = shown_cells(scenario.layout.issuer_cells, scenario.issuer.permuted, scenario.draw)
     shown = np.array(coordinates)[groups]  # (places, people, 2)
 
     def component(name: str) -> Component:
         match name:
             case "agent":
                 ones = np.arange(len(grid.position))[:, None]
-                return Component(name, cell, grid.position, largest, 1, ones, len(ones))
+                return Component(name, cell, grid.position, largest, np.ones(2, int), ones, len(ones))
+            case "issuer" if scenario.onlookers and scenario.onlookers.seen:
+                return _crowd(scenario, scenario.onlookers, context)
             case "issuer":
                 numbers, value = shown.reshape(len(groups), -1), group[context].astype(np.int32)
-                return Component(name, value, numbers, np.tile(largest, n), 1, groups, len(cells))
+                per_cell = np.ones(2 * n, int)
+                return Component(name, value, numbers, np.tile(largest, n), per_cell, groups, len(cells))
             case "phase" | "wrong_pings":
                 phases, counts = (context % n_phases, n_phases), (pings, scenario.ping_limit)
                 value, size = phases if name == "phase" else counts
                 numbers = np.arange(size)[:, None]
-                return Component(name, value, numbers, np.array([max(size - 1, 1)]), 0, numbers, size)
+                largest_one, per_cell = np.array([max(size - 1, 1)]), np.zeros(1, int)
+                return Component(name, value, numbers, largest_one, per_cell, numbers, size)
             case _:
                 return _relative(scenario, name, context, cell)
 
     return tuple(component(name) for name in scenario.observe)
+
+
+def _crowd(scenario: Scenario, onlookers: Onlookers, context: NDArray[np.int32]) -> Component:
+    """Returns the component of all cells of people: those who count first, unless they have badges."""
+    grid, layout, n = scenario.grid, scenario.layout, scenario.n_people
+    cells = np.concatenate([layout.standing, layout.onlookers], axis=2)  # (J, P, people)
+    value = context
+    if not onlookers.walk:
+        value, cells = context // cells.shape[1], cells[:, :1]
+    cells = cells.reshape(-1, cells.shape[2])  # (size, people)
+    every = [(row, column) for row, column in grid.position.tolist()]
+    coordinates = np.array([shown_cells(every, onlookers.permuted, scenario.draw)] * cells.shape[1])
+    own = shown_cells(layout.issuer_cells, scenario.issuer.permuted, scenario.draw)
+    coordinates[:n, [grid.index(cell) for cell in layout.issuer_cells]] = own
+    columns = np.arange(cells.shape[1])
+    numbers, largest, per_cell = coordinates[columns, cells], np.maximum(np.array(grid.size) - 1, 1), [1, 1]
+    ones, width = cells, len(every)
+    if onlookers.badge:
+        order = random_orders(len(layout.ways), cells.shape[1], "badges", scenario.draw)
+        order = order.repeat(len(cells) // len(order), axis=0)  # the same in all phases
+        counts = (order < n) * 1
+        numbers = np.take_along_axis(numbers, order[:, :, None], axis=1)
+        numbers = np.concatenate([numbers, counts[:, :, None]], axis=2)
+        ones = np.take_along_axis(cells, order, axis=1) + width * counts
+        largest, per_cell, width = np.append(largest, 1), [1, 1, 0], 2 * width
+    return Component(
+        name="issuer",
+        value=value.astype(np.int32),
+        numbers=numbers.reshape(len(cells), -1),
+        largest=np.tile(largest, len(columns)),
+        per_cell=np.tile(per_cell, len(columns)),
+        ones=ones + width * columns,
+        width=width * len(columns),
+    )
 
 
 def _relative(
@@ -393,7 +432,7 @@ def _relative(
         value=number_at[context, cell].astype(np.int32),
         numbers=numbers,
         largest=np.tile(np.maximum(2 * farthest, 1), n_seen),
-        per_cell=n if name == "centre" else 1,
+        per_cell=np.full(2 * n_seen, n if name == "centre" else 1),
         ones=values + size * np.arange(n_seen),
         width=size * n_seen,
     )

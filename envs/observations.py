@@ -4,8 +4,12 @@ A form is what is observed and its encoding. Most forms are egocentric: instead 
 cells, the agent observes people's positions relative to itself. "offset" gives those of all people, "nearest"
 that of the nearest, "two_nearest" those of two, and "centre" the centre of all; for a single person, these
 are the same. Where the person is not seen, they equal the form of cells with the same encoding.
+
+"planes" is the room as an image, for convolutional nets.
 """
 
+import json
+import math
 from itertools import product
 from typing import Any, Final
 
@@ -20,15 +24,17 @@ from envs.tiles import tiles_of
 
 _ENCODINGS: Final = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
 SPARSE: Final = ("one_hot", "factored", "tiles")  # encodings by numbers that are mostly 0, else 1
+IMAGES: Final = ("planes",)
+_PLANES: Final = ("agent", "people", "onlookers", "walls")  # and one for each further component
 # What each form observes, and its encoding: "tiles" has ("", "tiles"), and "offset" has ("offset", "index").
 _PARTS: Final = {
     "_".join(filter(None, (seen, "" if seen and encoding == "index" else encoding))): (seen, encoding)
     for seen, encoding in product(("", *RELATIVE), _ENCODINGS)
-}
+} | {form: ("", form) for form in IMAGES}
 ENCODINGS: Final = {form: encoding for form, (_, encoding) in _PARTS.items()}
 OBSERVATIONS: Final = tuple(ENCODINGS)
 INDICES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "index")
-VECTORS: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding != "index")
+VECTORS: Final = tuple(form for form in ENCODINGS if form not in (*INDICES, *IMAGES))
 MAX_TABLE: Final = 100_000_000  # numbers in the table of all observations
 N_TILINGS: Final = 16
 TILE_WIDTH: Final = 3  # cells
@@ -41,6 +47,18 @@ def check_sparse(n_observations: int, n_features: int, observation: str = "one_h
         found = f"{n_observations:,} observations of {n_features:,} numbers each"
         accepted = f'at most {MAX_TABLE:,} numbers in all, or "coordinates" or "index"'
         raise InputError(f"observation {observation}: {found}; accepted: {accepted}.")
+
+
+def _check_planes(scenario: Scenario) -> None:
+    """Refuses, by an InputError, a scenario that planes cannot show, or not to Stable-Baselines3."""
+    first, shape = scenario.observe[0], planes_shape(scenario)
+    where = f"observation planes: {scenario.name} with observe = {json.dumps(scenario.observe)}"
+    if first in RELATIVE:
+        raise InputError(f'{where}; accepted: cells, so "agent" in place of "{first}".')
+    if shape[0] > min(shape[1:]):  # Stable-Baselines3 takes the shortest side for the channels
+        found = f"{where} has {shape[0]} planes of {shape[1]} x {shape[2]} cells"
+        raise InputError(f"{found}; accepted: at least as many rows and columns as planes.")
+    check_sparse(scenario.n_observations, math.prod(shape), "planes")
 
 
 def check_form(observation: str) -> None:
@@ -58,6 +76,8 @@ def seen_as(scenario: Scenario, observation: str) -> Scenario:
     """Returns a scenario with the components that an agent is given in a form."""
     check_form(observation)
     relative, _ = _PARTS[observation]
+    if observation in IMAGES:
+        _check_planes(scenario)
     if not relative or "issuer" not in scenario.observe:
         return scenario
     return scenario.seen_as(relative)
@@ -76,7 +96,7 @@ def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.integer
     """Returns which numbers of a sparse form are 1, (O, ones), and how many numbers there are."""
     encoding = ENCODINGS[observation]
     if encoding == "tiles":
-        tiles = tiles_of(model, N_TILINGS, TILE_WIDTH)
+        tiles = tiles_of(model, N_TILINGS, TILE_WIDTH).tiles
         return tiles, int(tiles.max()) + 1
     blocks: list[NDArray[np.int_]] = []  # (O, ones) which numbers of a block are 1
     widths = [0]
@@ -92,21 +112,59 @@ def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.integer
     return np.concatenate(ones, axis=1), width
 
 
-def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32]:
+def planes_shape(scenario: Scenario) -> tuple[int, int, int]:
+    """Returns how many planes show a scenario, and the rows and columns of each."""
+    n_further = len({"phase", "wrong_pings"}.intersection(scenario.observe))
+    return len(_PLANES) + n_further, *scenario.grid.size
+
+
+def _planes(model: Model) -> NDArray[np.uint8]:
+    """Returns the room as an image in all observations, (O, planes, rows, columns), of numbers 0 and 255.
+
+    People stand where the component "issuer" shows them. If they have badges, these say who counts.
+    """
+    scenario, o = model.scenario, np.arange(model.n_observations)
+    _check_planes(scenario)
+    table = np.zeros((len(o), *planes_shape(scenario)), np.uint8)
+    table[:, _PLANES.index("walls")] = 255 * scenario.grid.is_wall.reshape(scenario.grid.size)
+    n_further = 0
+    for part, value in zip(model.components, model.values, strict=True):
+        match part.name:
+            case "agent":
+                table[o, _PLANES.index("agent"), *part.numbers[value].T] = 255
+            case "issuer":
+                n_people = np.count_nonzero(part.per_cell) // 2
+                for i, person in enumerate(np.split(part.numbers, n_people, axis=1)):
+                    row, column, *badge = person[value].T
+                    counts = badge[0] == 1 if badge else i < scenario.n_people
+                    plane = np.where(counts, _PLANES.index("people"), _PLANES.index("onlookers"))
+                    table[o, plane, row, column] = 255
+            case _:
+                shade = np.rint(255 * part.numbers / part.largest)[value]
+                table[:, len(_PLANES) + n_further] = shade[:, :, None]
+                n_further += 1
+    return table
+
+
+def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32] | NDArray[np.uint8]:
     """Returns all observations.
 
     Args:
       model: Compiled scenario with O observations; for the forms of the offset by `compile_seen`.
-      kind: The form. Index: (O,) int64. Others: (O, D) float32.
+      kind: The form. Index: (O,) int64. Planes: (O, planes, rows, columns) uint8. Others: (O, D) float32.
         One-hot: a block per component, with a 1 at its value. Factored: a block per coordinate, so one for
         the row and one for the column of a cell. Tiles: a number for each tile, see `envs.tiles`, of
         `N_TILINGS` tilings. Coordinates: those of all components in turn, each scaled to [0, 1]. Centred: the
-        same, scaled to [-2, 2], roughly the range of standardized values.
+        same, scaled to [-2, 2], roughly the range of standardized values. Planes: 255 in the agent's cell, in
+        people's, in onlookers' and in walls, else 0; and for the phase and the number of wrong PINGs a plane
+        of a single number, scaled to [0, 255].
     """
     check_form(kind)
     encoding = ENCODINGS[kind]
     if encoding == "index":
         return np.arange(model.n_observations)
+    if encoding in IMAGES:
+        return _planes(model)
     if encoding in SPARSE:
         ones, width = observation_ones(model, kind)
         check_sparse(len(ones), width, kind)
@@ -122,5 +180,7 @@ def observation_space(table: NDArray[Any], observation: str) -> spaces.Discrete 
     """Returns the space of the rows of an observation table in a form."""
     if table.ndim == 1:
         return spaces.Discrete(len(table))
+    if observation in IMAGES:
+        return spaces.Box(0, 255, table.shape[1:], np.uint8)
     low, high = (-_CENTRED, _CENTRED) if ENCODINGS[observation] == "centred" else (0.0, 1.0)
     return spaces.Box(low, high, table.shape[1:], np.float32)

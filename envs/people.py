@@ -225,6 +225,31 @@ class Group(Table):
         return self
 
 
+class Onlookers(Table):
+    """People who are observed like the person of `issuer`, but do not matter: the agent walks through them.
+
+    They stand in different cells, which are drawn once, in a number of ways. All ways are used alike often in
+    each place of the person, so there are as many pairs of a place and a way as places or ways, whichever are
+    more. In unseen places, there are as many pairs for each place.
+    """
+
+    omitted_at_default: ClassVar[Set[str]] = {"seen", "permuted", "badge", "walk"}
+
+    people: Annotated[int, Field(ge=1, le=1000)]
+    """How many there are. Those of fewer people are the first of more."""
+    ways: Annotated[int, Field(ge=1, le=MAX_STATES)]
+    """In how many ways they may stand; with 1, always in the same cells, unless the person stands there."""
+    seen: bool = True
+    """Whether they are observed."""
+    permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Fraction of cells shown with another cell's coordinates when an onlooker stands there."""
+    badge: bool = False
+    """Whether all people are observed in a random order, each with a number that is 1 if the person counts,
+    and 0 for onlookers."""
+    walk: Annotated[int, Field(ge=0, le=100)] = 0
+    """After how many steps of a random walk they turn round and go back, again and again; 0: they stand."""
+
+
 class Person(Table):
     """Another person; without regions and feedback a bystander: nobody to approach, but an obstacle."""
 

@@ -16,7 +16,7 @@ from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 
-Observation = int | NDArray[np.float32]
+Observation = int | NDArray[np.float32] | NDArray[np.uint8]
 _INFO: Final = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward", "is_success")
 
 
@@ -52,13 +52,16 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
       tiling in which the observation lies, see `envs.tiles`
     - `"offset"`, `"offset_one_hot"` and so on: the same, with the person's cell relative to the agent's in
       place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
+    - `"planes"`: `Box(0, 255, (planes, rows, columns), uint8)`, an image with a plane each for the agent,
+      people, onlookers, walls and each further component, for Stable-Baselines3's `CnnPolicy`
     - `"nearest"`, `"two_nearest"`, `"centre"`, also with `"_one_hot"` and so on: the same with the nearest
       person, the two nearest, or the centre of all people, if the person has a group
 
     The person's cell has a value for each cell in which the person may be. A group has a value for each way
     in which it may stand; as offsets, for each combination that occurs, the nearest person first. Its one-hot
-    form has a 1 for each person, and its coordinates are those of all people. The observed number of wrong
-    PINGs is at most `ping_limit - 1`.
+    form has a 1 for each person, and its coordinates are those of all people. With onlookers, the cells of
+    all people are one component, with a value for each way in which they stand. The observed number of
+    wrong PINGs is at most `ping_limit - 1`.
 
     ## Starting State
     One of the scenario's starts, all equally likely, with no wrong PING so far: a cell of the agent outside

@@ -18,8 +18,8 @@ from pydantic import Field, model_validator
 
 from envs import inputs
 from envs.inputs import InputError, Name, Table, require
-from envs.layout import Layout, draw_places, resolve, timeline, walkers
-from envs.people import MAX_STATES, Group, Issuer, OwnFeedback, Person, Phase, Reward
+from envs.layout import Layout, draw_onlookers, draw_places, resolve, timeline, walkers
+from envs.people import MAX_STATES, Group, Issuer, Onlookers, OwnFeedback, Person, Phase, Reward
 from envs.regions import ZONES, Cell, Grid, Regions, Ring, listed
 from envs.sources import find_modules_in
 
@@ -55,7 +55,9 @@ class Rewards(Table):
 class Scenario(Table):
     """A checked scenario, named after its file."""
 
-    omitted_at_default: ClassVar[Set[str]] = {"observe", "group", "others", "phases", "first_phase", "draw"}
+    omitted_at_default: ClassVar[Set[str]] = {
+        *("observe", "group", "onlookers", "others", "phases", "first_phase", "draw")
+    }
 
     name: Name
     """The stem of the file."""
@@ -73,6 +75,8 @@ class Scenario(Table):
     person and the group ("issuer"); the phase; the number of wrong PINGs."""
     group: Group | None = None
     """People who are drawn together with the person; by default none."""
+    onlookers: Onlookers | None = None
+    """People who are observed and do not matter; by default none."""
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     """Other people."""
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
@@ -85,14 +89,21 @@ class Scenario(Table):
     @cached_property
     def layout(self) -> Layout:
         """Where people stand and episodes start, in the places that are drawn."""
-        return draw_places(self._every_way, self.issuer.places, self.issuer.unseen, self.draw)
+        layout = draw_places(self._every_way, self.issuer.places, self.issuer.unseen, self.draw)
+        return draw_onlookers(layout, self.onlookers, self.draw) if self.onlookers else layout
 
     @cached_property
     def _every_way(self) -> Layout:
         # Scenarios that differ only in what is drawn or observed share it.
         issuer = self.issuer.model_copy(update={"places": None, "unseen": 0, "permuted": 0.0})
-        tables = self.group, self.regions, self.others, self.phases, self.first_phase
+        tables = self.group, self.regions, self.others, self._phases, self.first_phase
         return resolve(self.grid, issuer, *tables)
+
+    @property
+    def _phases(self) -> tuple[Phase, ...]:
+        """The declared phases, or one for each step of walking onlookers."""
+        n = 2 * self.onlookers.walk if self.onlookers else 0
+        return tuple(Phase(name=f"{i + 1}", steps=1) for i in range(n)) or self.phases
 
     def people_in(self, place: int, phase: int) -> tuple[Person, ...]:
         """Returns the issuer with its group, and the others, in a place and phase."""
@@ -105,7 +116,7 @@ class Scenario(Table):
 
     def drawn(self, draw: int) -> Self:
         """Returns the scenario with another draw; itself if it draws nothing."""
-        if self.issuer.places is None and not self.issuer.permuted:
+        if self.issuer.places is None and not self.issuer.permuted and not self.onlookers:
             return self
         return self.model_copy(update={"draw": draw})
 
@@ -135,7 +146,7 @@ class Scenario(Table):
         is_hidden = {
             "agent's cell" if is_relative else "issuer": n_values(*seen, 0) > n_values(*seen),
             "rest of the group": is_relative and n_people > self.n_seen,
-            "phase": n_values(*seen, 1) > n_values(*seen),
+            "phase": n_values(*seen, 1) > n_values(*seen) and not (self.onlookers and self.onlookers.walk),
             "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
             "clock": len(layout.ticks) > n_phases > 1,
             "feedback to come": self.is_delayed,
@@ -162,15 +173,27 @@ class Scenario(Table):
         if n_seen > 1:
             most = min(n_offsets**n_seen, n_places * n_phases * n_cells)
         n_issuer_cells = len(self.layout.issuer_cells)
+        issuer = n_issuer_cells if n == 1 else n_places, n_issuer_cells
+        if self.onlookers and self.onlookers.seen:
+            n_ways = n_places * (n_phases if self.onlookers.walk else 1)
+            issuer = n_ways, n_cells * (1 + self.onlookers.badge) * (n + self.onlookers.people)
         sizes = {
             **dict.fromkeys(RELATIVE, (most, n_offsets * n_seen)),
             "agent": (n_cells, n_cells),
             "centre": (n_centres, n_centres),
-            "issuer": (n_issuer_cells if n == 1 else n_places, n_issuer_cells),
+            "issuer": issuer,
             "phase": (n_phases, n_phases),
             "wrong_pings": (self.ping_limit, self.ping_limit),
         }
         return {name: sizes[name] for name in self.observe}
+
+    @property
+    def n_positions(self) -> int:
+        """How many positions are observed: of the agent, of people, or relative ones."""
+        n_people = self.n_people + (self.onlookers.people if self.onlookers and self.onlookers.seen else 0)
+        if self.observe[0] != "agent":
+            return self.n_seen
+        return 1 + n_people * ("issuer" in self.observe)
 
     @property
     def n_observations(self) -> int:
@@ -262,6 +285,10 @@ class Scenario(Table):
                 is_straight = (first[0] == last[0]) != (first[1] == last[1])
                 where = f"{key}.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
                 require(is_straight, where, "another cell of the same row or column, also on the way back")
+        if self.onlookers:
+            require(not is_moved, "onlookers and a person who moves", "one of them")
+            others = "phases" if self.phases else next(iter(walking), "")
+            require(not (self.onlookers.walk and others), f"onlookers.walk and {others}", "one of them")
         if is_moved or walking:
             where = 'feedback.kind = "delayed" with someone who moves'
             require(not self.is_delayed, where, "any other kind")
@@ -274,7 +301,7 @@ class Scenario(Table):
 
     def _check_cells(self) -> None:
         others, walking = self.others, walkers(self.issuer, self.others)
-        stages, others_at = timeline(self.issuer, others, self.phases)
+        stages, others_at = timeline(self.issuer, others, self._phases)
         first, still = ({it.position for it in others if not (is_still and it.walk)} for is_still in (0, 1))
         at_some_time = {person.position for people in others_at for person in people}
         self._check_floor("issuer.position", listed(self.issuer.position), at_some_time)
@@ -309,7 +336,7 @@ class Scenario(Table):
 
     def _check_sizes(self) -> None:
         issuer, whose = self.issuer, "the group" if self.group else "the person"
-        stages, _ = timeline(issuer, self.others, self.phases)
+        stages, others_at = timeline(issuer, self.others, self._phases)
         n_ticks = sum(stage.steps or 1 for stage in stages)
         n_states = len(self.grid.position) * self.ping_limit * n_ticks * (1 + self.is_delayed)
         twice = " x 2 for delayed feedback" * self.is_delayed
@@ -320,6 +347,14 @@ class Scenario(Table):
             n_positions = int(self._every_way.has_start.sum())
         if issuer.places is not None:
             n_positions = min(n_positions, issuer.places + issuer.unseen)
+        if crowd := self.onlookers:
+            occupied = {person.position for people in others_at for person in people}
+            most = int((~self.grid.is_wall).sum()) - len(occupied) - self.n_people
+            where = f"onlookers.people = {crowd.people}"
+            require(crowd.people <= most, where, f"at most {most}, a free cell for each")
+            n_seen = n_positions - issuer.unseen
+            n_positions = max(crowd.ways, n_seen) + issuer.unseen * -(-crowd.ways // n_seen)
+            whose += " and ways of onlookers"
         n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
         times = f" x {n_outcomes} phases that may follow" * (n_outcomes > 1)
         where = f"cells x ping_limit x positions of {whose} x ticks of the phases{twice}{times}"

@@ -21,6 +21,7 @@ SYMBOLS: Final = {
     "issuer": "I",
     "wall": "#",
     "bystander": "B",
+    "onlooker": "o",
 }
 # Okabe and Ito's colour-blind-safe palette, the regions lightened; distinct in grey, too.
 COLOURS: Final[dict[str, Colour]] = {
@@ -57,7 +58,8 @@ NOSE: Final = 0.5, 0.2, 0.25  # distances of the nose's tip and base from a pers
 class Glyph:
     """A sign in a cell."""
 
-    kind: str  # "issuer" (a star; everybody with regions), "bystander" (an open circle), "start" (a square)
+    # "issuer" (a star; everybody with regions), "bystander" (an open circle), "onlooker" (a diamond), "start"
+    kind: str
     cell: int
     heading: tuple[int, int] | None = None  # (row, column) where a person looks, if that matters
 
@@ -122,6 +124,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         for row, column in [person.position]
     ]
     np.put(zone, [glyph.cell for glyph in people if glyph.kind == "bystander"], ZONES.index("outside"))
+    onlookers = [Glyph("onlooker", cell) for cell in layout.onlookers[position, phase].tolist()]
     circle = None
     if isinstance((layout.stages[phase].regions or scenario.regions).target, Ring):
         centres, radii = circles(grid.position[layout.standing[position, phase]][None])
@@ -138,7 +141,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         is_wall=grid.is_wall,
         # ZONES are ordered by nearness.
         outlines={region: outlines(is_floor & (zone >= ZONES.index(region))) for region in BORDERS},
-        glyphs=(*people, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
+        glyphs=(*people, *onlookers, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
         phase=layout.stages[phase].name if len(layout.stages) > 1 else "",
         circle=circle,
     )

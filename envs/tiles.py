@@ -5,49 +5,111 @@ one feature of each tiling: the tile that it lies in. Tiling t is displaced agai
 the first odd numbers, one for each coordinate, in units of the width divided by the number of tilings (Miller
 and Glanz 1996). Only tiles that some observation lies in have a number, so none is hashed.
 
-Axis letters: O observations.
+The positions of the agent and of people can also be tiled in several sets, each with tilings of its own.
+
+Axis letters: O observations, V sets of positions.
 """
 
-from typing import Final
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envs.inputs import InputError
 from envs.model import Model, kept_with_model, numbered
+from envs.scenario import Scenario
+
+T = TypeVar("T")
 
 MAX_FEATURES: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
+MAX_ROWS: Final = 40_000_000  # rows of tiles, or features, of all sets of positions; most of these are shared
+
+Parts = Literal["joint", "pairs", "agent_pairs"]
 
 
-def check_tiles(n_observations: int, n_tilings: int) -> None:
+class Tiles(NamedTuple):
+    """The features of observations: those in a row of `tiles` for each set of positions."""
+
+    rows: NDArray[np.int32]  # (O, V)
+    tiles: NDArray[np.int32]  # (rows, n_tilings) features, numbered from 0
+
+
+def check_tiles(scenario: Scenario, n_tilings: int, parts: Parts = "joint") -> None:
     """Refuses, by an InputError, features that do not fit into memory."""
-    if n_observations * n_tilings > MAX_FEATURES:
-        found = f"n_tilings = {n_tilings}: a feature of each for {n_observations:,} observations"
-        raise InputError(f"{found}; accepted: at most {MAX_FEATURES:,} features in all.")
+    n, n_sets = scenario.n_observations, len(_sets([*range(scenario.n_positions)], scenario, parts))
+    if n_sets > 1:
+        _check(n_sets, n, MAX_ROWS, f"parts = {parts}: {n_sets} sets of positions")
+    else:
+        _check(n_tilings, n, MAX_FEATURES, f"n_tilings = {n_tilings}: a feature of each")
+
+
+def _check(n_each: int, n: int, most: int, found: str) -> None:
+    if n * n_each > most:
+        raise InputError(f"{found} for {n:,} observations; accepted: at most {most:,} in all.")
+
+
+def _sets(positions: Sequence[T], scenario: Scenario, parts: Parts) -> list[tuple[T, ...]]:
+    """Returns which positions are tiled together; an agent's comes first."""
+    if parts == "pairs":
+        return [*combinations(positions, 2)]
+    if parts == "agent_pairs":
+        n_agents = int(scenario.observe[0] == "agent")
+        return [(*positions[:n_agents], person) for person in positions[n_agents:]]
+    return [tuple(positions)]
 
 
 @kept_with_model
-def tiles_of(model: Model, n_tilings: int, width: int) -> NDArray[np.int32]:
-    """Returns the features of every observation, (O, n_tilings), numbered from 0.
+def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -> Tiles:
+    """Returns the features of every observation.
 
-    Positions are tiled jointly, by tiles `width` cells wide. Components without a position, such as a phase,
-    are not tiled: each combination of their values has tiles of its own.
+    Tiles are `width` cells wide. `parts` says which positions are tiled together: all ("joint"), each two of
+    them ("pairs"), or the agent's with each person's ("agent_pairs"); if people's are relative to the agent,
+    the latter is each by itself. What is no position, such as a phase, is not tiled: each combination of
+    values has tiles of its own.
     """
-    check_tiles(model.n_observations, n_tilings)
-    positions, others, per_cell = [], [], []
+    positions: list[tuple[NDArray[np.int_], NDArray[np.int_]]] = []  # (O, D) numbers, and (D,) per cell
+    others = []
     for component, value in zip(model.components, model.values, strict=True):
-        if component.per_cell:
-            positions.append(component.numbers[value])
-            per_cell += [component.per_cell] * positions[-1].shape[1]
+        if component.per_cell.any():
+            n = len(component.per_cell) // component.ones.shape[1]  # numbers of each person
+            spans = (slice(at, at + n) for at in range(0, len(component.per_cell), n))
+            positions += [(component.numbers[value, span], component.per_cell[span]) for span in spans]
         else:
             others.append(value)
-    cells = np.concatenate(positions, axis=1)
-    odd, unit = 2 * np.arange(cells.shape[1]) + 1, np.array(per_cell)
-    tiles, n_tiles = np.empty((model.n_observations, n_tilings), dtype=np.int32), 0
+    check_tiles(model.scenario, n_tilings, parts)
+    sets, n_observations = _sets(positions, model.scenario, parts), model.n_observations
+    if len(sets) < 2:
+        tiles = _tile(positions, others, n_tilings, width)
+        return Tiles(np.arange(n_observations, dtype=np.int32)[:, None], tiles)
+    rows, tables = np.empty((n_observations, len(sets)), dtype=np.int32), []
+    n_rows = n_tiles = 0
+    for v, each in enumerate(sets):
+        first, number = numbered([*np.concatenate([cells for cells, _ in each], axis=1).T, *others])
+        some = [(cells[first], per_cell) for cells, per_cell in each], [value[first] for value in others]
+        tables.append(n_tiles + _tile(*some, n_tilings, width))
+        rows[:, v] = n_rows + number
+        n_rows, n_tiles = n_rows + len(first), int(tables[-1].max()) + 1
+        _check(n_tilings, n_rows, MAX_ROWS, f"parts = {parts}, n_tilings = {n_tilings}: a feature of each")
+    return Tiles(rows, np.concatenate(tables))
+
+
+def _tile(
+    positions: Sequence[tuple[NDArray[np.int_], NDArray[np.int_]]],
+    others: Sequence[NDArray[np.int_]],
+    n_tilings: int,
+    width: int,
+) -> NDArray[np.int32]:
+    """Tiles positions jointly; returns the tile of every observation in each tiling, (O, n_tilings)."""
+    cells, per_cell = (np.concatenate(each, axis=-1) for each in zip(*positions, strict=True))
+    exact, cells, unit = cells[:, per_cell == 0], cells[:, per_cell > 0], per_cell[per_cell > 0]
+    odd = 2 * np.arange(cells.shape[1]) + 1
+    tiles, n_tiles = np.empty((len(cells), n_tilings), dtype=np.int32), 0
     for t in range(n_tilings):
         # Whole numbers avoid rounding: everything is multiplied by n_tilings.
         tile = (cells * n_tilings + t * odd % n_tilings * width * unit) // (width * unit * n_tilings)
-        first, number = numbered([*tile.T, *others])
+        first, number = numbered([*tile.T, *exact.T, *others])
         tiles[:, t] = n_tiles + number
         n_tiles += len(first)
     tiles.flags.writeable = False

@@ -39,6 +39,7 @@ _ON_ZONES: Final[Style] = {"ec": "black", "lw": 0.8}
 _GLYPHS: Final[dict[str, Style]] = {
     "issuer": {"ls": "", "marker": "*", "ms": 9, "mfc": "white", "mec": "black", "mew": 0.8},
     "bystander": {"ls": "", "marker": "o", "ms": 7, "mfc": "white", "mec": "black", "mew": 1.2},
+    "onlooker": {"ls": "", "marker": "D", "ms": 4, "mfc": "0.8", "mec": "black", "mew": 0.8},
     "start": {"ls": "", "marker": "s", "ms": 5, "mfc": "white", "mec": "black", "mew": 0.8},
 }
 # Hatched, since the colours of values include greys.
@@ -144,14 +145,14 @@ def region_legend(figure: Figure, scenes: Sequence[Scene], *more: Line2D | Patch
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
     ]
-    glyphs = zip(("person", "bystander", "start"), _GLYPHS.values(), strict=True)
-    person, bystander, start = (Line2D([], [], label=label, **style) for label, style in glyphs)
-    handles = [person, *borders, start, *more]
+    marks = {kind: Line2D([], [], label=kind, **style) for kind, style in _GLYPHS.items()}
+    marks["issuer"].set_label("person")
+    handles = [marks["issuer"], *borders, marks["start"], *more]
     if any(scene.circle for scene in scenes):
         label = "circle on which people talk"
         handles.append(Line2D([], [], ls=_DOTTED, color="black", lw=1, label=label))
-    if any(scene.cells_of("bystander") for scene in scenes):
-        handles.append(bystander)
+    kinds = ("bystander", "onlooker")
+    handles += [marks[kind] for kind in kinds if any(scene.cells_of(kind) for scene in scenes)]
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
 
 

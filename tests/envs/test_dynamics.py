@@ -197,6 +197,13 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
             "phase": (phase, n_phases, [phase], n_phases, [phase / max(n_phases - 1, 1)]),
             "wrong_pings": (pings, n_pings, [pings], n_pings, [pings / max(n_pings - 1, 1)]),
         }
+        if scenario.onlookers:  # a block of all cells for each person
+            seen = [
+                divmod(cell, scenario.grid.columns) for cell in scenario.layout.onlookers[j, phase].tolist()
+            ]
+            spots = [n_cells * i + reference.cells.index(cell) for i, cell in enumerate((*group, *seen))]
+            shown = [n for cell in (*group, *seen) for n in scaled(cell)]
+            known["issuer"] = (j, len(stands), spots, n_cells * len(spots), shown)
         number, size, width, columns, coordinate = 0, 1, 0, [], []
         for part in tables["observe"]:
             value, n_values, ones, its_width, numbers = known[part]
@@ -289,5 +296,6 @@ def test_shipped_scenarios_follow_their_tables(name: str) -> None:
     if "group" in tables:  # five ways to stand in a small room
         tables = override(tables, {"grid.rows": 7, "grid.columns": 8, "issuer.places": 5}, name)
     elif tables["issuer"]["position"] == "anywhere":
-        tables = override(tables, {"issuer.places": 10}, name)
+        one_way = {"onlookers.ways": 1} if "onlookers" in tables else {}
+        tables = override(tables, {"issuer.places": 10} | one_way, name)
     assert_follows_the_tables(load_scenario(tables), tables, 300)

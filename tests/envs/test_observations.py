@@ -1,13 +1,16 @@
 """What is observed of several people: by hand, and against its definition in plain Python."""
 
 import re
+import warnings
 from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common import env_checker
 
-from envs import OBSERVATIONS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import OBSERVATIONS, InputError, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_ones, observation_table, seen_as
 from envs.scenario import RELATIVE, SCENARIO_DIRECTORY
 from envs.tiles import tiles_of
@@ -17,6 +20,7 @@ from tests.support import few_places
 # and as coordinates it is (r + 4) / 8 and (c + 5) / 10.
 ROOM: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"}
 ROOM |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1, "ping_limit": 1}
+WALL = "......\n.#....\n......\n......\n......"
 PAIR, THREE = ({"group": {"people": n, "apart": [2, 4]}} | ROOM for n in (2, 3))
 
 
@@ -115,13 +119,77 @@ def test_further_encodings_of_a_pair_of_cells_by_hand() -> None:
     assert observation_table(offsets, "offset_centred")[o].tolist() == pytest.approx([-1.5, 1.2])
 
 
+def cells_of(planes: Any) -> list[list[list[int]]]:
+    """Returns the cells in which each of the first four planes has 255; all others have 0."""
+    assert np.isin(planes[:4], (0, 255)).all()
+    return [np.argwhere(plane).tolist() for plane in planes[:4]]
+
+
+@pytest.mark.parametrize("badge", [False, True])
+def test_planes_by_hand(badge: bool) -> None:
+    onlookers = {"people": 2, "ways": 40, "badge": badge}
+    changes = PAIR | {"ping_limit": 3, "grid.walls": WALL, "onlookers": onlookers}
+    changes |= {"observe": ["agent", "issuer", "wrong_pings"]}
+    model = compile_seen(load_scenario("Anywhere", changes), "planes")
+    assert not model.scenario.issuer.permuted  # so people are shown where they stand
+    table, layout = observation_table(model, "planes"), model.scenario.layout
+    assert table.shape[1:] == (5, 5, 6)
+    assert table.dtype == np.uint8
+    cell = model.position.tolist()
+    wrong_pings = np.arange(len(model.observation)) // 30 % 3
+    for s in range(0, len(model.observation), 97):
+        planes, place = table[model.observation[s]], model.context[s]
+        people, others = layout.standing[place, 0], layout.onlookers[place, 0]
+        shown = [[cell[c] for c in sorted(cells)] for cells in ([model.cell[s]], people, others, [1 * 6 + 1])]
+        assert cells_of(planes) == shown
+        assert (planes[4] == [0, 128, 255][wrong_pings[s]]).all()  # 255 / 2, rounded to even
+    assert len(np.unique(table.reshape(len(table), -1), axis=0)) == len(table)
+
+
+def test_planes_show_what_other_forms_show() -> None:
+    permuted = compile_scenario(load_scenario("Anywhere", ROOM | {"issuer.permuted": 0.8}))
+    rows = np.rint(observation_table(permuted, "coordinates") * [4, 5, 4, 5]).astype(int).tolist()
+    for planes, (*agent, row, column) in zip(observation_table(permuted, "planes"), rows, strict=True):
+        assert cells_of(planes) == [[agent], [[row, column]], [], []]
+    unseen = compile_scenario(load_scenario("S1", ROOM | {"issuer.position": [2, 3]}))
+    assert [cells_of(planes)[1:] for planes in observation_table(unseen, "planes")] == [[[], [], []]] * 30
+
+
+def test_checkers_of_gymnasium_and_sb3_accept_planes() -> None:
+    env = ProxemicEnv("Moody", "planes", {"observe": ["agent", "phase", "wrong_pings"]})
+    assert env.observation_space == spaces.Box(0, 255, (6, 10, 12), np.uint8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env, skip_render_check=True)
+        warnings.filterwarnings("ignore", message="The minimal resolution for an image is 36x36")
+        env_checker.check_env(env)
+    observed, _ = ProxemicVectorEnv(3, "Moody", "planes").reset(seed=1)
+    assert observed.shape == (3, 5, 10, 12)
+    assert observed.dtype == np.uint8
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "expected"),
+    [
+        ("Anywhere", {"observe": ["offset"]}, r'Anywhere .* \["offset"\]; accepted: cells, so "agent" in'),
+        ("Anywhere", {"grid.rows": 3, "grid.start": "anywhere", "regions.target_radius": 1,
+                      "regions.uncomfortable_radius": 0}, "4 planes of 3 x 12 cells; accepted: at least"),
+        ("TwoStrangers", {}, "699,600 observations of 480 numbers each; accepted: at most"),
+    ],
+)  # fmt: skip
+def test_what_planes_cannot_show_is_refused(name: str, changes: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError, match=rf"observation planes: .*{expected}") as refusal:
+        ProxemicEnv(name, "planes", changes)
+    assert len(refusal.value.args) == 1
+
+
 @pytest.mark.parametrize(("name", "changes"), [("Anywhere", ROOM), ("Anywhere", PAIR), ("Moody", {})])
 @pytest.mark.parametrize("form", ["factored", "offset_factored", "centre_factored", "tiles", "offset_tiles"])
 def test_sparse_forms_hold_what_other_forms_hold(form: str, name: str, changes: dict[str, Any]) -> None:
     model = compile_seen(load_scenario(name, changes), form)
     table = observation_table(model, form)
     if form.endswith("tiles"):  # one of each tiling is 1, and observations share what they share as tiles
-        tiles = tiles_of(model, 16, 3)
+        tiles = tiles_of(model, 16, 3).tiles
         assert (table.sum(axis=1) == 16).all()
         some = np.random.default_rng(1).integers(len(table), size=(200, 2))
         shared = [len({*tiles[i].tolist()} & {*tiles[j].tolist()}) for i, j in some]
@@ -154,9 +222,9 @@ def test_sizes_are_known_before_a_scenario_is_compiled(scenario: str, form: str)
         assert declared.n_observations == model.n_observations
     env, batch = ProxemicEnv(scenario, form, overrides), ProxemicVectorEnv(4, scenario, form, overrides)
     table = observation_table(model, form)
-    rows = {tuple(np.atleast_1d(table[o]).tolist()) for o in model.observation[model.starts]}
+    rows = {tuple(np.ravel(table[o]).tolist()) for o in model.observation[model.starts]}
     for first in (env.reset(seed=1)[0], *batch.reset(seed=1)[0]):
-        assert tuple(np.atleast_1d(first).tolist()) in rows
+        assert tuple(np.ravel(first).tolist()) in rows
     assert env.observation_space.contains(env.step(1)[0])
 
 
@@ -169,7 +237,7 @@ def test_six_people_in_a_large_room_have_no_larger_numbers_than_integers_hold() 
     rows = observation_table(model, "offset_coordinates")
     assert len(np.unique(rows, axis=0)) == len(rows) == model.n_observations
     cells = model.components[0].numbers
-    assert len(np.unique(tiles_of(model, 1, 1)[:, 0])) == len(np.unique(cells, axis=0))
+    assert len(np.unique(tiles_of(model, 1, 1).tiles[:, 0])) == len(np.unique(cells, axis=0))
 
 
 def test_the_guide_has_the_width_of_every_form() -> None:

@@ -5,7 +5,7 @@ import { agents } from "./agents.js";
 import { INDIFFERENT } from "./colours.js";
 import { dotted, GLYPHS, hatched, outlined, walker } from "./scene.js";
 
-const NAMES = { issuer: "person (with a nose where it matters where they look)", bystander: "bystander", start: "start" };
+const NAMES = { issuer: "person (with a nose where it matters where they look)", bystander: "bystander", onlooker: "onlooker (does not matter)", start: "start" };
 const frame = { x: 3, y: 3, width: 18, height: 18 };
 const dark = () => drawn("rect", { width: 24, height: 24, fill: "#575d6d" });
 

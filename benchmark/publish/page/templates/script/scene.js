@@ -37,6 +37,7 @@ export const GLYPHS = {
     star(x, y, 11 * size),
   ],
   bystander: (x, y, size) => [ring(x, y, 8 * size)],
+  onlooker: (x, y, size) => [ring(x, y, 4 * size)],
   start: (x, y, size) => square(x, y, 10 * size),
 };
 

@@ -1,0 +1,230 @@
+"""People who are seen and do not matter: where they stand, what is shown of them, and what stays the same."""
+
+import hashlib
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.dynamic_programming import evaluate, solve
+from agents.policy import uniform_policy
+from envs import InputError, ProxemicEnv, compile_scenario, load_scenario
+from envs.observations import compile_seen, observation_table
+from envs.tiles import Parts, tiles_of
+
+# Twelve cells, of which the person has one of four.
+ROOM: dict[str, Any] = {"grid.rows": 3, "grid.columns": 4, "grid.start": "anywhere"}
+ROOM |= {
+    "regions.uncomfortable_radius": 0,
+    "regions.target_radius": 1,
+    "issuer.places": 4,
+    "issuer.unseen": 3,
+}
+CROWD: dict[str, Any] = ROOM | {"onlookers": {"people": 3, "ways": 10}}
+ARRAYS = ("grid_reward", "issuer_reward", "terminated", "event", "wrong_pings", "cell", "zone")
+
+
+def model_of(changes: dict[str, Any], **more: Any) -> Any:
+    return compile_scenario(load_scenario("Anywhere", changes | more))
+
+
+def orders_by_hand(n: int, size: int, *names: object) -> list[list[int]]:
+    """Sorts the numbers below a size by the words of a stream, row by row."""
+    key = int.from_bytes(hashlib.sha256(json.dumps(names).encode()).digest()[:16], "little")
+    words = iter(np.random.Philox(key=key).random_raw(n * size).tolist())
+    rows = [[next(words) for _ in range(size)] for _ in range(n)]
+    return [sorted(range(size), key=row.__getitem__) for row in rows]
+
+
+def test_onlookers_stand_in_the_first_free_cells_of_each_way() -> None:
+    layout = model_of(CROWD, draw=5).scenario.layout
+    orders, seen = orders_by_hand(10, 12, "onlookers", 5), 0
+    every = load_scenario("Anywhere", ROOM | {"draw": 5}).layout
+    assert (
+        len(layout.ways) == 10 + 3 * 3
+    )  # each unseen place has as many ways as each of the others, rounded up
+    for place in range(7):
+        rows = np.flatnonzero((layout.ways == every.ways[place]).all(axis=1))
+        # Ten ways take turns with four places; those of each unseen place go on where the one before ended.
+        for n, row in enumerate(rows):
+            person = int(every.ways[place, 0])
+            if every.is_seen[place]:
+                (nth,) = np.flatnonzero(np.flatnonzero(every.is_seen) == place)
+                way = (int(nth) + 4 * n) % 10
+            else:
+                (nth,) = np.flatnonzero(np.flatnonzero(~every.is_seen) == place)
+                way = (int(nth) + 3 * n) % 10
+            expected = [cell for cell in orders[way] if cell != person][:3]
+            assert layout.onlookers[row, 0].tolist() == expected
+            seen += 1
+    assert seen == len(layout.ways)
+    fewer = model_of(CROWD | {"onlookers": {"people": 2, "ways": 10}}, draw=5).scenario.layout
+    assert (fewer.onlookers == layout.onlookers[:, :, :2]).all()
+    # If all free cells are taken, their set is known without any draw.
+    full = model_of(CROWD | {"onlookers": {"people": 11, "ways": 2}}).scenario.layout
+    for way, cells in zip(full.ways, full.onlookers, strict=True):
+        assert sorted([*way, *cells[0]]) == [*range(12)]
+
+
+@pytest.mark.parametrize("more", [{}, {"walk": 2}, {"badge": True}, {"permuted": 1.0}, {"seen": False}])
+def test_onlookers_change_nothing_but_what_is_seen(more: dict[str, Any]) -> None:
+    """In each place, steps, optimum and success are those without onlookers."""
+    crowd, alone = model_of(CROWD | {"onlookers": {"people": 3, "ways": 8} | more}), model_of(ROOM)
+    n_ticks, block = (4 if "walk" in more else 1), 12 * alone.scenario.ping_limit
+    of_place = {tuple(cells): place for place, cells in enumerate(alone.scenario.layout.ways.tolist())}
+    place_of = [of_place[tuple(cells)] for cells in crowd.scenario.layout.ways.tolist()]
+    for name in ARRAYS:
+        theirs = getattr(alone, name).reshape(7, 1, block, -1)[place_of].repeat(n_ticks, axis=1)
+        assert (getattr(crowd, name).reshape(theirs.shape) == theirs).all(), name
+    at = np.arange(len(crowd.observation)).reshape(len(place_of), n_ticks, block)
+    moved = crowd.next_state[..., 0].reshape(*at.shape, 5) - np.roll(at, -1, axis=1)[:, :, :1, None]
+    theirs = alone.next_state[..., 0].reshape(7, block, 5) - block * np.arange(7)[:, None, None]
+    goes_on = ~alone.terminated.reshape(7, block, 5)[place_of]
+    assert (moved == theirs[place_of][:, None])[goes_on[:, None].repeat(n_ticks, axis=1)].all()
+    values, of_alone = solve(crowd, 1.0, 50).value, solve(alone, 1.0, 50).value
+    assert (values.reshape(at.shape) == of_alone.reshape(7, 1, block)[place_of]).all()
+    for start in ("start", "unseen"):  # each place has as many ways
+        ours, theirs = (evaluate(model, uniform_policy(model), 50, start) for model in (crowd, alone))
+        assert ours.success == pytest.approx(theirs.success, rel=1e-12)
+        assert ours.grid_return == pytest.approx(theirs.grid_return, rel=1e-12)
+
+
+def test_what_is_seen_by_hand() -> None:
+    """The agent's cell, the person's and each onlooker's; with badges, people are in random order."""
+    model = model_of(CROWD)
+    layout, table = model.scenario.layout, observation_table(model, "coordinates")
+    for state in range(0, len(model.observation), 7):
+        place = model.context[state]
+        cells = [int(model.cell[state]), int(layout.ways[place, 0]), *layout.onlookers[place, 0].tolist()]
+        expected = [number for cell in cells for number in (cell // 4 / 2, cell % 4 / 3)]
+        assert table[model.observation[state]] == pytest.approx(expected)
+    ones = observation_table(model, "one_hot")
+    assert ones.shape[1] == 12 * 5
+    assert (ones.sum(axis=1) == 5).all()
+
+    badged = model_of(CROWD | {"onlookers": {"people": 3, "ways": 10, "badge": True}})
+    numbers = badged.components[1].numbers.reshape(-1, 4, 3)
+    orders = orders_by_hand(19, 4, "badges", 0)
+    for place, order in enumerate(orders):
+        cells = [int(layout.ways[place, 0]), *layout.onlookers[place, 0].tolist()]
+        expected = [[*divmod(cells[i], 4), int(i == 0)] for i in order]
+        assert numbers[place].tolist() == expected
+    assert (observation_table(badged, "one_hot").sum(axis=1) == 5).all()
+
+    hidden = model_of(CROWD | {"onlookers": {"people": 3, "ways": 10, "seen": False}})
+    assert hidden.n_observations == 12 * 7
+    assert [each.numbers.shape[1] for each in hidden.components] == [2, 2]
+    # Relative to the agent, only the person who counts is given.
+    offset = compile_seen(load_scenario("Anywhere", CROWD), "offset")
+    assert offset.n_observations == 5 * 7
+
+
+def test_shuffled_coordinates_are_a_permutation_and_fixed_onlookers_stay() -> None:
+    plain, shuffled = (
+        model_of(CROWD | {"onlookers": {"people": 3, "ways": 10, "permuted": p}}) for p in (0.0, 1.0)
+    )
+    theirs, ours = (each.components[1].numbers.reshape(-1, 4, 2) @ (4, 1) for each in (plain, shuffled))
+    assert (ours[:, 0] == theirs[:, 0]).all()
+    pairs = {(a, b) for a, b in zip(theirs[:, 1:].ravel(), ours[:, 1:].ravel(), strict=True)}
+    assert len(pairs) == len({a for a, _ in pairs}) == len({b for _, b in pairs})
+    assert all(a != b for a, b in pairs)
+
+    fixed = model_of(CROWD | {"onlookers": {"people": 3, "ways": 1}}).scenario.layout
+    (order,) = orders_by_hand(1, 12, "onlookers", 0)
+    assert len(fixed.ways) == 7
+    for way, cells in zip(fixed.ways, fixed.onlookers, strict=True):
+        assert cells[0].tolist() == [cell for cell in order if cell != way[0]][:3]
+
+
+def test_who_walks_goes_a_step_at_a_time_and_comes_back() -> None:
+    scenario = load_scenario("Anywhere", CROWD | {"onlookers": {"people": 3, "ways": 10, "walk": 3}})
+    cells = scenario.layout.onlookers  # (J, P, people)
+    assert cells.shape == (19, 6, 3)
+    rows, columns = np.divmod(cells, 4)
+    apart = abs(np.diff(rows, axis=1, append=rows[:, :1])) + abs(
+        np.diff(columns, axis=1, append=columns[:, :1])
+    )
+    assert {*apart.ravel().tolist()} == {0, 1}
+    assert (cells[:, 1:] == cells[:, :0:-1]).all()
+    env = ProxemicEnv(scenario, observation="coordinates")
+    first, _ = env.reset(seed=0)
+    last: Any = None
+    for _ in range(6):
+        last, *_ = env.step(0)  # to the wall and on: a step passes
+    assert last[2:] == pytest.approx(np.asarray(first)[2:])
+    assert scenario.hidden == ("wrong_pings",)
+
+
+@pytest.mark.parametrize("parts", ["pairs", "agent_pairs"])
+@pytest.mark.parametrize("badge", [False, True])
+def test_structures_of_tiles_equal_a_plain_loop(parts: Parts, badge: bool) -> None:
+    model = model_of(
+        CROWD
+        | {
+            "onlookers": {"people": 2, "ways": 6, "badge": badge},
+            "observe": ["agent", "issuer", "wrong_pings"],
+        }
+    )
+    found, n_tilings, width = tiles_of(model, 3, 2, parts), 3, 2
+    agent, people, pings = (model.components[i].numbers[model.values[i]].tolist() for i in range(3))
+    numbers = 3 if badge else 2
+    tiles: dict[Any, int] = {}
+    for o in range(model.n_observations):
+        positions = [agent[o], *(people[o][i : i + numbers] for i in range(0, 3 * numbers, numbers))]
+        pairs = [(p, q) for q in range(4) for p in range(q) if parts == "pairs" or p == 0]
+        for p, q in sorted(pairs):
+            for t in range(n_tilings):
+                places = positions[p][:2] + positions[q][:2]
+                # In thirds of a cell; tiling t is displaced by t times odd numbers of thirds of a width.
+                key = [
+                    (3 * x + t * odd % 3 * width) // (3 * width)
+                    for x, odd in zip(places, (1, 3, 5, 7), strict=True)
+                ]
+                key += positions[p][2:] + positions[q][2:] + pings[o]
+                (v,) = [i for i, each in enumerate(sorted(pairs)) if each == (p, q)]
+                tile = int(found.tiles[found.rows[o, v], t])
+                assert tiles.setdefault((p, q, t, *key), tile) == tile
+    assert sorted(tiles.values()) == [*range(int(found.tiles.max()) + 1)]
+
+
+def test_with_one_person_all_structures_are_the_same() -> None:
+    model = model_of(ROOM)
+    joint = tiles_of(model, 4, 3)
+    for parts in ("pairs", "agent_pairs"):
+        assert all(
+            (ours == theirs).all() for ours, theirs in zip(tiles_of(model, 4, 3, parts), joint, strict=True)
+        )
+    # Relative to the agent, each of two people's positions is a part by itself.
+    pair = ROOM | {"group": {"people": 2, "apart": [1, 2]}}
+    both = compile_seen(load_scenario("Anywhere", pair), "offset_coordinates")
+    assert tiles_of(both, 4, 3, "agent_pairs").rows.shape == (both.n_observations, 2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "refusal"),
+    [
+        ({"onlookers.people": 12}, "onlookers.people = 12: accepted: at most 11, a free cell for each."),
+        ({"onlookers.people": 0}, "onlookers.people = 0: input should be greater than or equal to 1."),
+        ({"onlookers.ways": 0}, "onlookers.ways = 0: input should be greater than or equal to 1."),
+        ({"onlookers.ways": 90_000}, "9450000 states: accepted: at most 4000000."),
+        (
+            {
+                "issuer.position": [0, 2],
+                "issuer.places": None,
+                "issuer.unseen": 0,
+                "issuer.walk": {"corners": [[0, 3]]},
+            },
+            "onlookers and a person who moves: accepted: one of them.",
+        ),
+        (
+            {"onlookers.walk": 1, "phases": [{"name": "a", "steps": 2}, {"name": "b", "steps": 2}]},
+            "onlookers.walk and phases: accepted: one of them.",
+        ),
+    ],
+)
+def test_bad_onlookers_are_refused_in_a_sentence(changes: dict[str, Any], refusal: str) -> None:
+    with pytest.raises(InputError) as raised:
+        load_scenario("Anywhere", CROWD | changes)
+    assert str(raised.value).endswith(refusal)
+    assert len(raised.value.args) == 1
