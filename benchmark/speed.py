@@ -136,7 +136,7 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
     runs = _reading(scratch, size(10_000)), _reading(scratch, size(100))
     in_anywhere, in_s1 = (_kernel(model, 100, long) for model in (anywhere, s1))
     tiled = _training(anywhere, "linear_q_lambda", "coordinates", {"budget": long, "time_limit": 200}, 10)
-    tiles = tiles_of(anywhere, 16, 3).tolist()
+    tiles = tiles_of(anywhere, 16, 3).tiles.tolist()
     batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
     exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
     played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one

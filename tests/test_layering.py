@@ -60,7 +60,7 @@ def test_only_the_deep_learners_load_torch() -> None:
         for path in (ROOT / layer).rglob("*.py")
         if imported(path) & {"torch", "stable_baselines3"}
     }
-    assert loading == {f"agents/sb3/{name}.py" for name in ("tables", "training", "vec_env")}
+    assert loading == {f"agents/sb3/{name}.py" for name in ("extractors", "tables", "training", "vec_env")}
 
 
 @pytest.mark.parametrize(

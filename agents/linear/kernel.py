@@ -13,30 +13,32 @@ from numpy.typing import NDArray
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, STEP, Process, U, draw_start, draw_step, draw_word, keep_step
 from agents.tabular.kernel import MIN_TRACE, Constants, Plan, Results, choose_action, find_best, record
+from envs.tiles import Tiles
 
 
 @numba.njit
 def _add_up(
-    weights: NDArray[np.float64], tiles: NDArray[np.int32], o: np.uint64, q: NDArray[np.float64], row: int
+    weights: NDArray[np.float64], features: Tiles, o: np.uint64, q: NDArray[np.float64], row: int
 ) -> None:
-    """Writes the action values of an observation into a row of q; sums are in the order of tilings."""
+    """Writes the action values of an observation into a row of q; sums are in the order of features."""
     q[row] = 0.0
-    for t in range(tiles.shape[1]):
-        for a in range(N_ACTIONS):
-            q[row, a] += weights[U(tiles[o, t]), a]
+    for i in features.rows[o]:
+        for feature in features.tiles[U(i)]:
+            for a in range(N_ACTIONS):
+                q[row, a] += weights[U(feature), a]
 
 
 @numba.njit
 def _tabulate(
     weights: NDArray[np.float64],
-    tiles: NDArray[np.int32],
+    features: Tiles,
     takes_lowest: bool,
     q: NDArray[np.float64],
     greedy: NDArray[np.int64],
 ) -> None:
     """Writes the action values (O, A) and masks of greedy actions (O,), 0 where values are not finite."""
-    for o in range(len(tiles)):
-        _add_up(weights, tiles, U(o), q, o)
+    for o in range(len(features.rows)):
+        _add_up(weights, features, U(o), q, o)
         _, mask = find_best(q, U(o), takes_lowest)
         greedy[o] = mask if np.isfinite(q[o]).all() else 0
 
@@ -44,7 +46,7 @@ def _tabulate(
 @numba.njit
 def _learn(
     weights: NDArray[np.float64],
-    tiles: NDArray[np.int32],
+    features: Tiles,
     traced: NDArray[np.int64],
     strengths: NDArray[np.float64],
     renewed: NDArray[np.int64],
@@ -60,8 +62,9 @@ def _learn(
     `renewed` holds the latest step at which the trace of each weight was set to 1.
     """
     flat = weights.reshape(-1)
-    for t in range(tiles.shape[1]):
-        renewed[U(tiles[o, t]) * U(N_ACTIONS) + a] = step
+    for row in features.rows[o]:
+        for feature in features.tiles[U(row)]:
+            renewed[U(feature) * U(N_ACTIONS) + a] = step
     n_kept = 0
     for i in range(n_traces):
         strength, weight = decay * strengths[i], U(traced[i])
@@ -69,18 +72,19 @@ def _learn(
             traced[n_kept], strengths[n_kept] = weight, strength
             flat[weight] += change * strength
             n_kept += 1
-    for t in range(tiles.shape[1]):
-        weight = U(tiles[o, t]) * U(N_ACTIONS) + a
-        traced[n_kept], strengths[n_kept] = weight, 1.0
-        flat[weight] += change
-        n_kept += 1
+    for row in features.rows[o]:
+        for feature in features.tiles[U(row)]:
+            weight = U(feature) * U(N_ACTIONS) + a
+            traced[n_kept], strengths[n_kept] = weight, 1.0
+            flat[weight] += change
+            n_kept += 1
     return n_kept
 
 
 @numba.njit
 def _pass_back(
     weights: NDArray[np.float64],
-    tiles: NDArray[np.int32],
+    features: Tiles,
     steps: NDArray[np.void],
     constants: Constants,
     is_on_policy: bool,
@@ -92,21 +96,22 @@ def _pass_back(
     for _ in range(constants.backward_passes):
         o, a, terminates = last
         for step in steps[::-1]:
-            _add_up(weights, tiles, o, q, 0)
+            _add_up(weights, features, o, q, 0)
             value = 0.0
             if not terminates:
                 value = q[0, a] if is_on_policy else q.max()
             o, a, terminates = step.o, step.a, False
-            _add_up(weights, tiles, o, q, 0)
+            _add_up(weights, features, o, q, 0)
             change = learning_rate * (step.reward + constants.discount * value - q[0, a])
-            for t in range(tiles.shape[1]):
-                weights[U(tiles[o, t]), a] += change
+            for row in features.rows[o]:
+                for feature in features.tiles[U(row)]:
+                    weights[U(feature), a] += change
 
 
 @compiled
 def train(
     process: Process,
-    tiles: NDArray[np.int32],
+    features: Tiles,
     constants: Constants,
     is_on_policy: bool,
     plan: Plan,
@@ -118,10 +123,11 @@ def train(
     first_rate, halved_after, discount, epsilon, initial_value, decay, takes_lowest, time_limit, _ = constants
     budget, _, _, points, map_index = plan
     explore_below = U(round(epsilon * 2**32))
-    n_tilings, n_features, fading = tiles.shape[1], tiles.max() + 1, discount * decay
+    tiles, fading = features.tiles, discount * decay
+    n_active, n_features = features.rows.shape[1] * tiles.shape[1], tiles.max() + 1
     for n in range(len(streams)):
         stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
-        weights = np.full((n_features, N_ACTIONS), initial_value / n_tilings)
+        weights = np.full((n_features, N_ACTIONS), initial_value / n_active)
         traced, strengths = np.empty(n_features * N_ACTIONS, np.int64), np.empty(n_features * N_ACTIONS)
         renewed = np.full(n_features * N_ACTIONS, -1)
         kept = np.empty(time_limit if constants.backward_passes else 0, STEP)
@@ -129,13 +135,13 @@ def train(
         q = np.empty((2, N_ACTIONS))  # values of this observation and, before the update, the next
         state, stream = draw_start(starts, stream)
         o = U(observation[state])
-        _add_up(weights, tiles, o, q, 0)
+        _add_up(weights, features, o, q, 0)
         a = a_next = U(0)
         begins = True
         episode_steps = disagreements = n_points = n_traces = 0
         for step in range(budget + 1):
             if step == points[n_points]:
-                _tabulate(weights, tiles, takes_lowest, results.q[n], masks)
+                _tabulate(weights, features, takes_lowest, results.q[n], masks)
                 record(results, n, n_points, map_index[n_points], results.q[n], masks, disagreements)
                 n_points += 1
             if step == budget:
@@ -154,7 +160,7 @@ def train(
             # Compute the target
             value = 0.0
             if not outcome.terminates:
-                _add_up(weights, tiles, o_next, q, 1)
+                _add_up(weights, features, o_next, q, 1)
                 value, greedy_next = find_best(q, U(1), takes_lowest)
                 if is_on_policy:
                     word, stream = draw_word(stream)
@@ -164,10 +170,10 @@ def train(
             # Learn
             if begins or not (is_on_policy or (greedy >> a) & U(1)):
                 n_traces = 0
-            learning_rate = first_rate / (1.0 + step / halved_after) / n_tilings
+            learning_rate = first_rate / (1.0 + step / halved_after) / n_active
             change = learning_rate * (reward + discount * value - q[0, a])
             n_traces = _learn(
-                weights, tiles, traced, strengths, renewed, n_traces, step, fading, change, o, a
+                weights, features, traced, strengths, renewed, n_traces, step, fading, change, o, a
             )
             keep_step(kept, U(episode_steps), o, a, reward)
 
@@ -176,12 +182,12 @@ def train(
             begins = outcome.terminates or episode_steps == time_limit
             if begins:
                 steps, last = kept[:episode_steps], (o_next, a_next, outcome.terminates)
-                _pass_back(weights, tiles, steps, constants, is_on_policy, learning_rate, last)
+                _pass_back(weights, features, steps, constants, is_on_policy, learning_rate, last)
                 state, stream = draw_start(starts, stream)
                 o = U(observation[state])
                 episode_steps = 0
             else:
                 state, o = state + U(outcome.state_change), o_next
             a = a_next
-            _add_up(weights, tiles, o, q, 0)
-        _tabulate(weights, tiles, takes_lowest, results.q[n], masks)
+            _add_up(weights, features, o, q, 0)
+        _tabulate(weights, features, takes_lowest, results.q[n], masks)

@@ -4,9 +4,9 @@ Watkins's Q(lambda) and Sarsa(lambda) with replacing traces (Sutton & Barto 2018
 With one tiling of single cells, they are the table's: every observation has a weight for each action.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from functools import partial
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
 from pydantic import Field
@@ -17,7 +17,7 @@ from agents.process import process_of
 from agents.tabular.learner import TraceSettings, ValueAlgorithm
 from envs.model import ACTIONS, Model
 from envs.observations import ENCODINGS, N_TILINGS, TILE_WIDTH, observation_ones
-from envs.tiles import tiles_of
+from envs.tiles import Parts, Tiles, tiles_of
 
 _FEATURES: Final = ("coordinates", "factored", "tiles")  # coordinates are tiled by the learner
 
@@ -25,10 +25,15 @@ _FEATURES: Final = ("coordinates", "factored", "tiles")  # coordinates are tiled
 class LinearSettings(TraceSettings):
     """The settings of a linear learner."""
 
+    omitted_at_default: ClassVar[Set[str]] = TraceSettings.omitted_at_default | {"parts"}
+
     n_tilings: Annotated[int, Field(ge=1, le=1024)] = N_TILINGS
     """How many tilings; each learns with its share of the learning rate."""
     tile_width: Annotated[int, Field(ge=1, le=1000)] = TILE_WIDTH
     """Cells along each side of a tile."""
+    parts: Parts = "joint"
+    """Which positions are tiled together: all of them, each two ("pairs"), or the agent's with each person's
+    ("agent_pairs")."""
 
 
 class LinearAlgorithm(ValueAlgorithm[Training]):
@@ -47,11 +52,12 @@ class LinearAlgorithm(ValueAlgorithm[Training]):
     ) -> tuple[Callable[..., None], int]:
         """Returns the loop over features, and the number of weights."""
         if ENCODINGS[observation] == "coordinates":
-            features = tiles_of(model, settings.n_tilings, settings.tile_width)
+            features = tiles_of(model, settings.n_tilings, settings.tile_width, settings.parts)
         else:
-            features = observation_ones(model, observation)[0].astype(np.int32)
+            ones = observation_ones(model, observation)[0].astype(np.int32)
+            features = Tiles(np.arange(len(ones), dtype=np.int32)[:, None], ones)
         loop = partial(train, process_of(model), features, settings.constants, self.is_on_policy)
-        return loop, (int(features.max()) + 1) * len(ACTIONS)
+        return loop, (int(features.tiles.max()) + 1) * len(ACTIONS)
 
 
 Q_LAMBDA: Final = LinearAlgorithm(is_on_policy=False)

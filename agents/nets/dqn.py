@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, inlined, like
-from agents.nets.learner import Agent, NetAlgorithm
+from agents.nets.learner import Agent, NetAlgorithm, NetSettings
 from agents.nets.net import Distinct, Net, Parameters, Values
 from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
@@ -176,6 +176,10 @@ def _update(agent: Dqn) -> None:
     net.learn(parameters, constants.learning_rate, constants.adam_epsilon, constants.max_grad_norm)
 
 
+class DqnNetSettings(NetSettings, DqnSettings):
+    """The settings of compiled DQN."""
+
+
 class DqnAgent(Agent):
     """An agent that learns action values."""
 
@@ -214,4 +218,4 @@ class DqnAgent(Agent):
         )
 
 
-DQN: Final = NetAlgorithm(DqnAgent, DqnSettings)
+DQN: Final = NetAlgorithm(DqnAgent, DqnNetSettings)

@@ -6,11 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
@@ -19,7 +20,22 @@ from agents.nets.stepping import envs_of
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
+from envs.inputs import require
 from envs.observations import VECTORS
+
+
+class NetSettings(Sb3Settings):
+    """Settings of Stable-Baselines3's algorithms, without those that compiled nets do not have."""
+
+    @model_validator(mode="after")
+    def _has_no_features_extractor(self) -> Self:
+        policy = self.policy_kwargs
+        for key in sorted(
+            {"features_extractor_class", "features_extractor_kwargs"} & policy.model_fields_set
+        ):
+            found = f"policy_kwargs.{key} = {getattr(policy, key)}"
+            require(not getattr(policy, key), found, "no such key, or the algorithm sb3_dqn or sb3_ppo")
+        return self
 
 
 class Agent(ABC):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, exp, inlined, like, log
-from agents.nets.learner import Agent, NetAlgorithm
+from agents.nets.learner import Agent, NetAlgorithm, NetSettings
 from agents.nets.net import Distinct, Net, Parameters, Values
 from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
@@ -235,6 +235,10 @@ def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> 
             critic.slopes[row] += 2.0 * constants.vf_coef * (value - agent.value_target[i]) / len(chosen)
 
 
+class PpoNetSettings(NetSettings, PpoSettings):
+    """The settings of compiled PPO."""
+
+
 class PpoAgent(Agent):
     """An agent that learns action probabilities."""
 
@@ -282,4 +286,4 @@ class PpoAgent(Agent):
         return table
 
 
-PPO: Final = NetAlgorithm(PpoAgent, PpoSettings)
+PPO: Final = NetAlgorithm(PpoAgent, PpoNetSettings)

@@ -29,7 +29,7 @@ from agents.sb3.settings import (
 )
 from envs import Model
 from envs.inputs import InputError
-from envs.observations import VECTORS
+from envs.observations import IMAGES, VECTORS
 from envs.packages import imported, needed_by
 
 # What this project sets itself, and types of arguments that it understands.
@@ -53,7 +53,7 @@ class Sb3Algorithm(SequentialAlgorithm):
 
     version = 3
     family = "deep"
-    observations = VECTORS
+    observations = VECTORS + IMAGES
     training = DeepTraining
 
     def load(self) -> Any:

@@ -4,13 +4,15 @@ They are written out here because importing SB3 loads torch, and its signatures 
 sense. A test compares names and defaults with the signatures.
 """
 
+import sys
 from collections.abc import Set
 from typing import Annotated, Any, ClassVar, Final, Self
 
 from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings
-from envs.inputs import Table
+from envs.inputs import InputError, Line, Table, shortened
+from envs.packages import imported
 
 Count = Annotated[int, Field(ge=1, le=10**9)]
 Units = Annotated[int, Field(ge=1, le=4096)]
@@ -33,12 +35,29 @@ class PolicyArguments(Table):
     """The part of SB3's `policy_kwargs` that can be set."""
 
     # Any `optimizer_kwargs`, even empty ones, would unset SB3's epsilon of PPO.
-    omitted_at_default: ClassVar[Set[str]] = {"optimizer_kwargs"}
+    omitted_at_default: ClassVar[Set[str]] = {
+        *("optimizer_kwargs", "features_extractor_class", "features_extractor_kwargs")
+    }
 
     net_arch: Annotated[tuple[Units, ...], Field(max_length=8)] = (64, 64)
     """Units of each hidden layer; an empty list makes a linear net."""
     optimizer_kwargs: OptimizerArguments = OptimizerArguments()
     """Arguments of the optimiser."""
+    features_extractor_class: Line | None = None
+    """What the hidden layers are given instead of the observation: the outputs of a net of this class, as
+    `module:attribute`. `agents.sb3.extractors` has some."""
+    features_extractor_kwargs: dict[str, Any] = Field(default_factory=dict)
+    """Arguments of this class."""
+
+
+def _features_extractor(name: str) -> object:
+    """Imports a class of features extractors; anything else raises an InputError."""
+    found = imported(name, "policy_kwargs", key := "features_extractor_class")
+    module = sys.modules.get("stable_baselines3.common.torch_layers")  # which every such class has loaded
+    if module and isinstance(found, type) and issubclass(found, module.BaseFeaturesExtractor):
+        return found
+    accepted = "a subclass of stable_baselines3.common.torch_layers.BaseFeaturesExtractor"
+    raise InputError(f"policy_kwargs: {key} {shortened(name)}: accepted: {accepted}.")
 
 
 class Sb3Settings(LearnerSettings):
@@ -78,7 +97,13 @@ class Sb3Settings(LearnerSettings):
         return self._fitted(self.model_dump(mode="json", exclude=OUR_SETTINGS, exclude_none=True))
 
     def _fitted(self, arguments: dict[str, Any]) -> dict[str, Any]:
-        """Returns the arguments with a buffer no larger than the budget: the rest would only take memory."""
+        """Returns the arguments with a features extractor's class in place of its name.
+
+        The buffer is no larger than the budget: the rest would only take memory.
+        """
+        policy = arguments.get("policy_kwargs", {})
+        if isinstance(name := policy.get(key := "features_extractor_class"), str):
+            policy[key] = _features_extractor(name)
         size = vars(self).get("buffer_size")
         return arguments if size is None else arguments | {"buffer_size": min(size, self.budget)}
 

@@ -52,7 +52,10 @@ _DATA: Final = re.compile(
 )
 # Classes that may be named, and the modules of packages that define some.
 _CLASSES: Final = (spaces.Space, torch.nn.Module, torch.optim.Optimizer)
-_MODULES: Final = re.compile(r"(gymnasium|torch\.(nn\.modules|optim)|stable_baselines3|sb3_contrib)\.")
+_MODULES: Final = re.compile(
+    r"(agents\.sb3|gymnasium|torch\.(nn\.modules|optim)|stable_baselines3|sb3_contrib)\."
+)
+_AT_ONCE: Final = 20_000  # observations, to save memory
 
 
 class Output(NamedTuple):
@@ -77,13 +80,18 @@ def output_of(agent: BaseAlgorithm) -> Output:
     return Output(lambda o: policy.get_distribution(o).distribution.probs, is_value=False, net=policy)
 
 
+def _batches(observations: torch.Tensor) -> list[torch.Tensor]:
+    return [observations[i : i + _AT_ONCE] for i in range(0, len(observations), _AT_ONCE)]
+
+
 def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
     """Returns (O, A) action values or probabilities of observations; not finite after divergence."""
     output = output_of(agent)
     agent.policy.set_training_mode(False)
     with torch.no_grad():
         try:
-            table = output.read(observations).cpu().numpy().astype(np.float64)
+            outputs = torch.cat([output.read(batch) for batch in _batches(observations)])
+            table = outputs.cpu().numpy().astype(np.float64)
         except ValueError:  # torch refuses probabilities that are not finite
             return np.full((len(observations), len(ACTIONS)), np.nan)
     return np.asarray(table if output.is_value else table / table.sum(axis=1, keepdims=True))
@@ -101,7 +109,8 @@ def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[
     if table.shape != (len(observations), len(ACTIONS)) or not np.isfinite(table).all():
         policy = type(agent.policy).__name__
         raise ValueError(f"{policy} gives no finite number for each of the {len(ACTIONS)} actions")
-    actions, memory = agent.predict(observations.cpu().numpy(), deterministic=True)
+    answers = [agent.predict(batch.cpu().numpy(), deterministic=True) for batch in _batches(observations)]
+    actions, memory = np.concatenate([action for action, _ in answers]), answers[0][1]
     if memory is not None or not np.isclose(table[np.arange(len(table)), actions], table.max(axis=1)).all():
         raise ValueError(f"predict of {name} has a memory, or returns other actions than its net")
     return table

@@ -51,12 +51,19 @@ def make_agent(cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv) -> 
 
 
 def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -> None:
-    """Refuses, by a ValueError, what cannot be trained: makes an agent, and reads its policy as a table."""
+    """Refuses, by a ValueError, what cannot be trained: makes an agent, and reads its policy as a table.
+
+    A features extractor is only imported: it may need another form of observation.
+    """
     env = SB3VecEnv(ProxemicVectorEnv(settings.n_envs, "S1", "coordinates"))
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             table = torch.as_tensor(observation_table(env.env.model, "coordinates"))
+            policy = settings.arguments.get("policy_kwargs", {})
+            plain = {key: policy[key] for key in policy if not key.startswith("features_extractor_")}
+            if plain != policy:
+                settings = settings.model_copy(update={"policy_kwargs": plain})
             readable_table(make_agent(cls, settings, env), table)
         except Exception as error:  # whatever the class raises
             raise ValueError(f"{path} cannot be trained: {first_line(error)}") from error

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.experiments import choices, schema
@@ -58,6 +58,7 @@ class Learner:
         return f"{of}, {self.observation}" if of else ""
 
 
+_TILES: Final[dict[str, Any]] = {"n_tilings": 0, "parts": "joint"}  # settings of features, if there are any
 _OBSERVED: Final = {
     "index": " on the cells' index",
     "one_hot": " on one-hot cells",
@@ -74,6 +75,7 @@ _OBSERVED: Final = {
     "nearest_coordinates": " on the nearest offset's coordinates",
     "two_nearest_coordinates": " on the two nearest offsets' coordinates",
     "centre_coordinates": " on the centre's coordinates",
+    "planes": " on images of the room",
 }
 # A table has a row for each observation, in whatever form it is given; so has a planner.
 _ROWS: Final = {
@@ -373,8 +375,9 @@ def _check_titles(learners: Iterable[Learner], where: str) -> None:
 
 def _family(learner: Learner, settings: LearnerSettings) -> str:
     """Returns what a learner counts as with these settings, see `_Loading.learners`."""
-    layers = dict(getattr(settings, "policy_kwargs", None) or {}).get("net_arch")
-    if layers is None or len(layers) > 0:
+    net = dict(getattr(settings, "policy_kwargs", None) or {})
+    layers = net.get("net_arch")
+    if layers is None or len(layers) > 0 or net.get("features_extractor_class"):
         return learner.algorithm.family
     return "tabular" if ENCODINGS[learner.observation] == "one_hot" else "linear"
 
@@ -385,9 +388,10 @@ def check_size(run: RunSpecification) -> None:
     if ENCODINGS[run.observation] == "one_hot":
         widths = [width for _, width in scenario.observed_sizes.values()]
         check_sparse(scenario.n_observations, sum(widths))
-    check_tiles(scenario.n_observations, getattr(run.settings, "n_tilings", 0))
+    n_tilings, parts = (getattr(run.settings, key, default) for key, default in _TILES.items())
+    check_tiles(scenario, n_tilings, parts)
     if ENCODINGS[run.observation] in SPARSE:
-        for key in sorted({"n_tilings", "tile_width"} & run.settings.model_fields_set):
+        for key in sorted({"n_tilings", "parts", "tile_width"} & run.settings.model_fields_set):
             found = f"{key} = {getattr(run.settings, key)} with {run.observation}, which has its own features"
             raise InputError(f"{found}; accepted: no {key}, or a form of coordinates.")
     if run.record_size > MAX_RECORD:

@@ -26,6 +26,7 @@ def model_of(scenario: str, observation: str, **overrides: Any) -> Model:
 PAIR: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere", "ping_limit": 1}
 PAIR |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
 PAIR |= {"group": {"people": 2, "apart": [2, 4]}}
+CROWD: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.places": 3, "onlookers.ways": 5}
 
 
 @pytest.mark.parametrize(
@@ -43,7 +44,7 @@ PAIR |= {"group": {"people": 2, "apart": [2, 4]}}
 def test_tiles_of_two_tilings_by_hand(
     scenario: str, observation: str, overrides: Any, shape: tuple[int, int], width: int, shift: int
 ) -> None:
-    tiles = tiles_of(model_of(scenario, observation, **overrides), 2, 4).reshape(*shape, 2)
+    tiles = tiles_of(model_of(scenario, observation, **overrides), 2, 4).tiles.reshape(*shape, 2)
     rows, columns = np.indices(shape)
     per_row, per_shifted = -(-shape[1] // width), -(-(shape[1] + shift) // width)
     first = rows // width * per_row + columns // width
@@ -54,7 +55,7 @@ def test_tiles_of_two_tilings_by_hand(
 
 def test_tilings_have_different_displacements() -> None:
     """With 16 tilings three cells wide, no two of them divide the 14,400 pairs of cells alike."""
-    tiles = tiles_of(model_of("Anywhere", "coordinates"), 16, 3)
+    tiles = tiles_of(model_of("Anywhere", "coordinates"), 16, 3).tiles
     alike = {tuple(np.unique(column, return_index=True)[1]) for column in tiles.T}
     assert len(alike) == 16
     assert all(np.bincount(column - column.min()).max() <= 3**4 for column in tiles.T)
@@ -62,7 +63,7 @@ def test_tilings_have_different_displacements() -> None:
 
 def test_parts_without_order_have_tiles_of_their_own() -> None:
     model = model_of("S2", "coordinates", **MOVES)
-    tiles = tiles_of(model, 4, 3)
+    tiles = tiles_of(model, 4, 3).tiles
     phase = np.arange(model.n_observations) // 120  # the agent's cell changes fastest
     assert model.n_observations == 360
     for tiling in tiles.T:
@@ -72,7 +73,7 @@ def test_parts_without_order_have_tiles_of_their_own() -> None:
 def test_offsets_of_two_people_are_tiled_together() -> None:
     """Two tilings, 3 cells wide; the second is displaced by 1, 3, 5 and 7 halves of it, modulo a width."""
     model = model_of("Anywhere", "offset_coordinates", **PAIR)
-    tiles = tiles_of(model, 2, 3)
+    tiles = tiles_of(model, 2, 3).tiles
     (offsets,) = model.components
     for t, numbers in enumerate((2 * offsets.numbers, 2 * offsets.numbers + 3)):  # in halves of cells
         used, tile = np.unique(numbers // 6, axis=0, return_inverse=True)
@@ -101,6 +102,9 @@ def test_offsets_of_two_people_are_tiled_together() -> None:
         ("MoodyHidden", {}, {"n_tilings": 1, "tile_width": 1, "halved_after": 900}),
         ("S2", {}, {"n_tilings": 4, "epsilon": 0.2, "backward_passes": 1}),
         ("S2", MOVES, {"n_tilings": 3, "ties": "lowest", "halved_after": 500, "backward_passes": 2}),
+        # Each two positions, or the agent's with each person's, have tilings of their own.
+        ("Crowd", CROWD, {"parts": "pairs", "n_tilings": 2, "epsilon": 0.2, "initial_value": 0.3}),
+        ("Crowd", CROWD, {"parts": "agent_pairs", "n_tilings": 3, "epsilon": 0.2, "backward_passes": 1}),
     ],
 )
 def test_kernel_equals_a_loop_in_plain_python(
@@ -110,7 +114,8 @@ def test_kernel_equals_a_loop_in_plain_python(
     settings: Any = algorithm.settings(budget=2000, time_limit=50, **changes)
     seeds = [SeedSequence([7, i]) for i in range(2)]
     training = algorithm.train(model, settings, "coordinates", seeds, Schedule(2000, POINTS))
-    tiles = tiles_of(model, settings.n_tilings, settings.tile_width)
+    features = tiles_of(model, settings.n_tilings, settings.tile_width, settings.parts)
+    tiles = features.tiles[features.rows].reshape(model.n_observations, -1)
     assert settings.tile_width > 1 or (tiles[:, 0] == np.arange(model.n_observations)).all()
     for key, expected in textbook(name, model, settings, seeds[1], POINTS, tiles).items():
         assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
@@ -146,7 +151,7 @@ def test_an_update_changes_all_observations_that_share_a_tile() -> None:
     )
     training = algorithm.train(model, settings, "coordinates", [SeedSequence(0)], Schedule(1))
     # UP at the wall of the start cell costs 0.1 and moves the sum of two weights half-way to that.
-    tiles = tiles_of(model, 2, 4)
+    tiles = tiles_of(model, 2, 4).tiles
     shared = (tiles == tiles[0]).sum(axis=1)
     assert training.q[0, :, 0].tolist() == pytest.approx((-0.025 * shared).tolist())
     assert not training.q[0, :, 1:].any()

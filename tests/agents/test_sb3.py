@@ -5,13 +5,16 @@
 
 import inspect
 import math
+import pickle
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -19,9 +22,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from agents import DeepTraining, Schedule, check_training, load_algorithm
 from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains
-from agents.sb3 import algorithms
+from agents.sb3 import algorithms, tables
+from agents.sb3.extractors import PeopleExtractor, PlanesExtractor
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings, Sb3Settings
-from agents.sb3.tables import readable_table
+from agents.sb3.tables import readable_table, saved_table
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
@@ -149,8 +153,14 @@ def test_replay_buffer_is_as_large_as_the_budget() -> None:
         ("compiled_dqn", {"policy_kwargs": {"net_arch": [5000]}}, "net_arch.0 = 5000: .*4096"),
         ("sb3_dqn", {"buffer_size": 10**9}, "buffer_size = 1000000000: .*10000000"),
         ("sb3_ppo", {"n_steps": 10**9}, "n_steps = 1000000000: .*1000000"),
+        ("compiled_dqn", {"policy_kwargs": {"features_extractor_class": "a:B"}},
+         "mine.toml: policy_kwargs.features_extractor_class = a:B: accepted: .* sb3_dqn or sb3_ppo"),
+        ("compiled_ppo", {"policy_kwargs": {"features_extractor_kwargs": {"a": 1}}},
+         "mine.toml: policy_kwargs.features_extractor_kwargs = .*: accepted: .* sb3_dqn or sb3_ppo"),
+        ("stable_baselines3:PPO", {"policy_kwargs": {"features_extractor_class": "torch.nn:Linear"}},
+         "PPO cannot be trained: policy_kwargs: features_extractor_class torch.nn:Linear: accepted"),
     ],
-)
+)  # fmt: skip
 def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         parse(load_algorithm(name).settings, values, "mine.toml")
@@ -176,6 +186,140 @@ def test_a_rollout_whose_length_is_not_set_divides_the_budget(
     length = settings.train_freq if name == "sb3_dqn" else settings.n_steps
     assert length == expected
     assert settings.arguments["train_freq" if name == "sb3_dqn" else "n_steps"] == expected
+
+
+# Features extractors
+
+PEOPLE, PLANES = (f"agents.sb3.extractors:{name}Extractor" for name in ("People", "Planes"))
+
+
+def with_extractor(path: str, **arguments: Any) -> Any:
+    policy = {"features_extractor_class": path, "features_extractor_kwargs": arguments}
+    return parse(PolicyArguments, policy, "mine.toml")
+
+
+@pytest.mark.parametrize("marks_first", [False, True])
+@pytest.mark.parametrize("per_person", [2, 3])
+def test_people_are_embedded_alike_and_added_up(per_person: int, marks_first: bool) -> None:
+    n_people = 4
+    space = spaces.Box(0, 1, (2 + n_people * per_person,), np.float32)
+    extractor = PeopleExtractor(space, 5, per_person, marks_first=marks_first).double()
+    rows = np.random.default_rng(1).random((6, *space.shape))
+    w1, b1, w2, b2 = (values.detach().numpy() for values in extractor.parameters())
+    expected = np.zeros((6, 2 + 5))
+    for o, row in enumerate(rows):
+        expected[o, :2] = row[:2]
+        for i in range(n_people):
+            person = row[2 + i * per_person : 2 + (i + 1) * per_person]
+            given = np.concatenate([row[:2], person, [float(i == 0)] * marks_first])
+            expected[o, 2:] += np.maximum(w2 @ np.maximum(w1 @ given + b1, 0) + b2, 0)
+    features = extractor(torch.tensor(rows)).detach().numpy()
+    assert np.allclose(features, expected, atol=1e-12)
+    assert extractor.features_dim == 7
+    people = rows[:, 2:].reshape(6, n_people, per_person)
+
+    def moved(*order: int) -> Any:
+        given = np.concatenate([rows[:, :2], people[:, [*order]].reshape(6, -1)], axis=1)
+        return extractor(torch.tensor(given)).detach().numpy()
+
+    assert np.allclose(moved(0, 3, 1, 2), features, atol=1e-12)
+    assert np.allclose(moved(1, 0, 2, 3), features, atol=1e-12) == (not marks_first)
+
+
+@pytest.mark.parametrize(
+    ("extractor", "arguments", "shape", "expected"),
+    [
+        (
+            PeopleExtractor,
+            {},
+            (2,),
+            r"shape \(2,\); accepted: coordinates, 2 of the agent and per_person = 2 of",
+        ),
+        (PeopleExtractor, {"per_person": 3}, (6,), r"shape \(6,\); accepted: .* per_person = 3"),
+        (PeopleExtractor, {}, (4, 5, 6), r"shape \(4, 5, 6\); accepted: coordinates"),
+        (PlanesExtractor, {}, (4,), r"shape \(4,\); accepted: images"),
+    ],
+)
+def test_extractors_refuse_other_observations(
+    extractor: Any, arguments: dict[str, Any], shape: tuple[int, ...], expected: str
+) -> None:
+    with pytest.raises(InputError, match=expected):
+        extractor(spaces.Box(0, 1, shape, np.float32), **arguments)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize(
+    ("observation", "path", "n_parameters", "n_features"),
+    [
+        ("planes", PLANES, 4 * 9 * 16 + 16 + 16 * 9 * 32 + 32 + 32 * 5 * 6 * 128 + 128, 128),
+        ("coordinates", PEOPLE, 5 * 64 + 64 + 64 * 64 + 64, 2 + 64),
+    ],
+)
+def test_agents_learn_with_features_extractors(
+    name: str,
+    observation: str,
+    path: str,
+    n_parameters: int,
+    n_features: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model, kept = compile_scenario(load_scenario("Anywhere", {"issuer.places": 5})), list[Any]()
+    settings = SETTINGS[name].model_copy(update={"policy_kwargs": with_extractor(path)})
+    schedule = Schedule(400, (0, 200, 400), keep=kept.append)
+
+    def train() -> Any:
+        return METHODS[name].train(model, settings, observation, [SeedSequence(1)], schedule)
+
+    training = train()
+    check_training(training, model, 1, schedule)
+    assert training.diverged_at[0] == -1
+    agent, last = kept[-1], training.stochastic[0, -1] if "ppo" in name else training.q[0]
+    body = (n_features * 64 + 64) + (64 * 64 + 64)
+    heads = [5, 1] if "ppo" in name else [5]
+    assert training.parameters[0] == n_parameters + sum(body + 64 * n + n for n in heads)
+    # Saved, it is the same table, also if images are read in parts.
+    agent.save(tmp_path / "agent.zip")
+    monkeypatch.setattr(tables, "_AT_ONCE", 99)
+    cls = f"stable_baselines3:{name[4:].upper()}"
+    assert np.allclose(saved_table(tmp_path / "agent.zip", cls, model, observation)[0], last, atol=1e-6)
+    assert (train().weights == training.weights).all()
+
+
+def test_names_of_features_extractors_stay_names_until_an_agent_is_made() -> None:
+    policy = with_extractor(PEOPLE, width=8)
+    settings = PPO.model_copy(update={"policy_kwargs": policy})
+    written = {"features_extractor_class": PEOPLE, "features_extractor_kwargs": {"width": 8}}
+    for each in (settings, pickle.loads(pickle.dumps(settings))):
+        assert each.model_dump(mode="json")["policy_kwargs"] == {"net_arch": [64, 64], **written}
+        assert each.arguments["policy_kwargs"] == {
+            "net_arch": [64, 64], **written, "features_extractor_class": PeopleExtractor,
+        }  # fmt: skip
+    assert PPO.model_dump(mode="json")["policy_kwargs"] == {"net_arch": [64, 64]}
+    algorithm = load_algorithm("stable_baselines3:A2C")
+    imported: Any = parse(algorithm.settings, {"budget": 100, "policy_kwargs": written}, "mine.toml")
+    assert pickle.loads(pickle.dumps(imported)).arguments["policy_kwargs"] == {
+        **written, "features_extractor_class": PeopleExtractor,
+    }  # fmt: skip
+    model = compile_scenario(load_scenario("Anywhere", {"issuer.places": 5}))
+    schedule = Schedule(100, (0, 100))
+    check_training(
+        algorithm.train(model, imported, "coordinates", [SeedSequence(1)], schedule), model, 1, schedule
+    )
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("no_such_module:Net", "no_such_module:Net cannot be imported: No module named"),
+        ("agents.sb3.extractors:PlaneExtractor", "cannot be imported: .*did you mean PlanesExtractor"),
+        ("numpy:ndarray", "numpy:ndarray: accepted: a subclass of .*BaseFeaturesExtractor"),
+        ("PlanesExtractor", "PlanesExtractor: accepted: module:attribute"),
+    ],
+)
+def test_what_is_no_features_extractor_is_refused(path: str, expected: str) -> None:
+    with pytest.raises(InputError, match=f"^policy_kwargs: features_extractor_class .*{expected}"):
+        trained("sb3_ppo", policy_kwargs=with_extractor(path))
 
 
 # Training

@@ -1,0 +1,81 @@
+"""Features extractors of Stable-Baselines3's agents: what their hidden layers are given.
+
+Settings name one as `policy_kwargs = { features_extractor_class = "agents.sb3.extractors:PeopleExtractor" }`.
+
+Axis letters: B observations of a batch.
+"""
+
+import math
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+from envs.inputs import InputError
+
+
+class PeopleExtractor(BaseFeaturesExtractor):
+    """Embeds every person by the same net, and adds the embeddings (Zaheer et al. 2017, "Deep sets").
+
+    So the order of people does not matter. It takes coordinates of the agent's and of people's cells, and of
+    nothing else. Its features are the agent's coordinates and the sum.
+    """
+
+    def __init__(
+        self, observation_space: spaces.Box, width: int = 64, per_person: int = 2, *, marks_first: bool = True
+    ) -> None:
+        """Makes the net.
+
+        Args:
+          observation_space: That of the form "coordinates" or "centred".
+          width: Units of each of the net's two layers.
+          per_person: Numbers for each person: row and column, and a third one with badges.
+          marks_first: Whether the net is told who is the first person.
+
+        Raises:
+          InputError: The space has other numbers than two for the agent and these for each person.
+        """
+        n_people, rest = divmod(math.prod(observation_space.shape) - 2, per_person)
+        if len(observation_space.shape) != 1 or n_people < 1 or rest:
+            found = f"PeopleExtractor: observations of shape {observation_space.shape}"
+            accepted = f"coordinates, 2 of the agent and per_person = {per_person} of each person"
+            raise InputError(f"{found}; accepted: {accepted}.")
+        super().__init__(observation_space, 2 + width)
+        self.marks: torch.Tensor  # (people, 0 or 1)
+        self.register_buffer("marks", torch.eye(n_people)[:, : int(marks_first)], persistent=False)
+        layers = nn.Linear(2 + per_person + marks_first, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+        self.net = nn.Sequential(*layers)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Returns the features (B, 2 + width) of observations."""
+        shape = len(observations), len(self.marks), -1  # (B, people, numbers)
+        agent, people = observations[:, :2], observations[:, 2:].reshape(shape)
+        parts = agent[:, None].expand(shape), people, self.marks.expand(shape)
+        return torch.cat([agent, self.net(torch.cat(parts, dim=2)).sum(dim=1)], dim=1)
+
+
+class PlanesExtractor(BaseFeaturesExtractor):
+    """Two layers of convolutions, for small images: Stable-Baselines3's own net needs 36 x 36 pixels."""
+
+    def __init__(self, observation_space: spaces.Box, n_features: int = 128) -> None:
+        """Makes the net for the space of the form "planes"; any but images raise an InputError."""
+        if len(observation_space.shape) != 3:
+            found = f"PlanesExtractor: observations of shape {observation_space.shape}"
+            raise InputError(f"{found}; accepted: images, as those of the form planes.")
+        super().__init__(observation_space, n_features)
+        n_planes, rows, columns = observation_space.shape
+        self.net = nn.Sequential(
+            nn.Conv2d(n_planes, 16, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(16, 32, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(32 * math.ceil(rows / 2) * math.ceil(columns / 2), n_features),
+            nn.ReLU(),
+        )
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Returns the features (B, n_features) of images (B, planes, rows, columns), scaled to [0, 1]."""
+        features: torch.Tensor = self.net(observations)
+        return features
