@@ -33,7 +33,7 @@ def analyse(data: Data[MapDeclared]) -> MapAnalysis:
     """Analyses a map; raises an InputError if no contrast has enough runs."""
     experiment = data.experiment
     curves, runs = (looks.rows_of(experiment, frame) for frame in (data.curves, data.runs))
-    learned = looks.learned_at(experiment, curves)
+    learned = looks.learned_at(experiment, curves, runs)
     contrasts = looks.contrasts_of(experiment, data.declared, learned)
     if not contrasts:
         raise InputError(f"{experiment.name}: no contrast has enough runs yet: run the experiment first.")

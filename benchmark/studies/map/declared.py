@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import chain, filterfalse
 from math import prod
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -35,6 +35,8 @@ class Panel(Table):
     """Its heading."""
     learners: Annotated[Names, Field(min_length=1)]
     """Names of the learners that it shows."""
+    shows: Literal["steps", "unseen"] = "steps"
+    """Steps until they have learned, or success in unseen places at the end of training."""
 
 
 LearnerNames = dict[str, Annotated[Label, Field(min_length=1)]]
@@ -108,14 +110,18 @@ def name_of(population: Population) -> dict[str, str]:
 def curve_grids(experiment: Experiment, *, unseen: bool = False) -> list[str]:
     """Lists grids with one axis, not named permuted, about steps or about success in unseen places.
 
-    A grid is about steps if it has a point without unseen places.
+    A grid is about steps if it has a point without unseen places. If there is none, those with several points
+    are about both.
     """
     seen = {p.condition.axes.get("grid") for p in experiment.populations if not p.scenario.issuer.unseen}
-    return [
-        name
+    grids = {
+        name: len(*grid.axes.values())
         for name, grid in experiment.declared.grids.items()
-        if len(grid.axes) == 1 and "permuted" not in grid.axes and (name not in seen) == unseen
-    ]
+        if len(grid.axes) == 1 and "permuted" not in grid.axes
+    }
+    if not seen & {*grids}:
+        return [name for name, n_points in grids.items() if n_points > 1]
+    return [name for name in grids if (name not in seen) == unseen]
 
 
 def axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float]]:
@@ -225,10 +231,10 @@ def _of_budgets(experiment: Experiment) -> Iterator[str]:
 
 
 def _of_panels(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
-    grids = curve_grids(experiment)
     for panel in panels_of(experiment, declared):
+        grids = curve_grids(experiment, unseen=panel.shows == "unseen")
         if panel.grid not in grids:
-            yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(grids)}."
+            yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(grids) or 'none'}."
             continue
         shown = shown_in(experiment, panel.grid)
         for name in panel.learners:

@@ -54,6 +54,7 @@ _WHAT: Final = {
     "steps": "steps until it has learned\n(fewer is better)",
     "unseen_budget": "success in unseen places\nafter {:,} steps (more is better)",
 }
+_COLUMN_OF: Final = {"steps": "steps", "unseen": "unseen_budget"}  # of what a panel shows
 Point = tuple[str, str]  # a grid and a point of it; a gap between grids has empty names
 
 
@@ -138,7 +139,7 @@ def _set_texts(figure: Figure, size: float) -> None:
 )
 def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the panels."""
-    return _draw_panels(analysis, panels_of(analysis.data.experiment, analysis.data.declared), "steps")
+    return _draw_panels(analysis, panels_of(analysis.data.experiment, analysis.data.declared))
 
 
 @tables.unseen.figure(
@@ -148,14 +149,16 @@ def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
 def unseen(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the grids about unseen places, with their learners of the answer, or with all."""
     experiment, declared = analysis.data.experiment, analysis.data.declared.answer
+    if any(panel.shows == "unseen" for panel in analysis.data.declared.panels):
+        return None  # `picture` draws them
     panels = []
     for grid in curve_grids(experiment, unseen=True):
         shown, question = shown_in(experiment, grid), experiment.declared.grids[grid].question
         for heading, names in (declared.headed if declared else {"": dict.fromkeys(shown)}).items():
             if learners := tuple(name for name in names if name in shown):
                 title = f"{heading}: {question}" if heading else question
-                panels.append(Panel(grid=grid, title=title, learners=learners))
-    return _draw_panels(analysis, panels, "unseen_budget")
+                panels.append(Panel(grid=grid, title=title, learners=learners, shows="unseen"))
+    return _draw_panels(analysis, panels)
 
 
 def _curves(analysis: MapAnalysis, panel: Panel) -> dict[str, pd.DataFrame]:
@@ -166,19 +169,20 @@ def _curves(analysis: MapAnalysis, panel: Panel) -> dict[str, pd.DataFrame]:
     return {name: rows.loc[[name]].sort_values("at") for name in panel.learners if name in rows.index}
 
 
-def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) -> Figure | None:
+def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel]) -> Figure | None:
     """Draws steps or success against the axis of a grid, in rows of two panels, with the same heights."""
     experiment = analysis.data.experiment
     drawn = [(panel, curves) for panel in panels if (curves := _curves(analysis, panel))]
     if not drawn:
         return None
     cells = pd.concat(rows for _, curves in drawn for rows in curves.values())
-    lowest, budget = _shown(cells, column).min().min(), cells["budget"].max()
-    n_rows, n_columns, what = -(-len(drawn) // 2), min(len(drawn), 2), _WHAT[column].format(budget)
+    lowest, budget = _shown(cells, "steps").min().min(), cells["budget"].max()
+    n_rows, n_columns, shown = -(-len(drawn) // 2), min(len(drawn), 2), {panel.shows for panel, _ in drawn}
     with figure_of(n_rows, n_columns, (3.95 * n_columns, 3.0 * n_rows)) as (figure, axes):
         for axis in axes.flat[len(drawn) :]:
             axis.remove()
         for axis, (panel, curves) in zip(axes.flat, drawn, strict=False):
+            column = _COLUMN_OF[panel.shows]
             if column == "steps":
                 first, last = next(iter(curves.values()))["at"].iloc[[0, -1]]
                 axis.set(yscale="log", ylim=(lowest / 1.3, 2.2 * budget))
@@ -195,8 +199,10 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) ->
                 for name, shift in zip(curves, shifts, strict=True)
             ]
             _separate(axis, labels)
-            axis.set(title=fill(panel.title, 44), ylabel=what if axis in axes[:, 0] else "")
-            axis.tick_params(labelleft=axis in axes[:, 0])
+            is_labelled = axis in axes[:, 0] or len(shown) > 1
+            what = _WHAT[column].format(budget) if is_labelled else ""
+            axis.set(title=fill(panel.title, 44), ylabel=what)
+            axis.tick_params(labelleft=is_labelled)
         _set_texts(figure, _FONT_SIZE)
     return figure
 
@@ -208,7 +214,8 @@ def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
         span = max(numbers[-1] / numbers[0], 4.0)
         axis.set(xscale="log", xlim=(numbers[0] / span**0.06, numbers[-1] * span**_ROOM))
     else:
-        axis.set_xlim(0, numbers[-1] * (1 + _ROOM))
+        axis.set_xscale("symlog", linthresh=next(filter(None, numbers), 1.0))
+        axis.set_xlim(0, numbers[-1] ** (1 + _ROOM))
     shares = (axis.transScale + axis.transLimits).transform([(number, 1) for number in numbers])[:, 0]
     labels, last = list[str](), -1.0
     for share, text in zip(shares, values, strict=True):

@@ -2,8 +2,10 @@
 
 Two learners are compared by what a run takes until it has learned, in steps and in wrong PINGs: by the
 probability that the first takes less, with ties counted as a half, over pairs of runs of the same seed, which
-have the same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has
-the interval of a proportion, and what a scenario draws is part of its width.
+have the same draw of the scenario. Where there are unseen places, they are also compared by how often runs
+fail there at the end of training, whether they have learned or not. Pairs are independent, so the mean of
+these numbers, each 0, 1/2 or 1, has the interval of a proportion, and what a scenario draws is part of its
+width.
 
 A search may have picked several settings for a learner. Its runs take turns with them, and a pair has picks
 of the same number. A verdict is about the mean over these picks. Given the picks, pairs are independent,
@@ -46,10 +48,12 @@ COARSE: Final = "evaluations are too far apart"
 TRIVIAL: Final = "an untrained policy reaches the level"
 LOST: Final = "the faster learner has lost the level at the end of training"
 SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
-UNITS: Final = {"steps": "steps", "disagreements": "wrong PINGs"}  # in which contrasts are decided
+# In which contrasts are decided; the last only where there are unseen places
+UNITS: Final = {"steps": "steps", "disagreements": "wrong PINGs", "failures": "failures in unseen places"}
 _ERROR: Final = 0.05  # the probability of any wrong verdict
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
 _OPEN: Final = (UNDECIDED, NO_VERDICT)  # further looks may decide these
+_DIGITS: Final = 9  # of failures; the last ones are rounding
 _COARSE: Final = 1.25  # largest ratio of successive evaluation steps that are not too far apart
 
 Numbers = NDArray[np.float64]
@@ -76,7 +80,7 @@ class Contrast:
     x: Population
     y: Population
     learned: Sides  # as many pairs as its decisions use
-    decisions: Mapping[str, Decision]  # by unit
+    decisions: Mapping[str, Decision]  # by unit, if it has such numbers
     at_level: Mapping[float, str]  # verdicts on the same pairs at further levels of success, exploratory
 
     @cached_property
@@ -93,7 +97,8 @@ class Contrast:
     @cached_property
     def ratios(self) -> dict[str, Estimate]:
         """How many times as much y takes as x, by unit, over the pairs of the verdict in steps."""
-        return {unit: ratio(*self.learned, self.decisions["steps"].n, unit) for unit in UNITS}
+        n = self.decisions["steps"].n
+        return {unit: ratio(*self.learned, n, unit) for unit in ("steps", "disagreements")}
 
 
 def wins_of(x: Numbers, y: Numbers) -> Numbers:
@@ -157,12 +162,12 @@ def decide(
     return verdicts[0] if is_known else NO_VERDICT, faster
 
 
-def until_learned(curves: pd.DataFrame, level: float) -> Runs:
+def until_learned(curves: pd.DataFrame, level: float, unseen: Numbers | None = None) -> Runs:
     """Returns what the runs of a population took until they had learned, as a structured array (N,).
 
     It has the keys of `SPENT`, infinite if the run never learned; the same at the evaluation before
-    (`before_`) and at the last one (`spent_`); the last success; and whether the first and last
-    policy reach the level.
+    (`before_`) and at the last one (`spent_`); the last success; whether the first and last
+    policy reach the level; and, given success in unseen places (N,), the failures there.
     """
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
     first, last = learned(success, steps, level, until=2), len(steps) - 1
@@ -174,6 +179,8 @@ def until_learned(curves: pd.DataFrame, level: float) -> Runs:
         columns[name] = np.where(first > last, np.inf, values[runs, np.minimum(first, last)])
         columns[f"spent_{name}"] = values[:, last]
         columns[f"before_{name}"] = np.where(first > 0, values[runs, before], 0.0)
+    if unseen is not None:
+        columns["failures"] = columns["before_failures"] = np.round(1 - unseen, _DIGITS)
     kinds = [(name, values.dtype) for name, values in columns.items()]
     return np.rec.fromarrays([*columns.values()], kinds)
 
@@ -191,12 +198,22 @@ def rows_of(experiment: Experiment, frame: pd.DataFrame) -> Rows:
     return complete
 
 
-def learned_at(experiment: Experiment, curves: Rows) -> dict[float, dict[Population, Runs]]:
+def learned_at(
+    experiment: Experiment, curves: Rows, runs: Rows | None = None
+) -> dict[float, dict[Population, Runs]]:
     """Returns what all runs took until they had learned, by level, the declared level first."""
     solved = experiment.declared.solved
     assert solved is not None
+    unseen = {
+        population: rows["unseen_budget"].to_numpy()
+        for population, rows in (runs or {}).items()
+        if population.scenario.issuer.unseen
+    }
     return {
-        level: {population: until_learned(rows, level) for population, rows in curves.items()}
+        level: {
+            population: until_learned(rows, level, unseen.get(population))
+            for population, rows in curves.items()
+        }
         for level in (solved.success, *solved.further)
     }
 
@@ -221,7 +238,7 @@ def contrasts_of(
     for x, y in pairs:
         key = digests(x, y)
         if key in decided["steps"]:
-            decisions = {unit: found[key] for unit, found in decided.items()}
+            decisions = {unit: found[key] for unit, found in decided.items() if key in found}
             most, n = max(decision.n for decision in decisions.values()), decisions["steps"].n
             looks = {level: _look(runs[level][key], n, margin, (tail, tail), "steps") for level in further}
             at_level = {level: look.verdict for level, look in looks.items()}
@@ -234,8 +251,9 @@ def decide_all(
     pairs: Mapping[Key, Sides], looks: Sequence[int], margin: float, unit: str
 ) -> dict[Key, Decision]:
     """Decides contrasts in a unit, look after look; see the module's docstring."""
+    pairs = {key: sides for key, sides in pairs.items() if unit in (sides[0].dtype.names or (unit,))}
     decisions, n_faster, error = dict[Key, Decision](), 0, _ERROR / len(looks)
-    tail = tail_of(len(pairs), error)
+    tail = tail_of(max(len(pairs), 1), error)
     for n in looks:
         looked = {
             key: sides
@@ -263,6 +281,8 @@ def _look(sides: Sides, n: int, margin: float, tails: tuple[float, float], unit:
     is_open = is_learned & overlaps & (is_coarse[0] | is_coarse[1])
     verdict, faster = decide(x[unit], y[unit], margin, tails, is_open)
     why, winner = COARSE if verdict == NO_VERDICT else "", {FASTER: x, SLOWER: y}.get(verdict)
+    if unit == "failures":  # learned or not
+        return Decision(n, verdict, "", faster)
     if winner is not None and winner["lasts"][np.isfinite(winner["steps"])].mean() < 0.5:
         why = LOST
     if max(x["untrained"].mean(), y["untrained"].mean()) > 0.5:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from benchmark.analysis.frames import by_step
-from benchmark.analysis.intervals import median, proportion
+from benchmark.analysis.intervals import Estimate, median, proportion
 from benchmark.studies.item import COLUMNS, Item, expanded, item, no_rows
 from benchmark.studies.map.analysis import MapAnalysis, learner_of, point_of
 from benchmark.studies.map.declared import axis_of, curve_grids, name_of
@@ -21,6 +21,7 @@ Row = Mapping[str, object]
 _LABELS: Final = COLUMNS["map_labels"]
 _item: Final = partial(Item[MapAnalysis], labels=_LABELS)
 _KEPT: Final = ("at_all_levels", "at_some_levels", "at_no_other_level", "reversed")
+_NONE: Final = Estimate(math.nan, math.nan, math.nan)
 _SPREAD: Final = 18  # evaluations of `success.csv`
 
 
@@ -48,13 +49,15 @@ def cpu(analysis: MapAnalysis) -> Iterator[Row]:
 @item(
     "contrasts",
     "which learner needs fewer steps, at the first look that decides it, or at the last",
-    "grid point x y n verdict faster picks picks_faster ratio wrong_pings_verdict fewer_wrong_pings",
+    "grid point x y n verdict faster picks picks_faster ratio wrong_pings_verdict fewer_wrong_pings "
+    "failures_verdict fewer_failures",
     labels=_LABELS | {"n": "pairs of runs"},
 )
 def contrasts(analysis: MapAnalysis) -> Iterator[Row]:
     """Tabulates the declared contrasts."""
     for contrast in analysis.contrasts:
-        steps, wrong_pings = (contrast.decisions[unit] for unit in UNITS)
+        steps, wrong_pings = (contrast.decisions[unit] for unit in ("steps", "disagreements"))
+        failures = contrast.decisions.get("failures")
         yield (
             point_of(contrast.x)
             | contrast.names
@@ -70,6 +73,8 @@ def contrasts(analysis: MapAnalysis) -> Iterator[Row]:
                 "n_wrong_pings": wrong_pings.n,
                 "wrong_pings_verdict": wrong_pings.verdict,
                 "fewer_wrong_pings": wrong_pings.faster,
+                "failures_verdict": failures.verdict if failures else "",
+                "fewer_failures": failures.faster if failures else _NONE,
                 **{f"verdict_{level:g}": verdict for level, verdict in contrast.at_level.items()},
             }
         )
@@ -122,7 +127,7 @@ def looks(analysis: MapAnalysis) -> Iterator[Row]:
     """Counts contrasts by the look that decided them, those of several grids once."""
     decisions = [contrast.decisions for contrast in analysis.distinct]
     for unit, n in product(UNITS, analysis.data.declared.looks):
-        ended = [decision[unit].verdict for decision in decisions if decision[unit].n == n]
+        ended = [each[unit].verdict for each in decisions if unit in each and each[unit].n == n]
         yield {"unit": UNITS[unit], "n": n, "contrasts": len(ended), **_counted(ended)}
 
 
@@ -245,7 +250,7 @@ def unseen(analysis: MapAnalysis) -> pd.DataFrame | None:
 
 
 def _units(runs: Runs) -> pd.DataFrame:
-    return pd.DataFrame({unit: runs[unit] for unit in UNITS})
+    return pd.DataFrame({unit: runs[unit] for unit in ("steps", "disagreements")})
 
 
 def _numbered(tables: Iterable[tuple[Row, pd.DataFrame]]) -> pd.DataFrame | None:

@@ -123,6 +123,20 @@ def test_contrasts_follow_from_the_pairs_that_are_published(made: Path) -> None:
         assert len(x) == row["n"]
         assert np.where(x == y, 0.5, x < y).mean() == pytest.approx(row["faster"], abs=1e-5)
         assert np.median(y) / np.median(x) == pytest.approx(row["ratio"], rel=1e-5)
+    # Failures in unseen places are compared, too, whether runs have learned or not.
+    unseen = pd.read_csv(made / "unseen.csv").groupby("learner")["unseen_budget"]
+    (row,) = (row for _, row in contrasts[contrasts["grid"] == "unseen"].iterrows())
+    first, second = (1 - unseen.get_group(row[side]).to_numpy() for side in "xy")
+    assert np.where(first == second, 0.5, first < second).mean() == pytest.approx(
+        row["fewer_failures"], abs=1e-5
+    )
+    assert row["failures_verdict"] == "faster"
+    assert (
+        contrasts.loc[contrasts["grid"] != "unseen", ["failures_verdict", "fewer_failures"]]
+        .isna()
+        .to_numpy()
+        .all()
+    )
 
 
 def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
