@@ -28,8 +28,8 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
 }
 
 
-# Other tests use what these make; `groups` differs from `when` in its experiment alone.
-TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs", "fuzz", "groups"}
+# Other tests use what these make; `groups` and `crowd` differ from `when` in their experiment alone.
+TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs", "fuzz", "groups", "crowd"}
 
 
 @pytest.mark.parametrize("target", sorted({*TARGETS} - TESTED_ELSEWHERE))
