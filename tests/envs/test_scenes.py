@@ -22,7 +22,7 @@ def cell(row: int, column: int) -> int:
 
 def test_scenes_have_the_rewards_of_the_paper_and_are_small() -> None:
     assert len({load_scenario(name).rewards for name in scenario_names()}) == 1
-    for name in set(scenario_names()) - {"Anywhere", "AnywhereHidden"}:
+    for name in set(scenario_names()) - {"Anywhere", "AnywhereHidden", "Crowd"}:
         assert len(compile_scenario(load_scenario(name, few_places(name))).observation) <= 40_000
 
 
