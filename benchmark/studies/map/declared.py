@@ -26,6 +26,9 @@ class Margins(Table):
     """Distance of the probability of being faster from 1/2."""
 
 
+LearnerNames = dict[str, Annotated[Label, Field(min_length=1)]]
+
+
 class Panel(Table):
     """A panel of a map."""
 
@@ -35,11 +38,10 @@ class Panel(Table):
     """Its heading."""
     learners: Annotated[Names, Field(min_length=1)]
     """Names of the learners that it shows."""
+    names: LearnerNames = Field(default={})
+    """What the figure calls learners, by their names; by default their titles."""
     shows: Literal["steps", "unseen"] = "steps"
     """Steps until they have learned, or success in unseen places at the end of training."""
-
-
-LearnerNames = dict[str, Annotated[Label, Field(min_length=1)]]
 
 
 class AnswerGroup(Table):
@@ -237,7 +239,7 @@ def _of_panels(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
             yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(grids) or 'none'}."
             continue
         shown = shown_in(experiment, panel.grid)
-        for name in panel.learners:
+        for name in {**dict.fromkeys(panel.learners), **panel.names}:
             if name not in shown:
                 accepted = f"learners of the grid {panel.grid}: {', '.join(shown)}"
                 yield f"report.panels: {name}: accepted: {accepted}."

@@ -195,7 +195,7 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel]) -> Figure | Non
             _set_horizontal(axis, *axis_of(experiment, panel.grid))
             shifts = range(1 - len(curves), len(curves), 2)  # points
             labels = [
-                _draw_curve(axis, name, curves[name], shift, column, experiment)
+                _draw_curve(axis, panel, name, curves[name], shift, experiment)
                 for name, shift in zip(curves, shifts, strict=True)
             ]
             _separate(axis, labels)
@@ -215,7 +215,7 @@ def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
         axis.set(xscale="log", xlim=(numbers[0] / span**0.06, numbers[-1] * span**_ROOM))
     else:
         axis.set_xscale("symlog", linthresh=next(filter(None, numbers), 1.0))
-        axis.set_xlim(0, numbers[-1] ** (1 + _ROOM))
+        axis.set_xlim(-0.2, numbers[-1] ** (1 + _ROOM))
     shares = (axis.transScale + axis.transLimits).transform([(number, 1) for number in numbers])[:, 0]
     labels, last = list[str](), -1.0
     for share, text in zip(shares, values, strict=True):
@@ -227,13 +227,14 @@ def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
 
 
 def _draw_curve(
-    axis: Axes, name: str, rows: pd.DataFrame, shift: float, column: str, experiment: Experiment
+    axis: Axes, panel: Panel, name: str, rows: pd.DataFrame, shift: float, experiment: Experiment
 ) -> Annotation:
     """Draws a learner's curve, with hollow markers where most runs never learn; returns its name.
 
     It is shifted by some points, so that intervals do not cover each other.
     """
-    style, at, title = style_of(name, experiment), rows["at"].to_numpy(), experiment.learners[name].title
+    style, at, column = style_of(name, experiment), rows["at"].to_numpy(), _COLUMN_OF[panel.shows]
+    title = panel.names.get(name, experiment.learners[name].title)
     shown, low, high = _shown(rows, column).to_numpy().T
     moved = axis.transData + ScaledTranslation(shift / 72, 0, axis.figure.dpi_scale_trans)
     axis.plot(at, shown, color=style["color"], ls=style["ls"], lw=1.6, transform=moved)
