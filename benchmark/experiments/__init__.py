@@ -18,6 +18,7 @@ from benchmark.experiments.schema import experiment_names as experiment_names
 # The experiments whose results are published, the most important first, and whether each has a chapter, its
 # whole document, on the page of all results. The results of other experiments are ignored by git.
 PUBLISHED: Final[Mapping[str, bool]] = {
+    "crowd": True,
     "when": True,
     "groups": True,
     "compare_deep": True,
@@ -27,6 +28,7 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "tuning": False,
     "tuning_map": False,
     "tuning_tables": False,
+    "tuning_crowd": False,
     "equivalence": False,
     "ablation": False,
 }
