@@ -37,7 +37,7 @@ class Layout:
     zone: NDArray[np.int8]  # (J, P, C) index into `envs.regions.ZONES`
     is_start: NDArray[np.bool_]  # (J, first ticks, C) where episodes may start
     is_seen: NDArray[np.bool_]  # (J,) whether episodes with the person in a place are trained
-    onlookers: NDArray[np.int_]  # (J, P, onlookers) cells of people who are seen and do not matter
+    onlookers: NDArray[np.int_]  # (J, P, onlookers) their cells; J are then combinations of a place and a way
 
     @cached_property
     def ticks(self) -> NDArray[np.int_]:

@@ -3,8 +3,8 @@
 A scenario is a finite Markov decision process. Its state is (place of the issuer, tick of the clock, whether
 feedback is to come, wrong PINGs so far, the agent's cell), numbered in this order, the cell last. In the
 paper's scenarios all but the last two have a single value, so the number is `pings * C + row * columns +
-column` with C cells: 120 cells and 600 states. The place (for a group, where all of its people stand) is
-drawn at the start of an episode and stays.
+column` with C cells: 120 cells and 600 states. The place (for a group, where all of its people stand; with
+onlookers, a place and a way in which they stand) is drawn at the start of an episode and stays.
 
 `envs/scenarios/README.md` says what happens in a step, and in which order. Everything that acts, learns,
 plans or evaluates reads the arrays. A time limit is not in them: it truncates an episode, and learners
@@ -368,7 +368,7 @@ def _components(
 
 
 def _crowd(scenario: Scenario, onlookers: Onlookers, context: NDArray[np.int32]) -> Component:
-    """Returns the component of all cells of people: those who count first, unless they have badges."""
+    """Returns the component with the cells of all people: first of those who count, unless with badges."""
     grid, layout, n = scenario.grid, scenario.layout, scenario.n_people
     cells = np.concatenate([layout.standing, layout.onlookers], axis=2)  # (J, P, people)
     value = context

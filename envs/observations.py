@@ -50,11 +50,11 @@ def check_sparse(n_observations: int, n_features: int, observation: str = "one_h
 
 
 def _check_planes(scenario: Scenario) -> None:
-    """Refuses, by an InputError, a scenario that planes cannot show, or not to Stable-Baselines3."""
+    """Refuses, by an InputError, a scenario that planes cannot show, or SB3 would mistake."""
     first, shape = scenario.observe[0], planes_shape(scenario)
     where = f"observation planes: {scenario.name} with observe = {json.dumps(scenario.observe)}"
     if first in RELATIVE:
-        raise InputError(f'{where}; accepted: cells, so "agent" in place of "{first}".')
+        raise InputError(f'{where}; accepted: cells, so "agent" instead of "{first}".')
     if shape[0] > min(shape[1:]):  # Stable-Baselines3 takes the shortest side for the channels
         found = f"{where} has {shape[0]} planes of {shape[1]} x {shape[2]} cells"
         raise InputError(f"{found}; accepted: at least as many rows and columns as planes.")
@@ -156,8 +156,8 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         the row and one for the column of a cell. Tiles: a number for each tile, see `envs.tiles`, of
         `N_TILINGS` tilings. Coordinates: those of all components in turn, each scaled to [0, 1]. Centred: the
         same, scaled to [-2, 2], roughly the range of standardized values. Planes: 255 in the agent's cell, in
-        people's, in onlookers' and in walls, else 0; and for the phase and the number of wrong PINGs a plane
-        of a single number, scaled to [0, 255].
+        people's, in onlookers' and in walls, else 0. The phase and the number of wrong PINGs have a plane
+        each, which holds the number in every cell, scaled to [0, 255].
     """
     check_form(kind)
     encoding = ENCODINGS[kind]

@@ -1,5 +1,6 @@
 """People in a scenario: where they stand and walk, and the reward that they add to a PING."""
 
+import json
 from collections.abc import Callable, Hashable, Sequence, Set
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
@@ -228,26 +229,36 @@ class Group(Table):
 class Onlookers(Table):
     """People who are observed like the person of `issuer`, but do not matter: the agent walks through them.
 
-    They stand in different cells, which are drawn once, in a number of ways. All ways are used alike often in
-    each place of the person, so there are as many pairs of a place and a way as places or ways, whichever are
-    more. In unseen places, there are as many pairs for each place.
+    They stand in different cells. A number of ways to stand are drawn once, and combined with the places of
+    the person in turn: the first place with the first way, and so on, each list starting again at its end.
+    There are as many combinations as places or ways, whichever are more; each episode has one. If the ways
+    are no multiple of the places, some places occur once more than others. Each unseen place is combined with
+    as many of the same ways as seen places are, rounded up.
     """
 
     omitted_at_default: ClassVar[Set[str]] = {"seen", "permuted", "badge", "walk"}
 
     people: Annotated[int, Field(ge=1, le=1000)]
-    """How many there are. Those of fewer people are the first of more."""
+    """How many there are. With fewer people, the first ones stand in the same cells."""
     ways: Annotated[int, Field(ge=1, le=MAX_STATES)]
-    """In how many ways they may stand; with 1, always in the same cells, unless the person stands there."""
+    """How many ways to stand are drawn; with 1, they stand in the same cells in every episode, except
+    whoever would stand in the person's cell."""
     seen: bool = True
     """Whether they are observed."""
     permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of cells shown with another cell's coordinates when an onlooker stands there."""
     badge: bool = False
-    """Whether all people are observed in a random order, each with a number that is 1 if the person counts,
-    and 0 for onlookers."""
+    """Whether people are observed in random order, each with a number: 1 for those who count, else 0."""
     walk: Annotated[int, Field(ge=0, le=100)] = 0
-    """After how many steps of a random walk they turn round and go back, again and again; 0: they stand."""
+    """How many random steps they walk before they go back the same way, again and again; 0: they stand.
+    They may share a cell with each other or with the person."""
+
+    @model_validator(mode="after")
+    def _is_shown(self) -> Self:
+        for key in ("permuted", "badge", "walk"):
+            where = f"{key} = {json.dumps(getattr(self, key))} and seen = false"
+            require(self.seen or not getattr(self, key), where, "one of them")
+        return self
 
 
 class Person(Table):

@@ -53,7 +53,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - `"offset"`, `"offset_one_hot"` and so on: the same, with the person's cell relative to the agent's in
       place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
     - `"planes"`: `Box(0, 255, (planes, rows, columns), uint8)`, an image with a plane each for the agent,
-      people, onlookers, walls and each further component, for Stable-Baselines3's `CnnPolicy`
+      people, onlookers, walls and each further component, for convolutional nets that take small images
     - `"nearest"`, `"two_nearest"`, `"centre"`, also with `"_one_hot"` and so on: the same with the nearest
       person, the two nearest, or the centre of all people, if the person has a group
 

@@ -19,7 +19,7 @@ def to_text(scene: Scene, agent: int, event: str) -> str:
     and . elsewhere.
     """
     symbols = [SYMBOLS[kind] for kind in _kinds(scene)]
-    for kind in ("onlooker", "bystander"):
+    for kind in ("onlooker", "bystander", "issuer"):
         for cell in scene.cells_of(kind):
             symbols[cell] = SYMBOLS[kind]
     symbols[agent] = "A"

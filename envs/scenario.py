@@ -76,7 +76,7 @@ class Scenario(Table):
     group: Group | None = None
     """People who are drawn together with the person; by default none."""
     onlookers: Onlookers | None = None
-    """People who are observed and do not matter; by default none."""
+    """People who are seen, but do not matter; by default none."""
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     """Other people."""
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
@@ -103,7 +103,7 @@ class Scenario(Table):
     def _phases(self) -> tuple[Phase, ...]:
         """The declared phases, or one for each step of walking onlookers."""
         n = 2 * self.onlookers.walk if self.onlookers else 0
-        return tuple(Phase(name=f"{i + 1}", steps=1) for i in range(n)) or self.phases
+        return (Phase(name="always", steps=1),) * n or self.phases
 
     def people_in(self, place: int, phase: int) -> tuple[Person, ...]:
         """Returns the issuer with its group, and the others, in a place and phase."""
@@ -352,7 +352,7 @@ class Scenario(Table):
             most = int((~self.grid.is_wall).sum()) - len(occupied) - self.n_people
             where = f"onlookers.people = {crowd.people}"
             require(crowd.people <= most, where, f"at most {most}, a free cell for each")
-            n_seen = n_positions - issuer.unseen
+            n_seen = max(n_positions - issuer.unseen, 1)
             n_positions = max(crowd.ways, n_seen) + issuer.unseen * -(-crowd.ways // n_seen)
             whose += " and ways of onlookers"
         n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)

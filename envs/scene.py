@@ -142,7 +142,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         # ZONES are ordered by nearness.
         outlines={region: outlines(is_floor & (zone >= ZONES.index(region))) for region in BORDERS},
         glyphs=(*people, *onlookers, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
-        phase=layout.stages[phase].name if len(layout.stages) > 1 else "",
+        phase=layout.stages[phase].name if len({stage.name for stage in layout.stages}) > 1 else "",
         circle=circle,
     )
 

@@ -24,13 +24,13 @@ from envs.scenario import Scenario
 T = TypeVar("T")
 
 MAX_FEATURES: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
-MAX_ROWS: Final = 40_000_000  # rows of tiles, or features, of all sets of positions; most of these are shared
+MAX_ROWS: Final = 40_000_000  # entries of `Tiles.rows`, and of `Tiles.tiles`
 
 Parts = Literal["joint", "pairs", "agent_pairs"]
 
 
 class Tiles(NamedTuple):
-    """The features of observations: those in a row of `tiles` for each set of positions."""
+    """The features of observations: o has those in rows `rows[o]` of `tiles`, a row for each set."""
 
     rows: NDArray[np.int32]  # (O, V)
     tiles: NDArray[np.int32]  # (rows, n_tilings) features, numbered from 0
@@ -39,6 +39,10 @@ class Tiles(NamedTuple):
 def check_tiles(scenario: Scenario, n_tilings: int, parts: Parts = "joint") -> None:
     """Refuses, by an InputError, features that do not fit into memory."""
     n, n_sets = scenario.n_observations, len(_sets([*range(scenario.n_positions)], scenario, parts))
+    _check_size(n, n_sets, n_tilings, parts)
+
+
+def _check_size(n: int, n_sets: int, n_tilings: int, parts: Parts) -> None:
     if n_sets > 1:
         _check(n_sets, n, MAX_ROWS, f"parts = {parts}: {n_sets} sets of positions")
     else:
@@ -64,11 +68,13 @@ def _sets(positions: Sequence[T], scenario: Scenario, parts: Parts) -> list[tupl
 def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -> Tiles:
     """Returns the features of every observation.
 
-    Tiles are `width` cells wide. `parts` says which positions are tiled together: all ("joint"), each two of
-    them ("pairs"), or the agent's with each person's ("agent_pairs"); if people's are relative to the agent,
-    the latter is each by itself. What is no position, such as a phase, is not tiled: each combination of
-    values has tiles of its own.
+    Tiles are `width` cells wide. `parts` says which positions are tiled together: all ("joint"), every two of
+    them ("pairs"), or the agent's with each person's ("agent_pairs"). Of positions relative to the agent,
+    "agent_pairs" tiles each by itself. Components without a position, such as a phase, and badges are not
+    tiled: each combination of their values has tiles of its own.
     """
+    n_sets = len(_sets([*range(model.scenario.n_positions)], model.scenario, parts))
+    _check_size(model.n_observations, n_sets, n_tilings, parts)
     positions: list[tuple[NDArray[np.int_], NDArray[np.int_]]] = []  # (O, D) numbers, and (D,) per cell
     others = []
     for component, value in zip(model.components, model.values, strict=True):
@@ -78,7 +84,6 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
             positions += [(component.numbers[value, span], component.per_cell[span]) for span in spans]
         else:
             others.append(value)
-    check_tiles(model.scenario, n_tilings, parts)
     sets, n_observations = _sets(positions, model.scenario, parts), model.n_observations
     if len(sets) < 2:
         tiles = _tile(positions, others, n_tilings, width)
@@ -92,6 +97,7 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
         rows[:, v] = n_rows + number
         n_rows, n_tiles = n_rows + len(first), int(tables[-1].max()) + 1
         _check(n_tilings, n_rows, MAX_ROWS, f"parts = {parts}, n_tilings = {n_tilings}: a feature of each")
+        _check(1, n_tiles, MAX_FEATURES, f"parts = {parts}, tile_width = {width}: {n_tiles:,} features")
     return Tiles(rows, np.concatenate(tables))
 
 

@@ -32,8 +32,8 @@ class LinearSettings(TraceSettings):
     tile_width: Annotated[int, Field(ge=1, le=1000)] = TILE_WIDTH
     """Cells along each side of a tile."""
     parts: Parts = "joint"
-    """Which positions are tiled together: all of them, each two ("pairs"), or the agent's with each person's
-    ("agent_pairs")."""
+    """Which positions are tiled together: all ("joint"), every two ("pairs"), or the agent's with each
+    person's ("agent_pairs")."""
 
 
 class LinearAlgorithm(ValueAlgorithm[Training]):

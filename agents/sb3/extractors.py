@@ -18,8 +18,9 @@ from envs.inputs import InputError
 class PeopleExtractor(BaseFeaturesExtractor):
     """Embeds every person by the same net, and adds the embeddings (Zaheer et al. 2017, "Deep sets").
 
-    So the order of people does not matter. It takes coordinates of the agent's and of people's cells, and of
-    nothing else. Its features are the agent's coordinates and the sum.
+    So the order of people does not matter, except who comes first, if that is marked. Observations must hold
+    coordinates of the agent's cell, then of each person's, and nothing else: a phase and wrong PINGs would
+    pass for one more person. Its features are the agent's coordinates and the sum.
     """
 
     def __init__(
@@ -34,7 +35,7 @@ class PeopleExtractor(BaseFeaturesExtractor):
           marks_first: Whether the net is told who is the first person.
 
         Raises:
-          InputError: The space has other numbers than two for the agent and these for each person.
+          InputError: Observations do not have two numbers for the agent and `per_person` for each person.
         """
         n_people, rest = divmod(math.prod(observation_space.shape) - 2, per_person)
         if len(observation_space.shape) != 1 or n_people < 1 or rest:
@@ -59,10 +60,10 @@ class PlanesExtractor(BaseFeaturesExtractor):
     """Two layers of convolutions, for small images: Stable-Baselines3's own net needs 36 x 36 pixels."""
 
     def __init__(self, observation_space: spaces.Box, n_features: int = 128) -> None:
-        """Makes the net for the space of the form "planes"; any but images raise an InputError."""
+        """Makes the net for the space of the form "planes"; a space without images raises an InputError."""
         if len(observation_space.shape) != 3:
             found = f"PlanesExtractor: observations of shape {observation_space.shape}"
-            raise InputError(f"{found}; accepted: images, as those of the form planes.")
+            raise InputError(f"{found}; accepted: images, such as those of the form planes.")
         super().__init__(observation_space, n_features)
         n_planes, rows, columns = observation_space.shape
         self.net = nn.Sequential(

@@ -4,6 +4,7 @@ They are written out here because importing SB3 loads torch, and its signatures 
 sense. A test compares names and defaults with the signatures.
 """
 
+import re
 import sys
 from collections.abc import Set
 from typing import Annotated, Any, ClassVar, Final, Self
@@ -11,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Final, Self
 from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings
-from envs.inputs import InputError, Line, Table, shortened
+from envs.inputs import InputError, Line, Table, require, shortened
 from envs.packages import imported
 
 Count = Annotated[int, Field(ge=1, le=10**9)]
@@ -44,10 +45,19 @@ class PolicyArguments(Table):
     optimizer_kwargs: OptimizerArguments = OptimizerArguments()
     """Arguments of the optimiser."""
     features_extractor_class: Line | None = None
-    """What the hidden layers are given instead of the observation: the outputs of a net of this class, as
-    `module:attribute`. `agents.sb3.extractors` has some."""
+    """The class of a net, as `module:attribute`, whose outputs the hidden layers are given instead of the
+    observation. `agents.sb3.extractors` has two."""
     features_extractor_kwargs: dict[str, Any] = Field(default_factory=dict)
-    """Arguments of this class."""
+    """Arguments of this class, besides the observation space."""
+
+    @model_validator(mode="after")
+    def _names_a_class(self) -> Self:
+        name, arguments = self.features_extractor_class, self.features_extractor_kwargs
+        is_named = name is None or bool(re.fullmatch(r"[\w.]+:[\w.]+", name))
+        require(is_named, f"features_extractor_class = {shortened(name or '')}", "module:attribute")
+        where = "features_extractor_kwargs without features_extractor_class"
+        require(name is not None or not arguments, where, "both")
+        return self
 
 
 def _features_extractor(name: str) -> object:

@@ -161,7 +161,11 @@ def shipped() -> Figure:
     scenarios = [load_scenario(name) for name in scenario_names()]
     # One place alone is compiled in no time.
     places = [scenario.layout.places[len(scenario.layout.places) // 2] for scenario in scenarios]
-    changes = [{"issuer.position": place if len(place) > 1 else place[0]} for place in places]
+    changes = [
+        {"issuer.position": place if len(place) > 1 else place[0]}
+        | ({"onlookers.ways": 1} if scenario.onlookers else {})
+        for place, scenario in zip(places, scenarios, strict=True)
+    ]
     return gallery([*map(compile_scenario, map(load_scenario, scenarios, changes))])
 
 

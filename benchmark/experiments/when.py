@@ -33,6 +33,11 @@ def finding(tables: Tables) -> Names:
         for x, y in pairs:
             claim(verdicts[x, y] == verdict, f"with 64 places, {x} against {y} is {verdict}")
 
+    failures = contrasts.set_index(["x", "y"])["failures_verdict"].to_dict()
+    fewer = all(failures[DQN, y] == "faster" for y in _CELLS["tables"])
+    claim(fewer, "given cells, DQN fails less often in new places than tables and tile coding")
+    claim(failures[OFFSET_PPO, OFFSET_TILES] == "slower", "given offsets, PPO fails more often there")
+    claim(failures[OFFSET_DQN, OFFSET_TILES] == "undecided", "given offsets, DQN's failures are undecided")
     of_nets = tables.rows("contrasts", grid=_GRIDS, x=[*_CELLS["nets"], *_OFFSETS["nets"]])
     faster = of_nets[of_nets["verdict"] == "faster"]
     claim({*faster["y"]} <= {TABLE}, "nets learn faster than tables without replay only")

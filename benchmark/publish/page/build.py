@@ -184,7 +184,9 @@ class _Part:
     def _map(self) -> dict[str, object] | None:
         """Returns what the page's map needs besides tables; None if this is no map of a single scene."""
         report = self.folder.manifest["report"]
-        if report["kind"] != "map" or any(panel.get("grid") for panel in report.get("panels", ())):
+        panels = report.get("panels", ())
+        is_plain = all(not panel.get("grid") and panel.get("shows", "steps") == "steps" for panel in panels)
+        if report["kind"] != "map" or not is_plain:
             return None
         looks, variants = {}, self.folder.manifest["algorithms"]
         colours = {name: variant.get("colour") for name, variant in variants.items()}

@@ -70,7 +70,7 @@ def point_of(population: Population) -> dict[str, object]:
     return name_of(population) | {
         "rows": scenario.grid.rows,
         "columns": scenario.grid.columns,
-        "places": len(scenario.layout.places) - issuer.unseen,
+        "places": len({*scenario.layout.places}) - issuer.unseen,
         "unseen": issuer.unseen,
         "feedback": issuer.feedback.kind,
         "noise": issuer.feedback.noise if isinstance(issuer.feedback, NoisyFeedback) else 0.0,

@@ -39,9 +39,9 @@ class Panel(Table):
     learners: Annotated[Names, Field(min_length=1)]
     """Names of the learners that it shows."""
     names: LearnerNames = Field(default={})
-    """What the figure calls learners, by their names; by default their titles."""
+    """What the panel calls learners, by their names, as in `AnswerGroup`; by default, their titles."""
     shows: Literal["steps", "unseen"] = "steps"
-    """Steps until they have learned, or success in unseen places at the end of training."""
+    """What is drawn: "steps" until they have learned, or success in "unseen" places after training."""
 
 
 class AnswerGroup(Table):
@@ -94,6 +94,8 @@ class MapDeclared(Declared):
         pairs = (" and ".join(sorted(contrast)) for contrast in self.contrasts)
         distinct(tuple(pairs), "report.contrasts: ")
         distinct(tuple(panel.title for panel in self.panels), "report.panels: title ")
+        for panel in self.panels:
+            distinct(tuple(panel.names.values()), "report.panels: ")
         if answer:
             is_one = bool(answer.learners) != bool(answer.groups)
             require(is_one, "report.answer", "either learners or groups")
@@ -112,8 +114,8 @@ def name_of(population: Population) -> dict[str, str]:
 def curve_grids(experiment: Experiment, *, unseen: bool = False) -> list[str]:
     """Lists grids with one axis, not named permuted, about steps or about success in unseen places.
 
-    A grid is about steps if it has a point without unseen places. If there is none, those with several points
-    are about both.
+    A grid is about steps if it has a point without unseen places. If no grid has one, each grid with
+    several points is about both.
     """
     seen = {p.condition.axes.get("grid") for p in experiment.populations if not p.scenario.issuer.unseen}
     grids = {
@@ -239,7 +241,10 @@ def _of_panels(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
             yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(grids) or 'none'}."
             continue
         shown = shown_in(experiment, panel.grid)
-        for name in {**dict.fromkeys(panel.learners), **panel.names}:
+        for name in panel.names:
+            if name not in panel.learners:
+                yield f"report.panels: names: {name}: accepted: {', '.join(panel.learners)}."
+        for name in panel.learners:
             if name not in shown:
                 accepted = f"learners of the grid {panel.grid}: {', '.join(shown)}"
                 yield f"report.panels: {name}: accepted: {accepted}."

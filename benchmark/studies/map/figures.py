@@ -133,9 +133,9 @@ def _set_texts(figure: Figure, size: float) -> None:
 
 @drawing(
     "map",
-    "the map: steps that learners need",
-    "Median steps of each learner until a run has learned, with 95 % intervals; hollow: most runs never "
-    "learn.",
+    "the map: steps that learners need, and success in unseen places if a panel shows it",
+    "Median steps of each learner until a run has learned, or mean success in unseen places after all steps "
+    "of training, as the axis says, with 95 % intervals; hollow: most runs never learn.",
 )
 def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the panels."""
@@ -170,7 +170,7 @@ def _curves(analysis: MapAnalysis, panel: Panel) -> dict[str, pd.DataFrame]:
 
 
 def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel]) -> Figure | None:
-    """Draws steps or success against the axis of a grid, in rows of two panels, with the same heights."""
+    """Draws steps or success, as each panel shows, against the axis of its grid, in rows of two panels."""
     experiment = analysis.data.experiment
     drawn = [(panel, curves) for panel in panels if (curves := _curves(analysis, panel))]
     if not drawn:
@@ -214,8 +214,9 @@ def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
         span = max(numbers[-1] / numbers[0], 4.0)
         axis.set(xscale="log", xlim=(numbers[0] / span**0.06, numbers[-1] * span**_ROOM))
     else:
-        axis.set_xscale("symlog", linthresh=next(filter(None, numbers), 1.0))
-        axis.set_xlim(-0.2, numbers[-1] ** (1 + _ROOM))
+        unit = next(filter(None, numbers), 1.0)
+        axis.set_xscale("symlog", linthresh=unit)
+        axis.set_xlim(-0.2 * unit, unit * max(numbers[-1] / unit, 4.0) ** (1 + _ROOM))
     shares = (axis.transScale + axis.transLimits).transform([(number, 1) for number in numbers])[:, 0]
     labels, last = list[str](), -1.0
     for share, text in zip(shares, values, strict=True):

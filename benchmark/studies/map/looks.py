@@ -48,7 +48,7 @@ COARSE: Final = "evaluations are too far apart"
 TRIVIAL: Final = "an untrained policy reaches the level"
 LOST: Final = "the faster learner has lost the level at the end of training"
 SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
-# In which contrasts are decided; the last only where there are unseen places
+# In which contrasts are decided; in the last one, only where there are unseen places
 UNITS: Final = {"steps": "steps", "disagreements": "wrong PINGs", "failures": "failures in unseen places"}
 _ERROR: Final = 0.05  # the probability of any wrong verdict
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
@@ -80,7 +80,7 @@ class Contrast:
     x: Population
     y: Population
     learned: Sides  # as many pairs as its decisions use
-    decisions: Mapping[str, Decision]  # by unit, if it has such numbers
+    decisions: Mapping[str, Decision]  # by unit; in failures only where there are unseen places
     at_level: Mapping[float, str]  # verdicts on the same pairs at further levels of success, exploratory
 
     @cached_property
