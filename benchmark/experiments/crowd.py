@@ -12,6 +12,16 @@ CONTROL_TILES, CONTROL_PPO = "control_tiles, coordinates", "control_ppo, coordin
 _NUMBERS = (0, 1, 2, 4, 8, 16)  # of onlookers
 _COMPARED = [TILES, PAIRS, AGENT_PAIRS, DQN, PPO]
 _CONTROLS = {"shuffled": "permuted 100", "fixed": "ways 1", "hidden": "seen 0"}
+# Verdicts with each number of onlookers, by their first letters: faster, slower, undecided, neither learns
+_EXPECTED = {
+    (PPO, TILES, "verdict"): "s f f f u n",
+    (PPO, PAIRS, "verdict"): "s s u u u n",
+    (PPO, AGENT_PAIRS, "verdict"): "s s s s s s",
+    (PPO, TILES, "failures_verdict"): "f f f u u u",
+    (PPO, PAIRS, "failures_verdict"): "f f f u u u",
+    (PPO, AGENT_PAIRS, "failures_verdict"): "f f f u u u",
+    (PPO, AGENT_PAIRS, "wrong_pings_verdict"): "s s s s s s",
+}
 
 
 def finding(tables: Tables) -> Names:
@@ -21,6 +31,27 @@ def finding(tables: Tables) -> Names:
     claim(cells["budget"].eq(100_000).all(), "all runs have 100,000 steps")
     claim(cells[cells["learner"].isin(_COMPARED)]["n"].eq(16).all(), "compared learners have 16 runs")
 
+    contrasts = tables.rows("contrasts", grid="crowd").set_index(["x", "y"]).sort_index()
+    for (x, y, column), expected in _EXPECTED.items():
+        found = contrasts.loc[(x, y)].set_index("point")[column].to_dict()
+        verdicts = " ".join(found[f"onlookers {n}"][0] for n in _NUMBERS)
+        claim(verdicts == expected, f"{column} of {x} against {y} is {expected}")
+    picks = contrasts.set_index("point", append=True).sort_index()["picks_faster"]
+    for y, n_faster in ((TILES, {1: 4, 2: 4, 4: 4}), (PAIRS, {2: 1, 4: 3, 8: 4})):
+        for n, n_picks in n_faster.items():
+            claim(picks[PPO, y, f"onlookers {n}"] == n_picks, f"PPO is faster than {y} with {n_picks} picks")
+    claim("faster" not in {*contrasts.loc[[DQN]]["verdict"]}, "DQN is never faster")
+    n_learned = cells.set_index(["learner", "point"])["n_solved"]
+    claim(n_learned[PPO]["onlookers 16"] == 0, "no run of PPO learns among 16")
+    claim(not n_learned[DQN][[f"onlookers {n}" for n in (4, 8, 16)]].any(), "no run of DQN learns among four")
+    claim(n_learned[TABLE].drop("onlookers 0").sum() == 0, "no table learns among onlookers")
+    claim(tables.rows("levels")["reversed"].sum() == 0, "no verdict is reversed at other levels")
+    for picked, earlier in ((PICKED_TILES, TILES), (PICKED_PAIRS, PAIRS), (PICKED_AGENT_PAIRS, AGENT_PAIRS)):
+        medians = cells.set_index(["learner", "point"])["steps"]
+        claim((medians[picked] >= medians[earlier]).all(), f"picks of {picked} need no fewer steps")
+    four = tables.rows("cells", learner=[TOLD, CONTROL_TILES, CONTROL_PPO, PICKED_AGENT_PAIRS])["n"]
+    claim(four.eq(4).all(), "others have four runs")
+
     def at(x: str, y: str, verdict: str, column: str = "verdict") -> str:
         """Returns with which numbers of onlookers a contrast has a verdict."""
         rows = tables.rows("contrasts", grid="crowd", x=x, y=y).set_index("point")[column]
@@ -28,6 +59,10 @@ def finding(tables: Tables) -> Names:
 
     return {
         "at": at,
+        "learned": lambda learner, n: tables.number(
+            "cells", "n_solved", "", grid="crowd", learner=learner, point=f"onlookers {n}"
+        ),
+        "n_levels": str(tables.rows("levels")["decided"].sum()),
         "steps": lambda learner, n: steps(learner, "crowd", f"onlookers {n}"),
         "control": lambda learner, grid: steps(learner, grid, _CONTROLS[grid]),
         "unseen": lambda learner, n: tables.number(

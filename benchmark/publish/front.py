@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-import pandas as pd
-
 from benchmark.experiments import PUBLISHED
 from benchmark.experiments.finding import Names, Tables
 from benchmark.folder import Folder
@@ -21,8 +19,7 @@ _NETS: Final = [
     "ppo, offset_factored",
 ]
 _TILINGS: Final = ["tile_coding, coordinates", "tile_coding, offset_coordinates"]
-_BEST_NET: Final = "ppo, offset_factored"  # of a search, with defaults first
-_ALONE: Final = ("**Nets and", "**New places")  # sentences on learners without onlookers
+_ALONE: Final = "**New places:** "  # how a sentence on learners without onlookers begins
 _GRIDS: Final = ["places", "rooms", "feedback"]  # each point of the map once
 
 
@@ -40,9 +37,13 @@ def front(results: Path) -> str:
     lookups = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
     with Folder(results / next(iter(PUBLISHED))).reading():
         answer, others = (prose.SENTENCES.split(text(name)) for name in ("crowd", "when"))
-        alone = [each for each in others if each.startswith(_ALONE)]
-        lookups["when"].claim(len(alone) == len(_ALONE), "the answer has sentences on nets and new places")
-        names = {**_names(lookups), "answer": answer, "alone": " ".join(alone)}
+        alone = [each.removeprefix(_ALONE) for each in others if each.startswith(_ALONE)]
+        lookups["when"].claim(len(alone) == 1, "the answer has a sentence on new places")
+        names = {
+            **_names(lookups),
+            "answer": answer,
+            "alone": "".join(each[0].upper() + each[1:] for each in alone),
+        }
         template = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name)
         rendered = template.render(figure=figure, text=text, **names)
     if failed := [claim for each in lookups.values() for claim in each.failed]:
@@ -52,9 +53,7 @@ def front(results: Path) -> str:
 
 def _names(tables: Mapping[str, Tables]) -> Names:
     """Checks what README claims, and returns the numbers that it names."""
-    when, groups, equivalence, search, crowd_search = (
-        tables[name] for name in ("when", "groups", "equivalence", "tuning_map", "tuning_crowd")
-    )
+    when, groups, equivalence = (tables[name] for name in ("when", "groups", "equivalence"))
     verdicts = equivalence.rows("contrasts")["success_verdict"]
     is_small = equivalence.values("contrasts", "success_margin") == {0.15}
     are_known = len(verdicts) == 8 and {*verdicts} <= {"equivalent", "undecided"}
@@ -67,14 +66,6 @@ def _names(tables: Mapping[str, Tables]) -> Names:
         each.claim(are_known, "all contrasts of nets with tile coding are slower or undecided")
     cells = when.rows("cells", grid="forms", point="places 64")
     when.claim(cells["n"].eq(16).all(), "with 64 places, all learners have 16 runs")
-    effort = search.rows("effort", scenario="all").set_index("learner")
-    nets = effort[effort.index.str.match("(?:dqn|ppo), offset")]
-    search.claim(nets["total"].idxmin() == _BEST_NET, "with defaults first, the best net is PPO")
-    among_onlookers = crowd_search.rows("effort", scenario="all").set_index("learner")
-
-    def steps(effort: pd.DataFrame, learner: str) -> str:
-        return f"{effort['total'].to_dict()[learner]:,.0f}"
-
     return {
         "n_equivalent": verdicts.eq("equivalent").sum(),
         "n_undecided": verdicts.eq("undecided").sum(),
@@ -83,8 +74,4 @@ def _names(tables: Mapping[str, Tables]) -> Names:
         "n_slower": contrasts["verdict"].eq("slower").sum(),
         "n_groups": len(people),
         "n_slower_groups": people["verdict"].eq("slower").sum(),
-        "tiles_first": steps(effort, _TILINGS[1]),
-        "net_first": steps(effort, _BEST_NET),
-        "tiles_crowd": steps(among_onlookers, "tile_agent_pairs, coordinates"),
-        "net_crowd": steps(among_onlookers, "ppo, coordinates"),
     }

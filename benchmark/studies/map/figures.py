@@ -215,7 +215,7 @@ def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
         axis.set(xscale="log", xlim=(numbers[0] / span**0.06, numbers[-1] * span**_ROOM))
     else:
         unit = next(filter(None, numbers), 1.0)
-        axis.set_xscale("symlog", linthresh=unit)
+        axis.set_xscale("symlog", linthresh=unit, linscale=0.3)
         axis.set_xlim(-0.2 * unit, unit * max(numbers[-1] / unit, 4.0) ** (1 + _ROOM))
     shares = (axis.transScale + axis.transLimits).transform([(number, 1) for number in numbers])[:, 0]
     labels, last = list[str](), -1.0
