@@ -155,8 +155,10 @@ def test_replay_buffer_is_as_large_as_the_budget() -> None:
         ("sb3_ppo", {"n_steps": 10**9}, "n_steps = 1000000000: .*1000000"),
         ("compiled_dqn", {"policy_kwargs": {"features_extractor_class": "a:B"}},
          "mine.toml: policy_kwargs.features_extractor_class = a:B: accepted: .* sb3_dqn or sb3_ppo"),
-        ("compiled_ppo", {"policy_kwargs": {"features_extractor_kwargs": {"a": 1}}},
-         "mine.toml: policy_kwargs.features_extractor_kwargs = .*: accepted: .* sb3_dqn or sb3_ppo"),
+        ("sb3_ppo", {"policy_kwargs": {"features_extractor_class": "PlanesExtractor"}},
+         "features_extractor_class = PlanesExtractor: accepted: module:attribute"),
+        ("sb3_ppo", {"policy_kwargs": {"features_extractor_kwargs": {"a": 1}}},
+         "features_extractor_kwargs without features_extractor_class: accepted: both"),
         ("stable_baselines3:PPO", {"policy_kwargs": {"features_extractor_class": "torch.nn:Linear"}},
          "PPO cannot be trained: policy_kwargs: features_extractor_class torch.nn:Linear: accepted"),
     ],
@@ -314,7 +316,6 @@ def test_names_of_features_extractors_stay_names_until_an_agent_is_made() -> Non
         ("no_such_module:Net", "no_such_module:Net cannot be imported: No module named"),
         ("agents.sb3.extractors:PlaneExtractor", "cannot be imported: .*did you mean PlanesExtractor"),
         ("numpy:ndarray", "numpy:ndarray: accepted: a subclass of .*BaseFeaturesExtractor"),
-        ("PlanesExtractor", "PlanesExtractor: accepted: module:attribute"),
     ],
 )
 def test_what_is_no_features_extractor_is_refused(path: str, expected: str) -> None:
