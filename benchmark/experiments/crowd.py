@@ -31,16 +31,19 @@ def finding(tables: Tables) -> Names:
     claim(cells["budget"].eq(100_000).all(), "all runs have 100,000 steps")
     claim(cells[cells["learner"].isin(_COMPARED)]["n"].eq(16).all(), "compared learners have 16 runs")
 
-    contrasts = tables.rows("contrasts", grid="crowd").set_index(["x", "y"]).sort_index()
+    def found(x: str, y: str, column: str) -> dict[int, object]:
+        """Returns what a column of a contrast has with each number of onlookers."""
+        values = tables.rows("contrasts", grid="crowd", x=x, y=y).set_index("point")[column].to_dict()
+        return {n: values[f"onlookers {n}"] for n in _NUMBERS}
+
     for (x, y, column), expected in _EXPECTED.items():
-        found = contrasts.loc[(x, y)].set_index("point")[column].to_dict()
-        verdicts = " ".join(found[f"onlookers {n}"][0] for n in _NUMBERS)
+        verdicts = " ".join(str(verdict)[0] for verdict in found(x, y, column).values())
         claim(verdicts == expected, f"{column} of {x} against {y} is {expected}")
-    picks = contrasts.set_index("point", append=True).sort_index()["picks_faster"]
     for y, n_faster in ((TILES, {1: 4, 2: 4, 4: 4}), (PAIRS, {2: 1, 4: 3, 8: 4})):
         for n, n_picks in n_faster.items():
-            claim(picks[PPO, y, f"onlookers {n}"] == n_picks, f"PPO is faster than {y} with {n_picks} picks")
-    claim("faster" not in {*contrasts.loc[[DQN]]["verdict"]}, "DQN is never faster")
+            n_found = found(PPO, y, "picks_faster")[n]
+            claim(n_found == n_picks, f"PPO is faster than {y} with {n_picks} picks")
+    claim("faster" not in tables.values("contrasts", "verdict", x=DQN), "DQN is never faster")
     n_learned = cells.set_index(["learner", "point"])["n_solved"]
     claim(n_learned[PPO]["onlookers 16"] == 0, "no run of PPO learns among 16")
     claim(not n_learned[DQN][[f"onlookers {n}" for n in (4, 8, 16)]].any(), "no run of DQN learns among four")
@@ -54,8 +57,7 @@ def finding(tables: Tables) -> Names:
 
     def at(x: str, y: str, verdict: str, column: str = "verdict") -> str:
         """Returns with which numbers of onlookers a contrast has a verdict."""
-        rows = tables.rows("contrasts", grid="crowd", x=x, y=y).set_index("point")[column]
-        return listed(n for n in _NUMBERS if rows[f"onlookers {n}"] == verdict)
+        return listed(n for n, value in found(x, y, column).items() if value == verdict)
 
     return {
         "at": at,
