@@ -36,16 +36,16 @@ def test_every_published_experiment_has_its_own_question(published: Path) -> Non
 
 def test_answer_needs_the_runs_that_give_it(published: Path, tmp_path: Path) -> None:
     page = Page(published / "index.html")
-    answer = html.unescape(plain(str(prose.written(Folder(published / "when"))).partition("\n\n")[0]))
+    answer = html.unescape(plain(str(prose.written(Folder(published / "crowd"))).partition("\n\n")[0]))
     answer = answer.replace("*", "")
     listed = re.findall(r"<li>(.*?)</li>", page.source.partition('class="answer"')[2].partition("</ul>")[0])
     assert re.sub("<.*?>", "", " ".join(listed)) == answer
     names = [f"report-{name}" for name in (*PUBLISHED, SPEED)]
     assert [value for name, value in page.attributes if name == "id" and value in names] == names
-    shutil.copytree(published / "when", tmp_path / "when")
-    cells = (tmp_path / "when" / "contrasts.csv").read_text(encoding="utf-8")
-    (tmp_path / "when" / "contrasts.csv").write_text(cells.replace(",slower", ",faster"), encoding="utf-8")
-    reseal(tmp_path / "when")
+    shutil.copytree(published / "crowd", tmp_path / "crowd")
+    cells = (tmp_path / "crowd" / "contrasts.csv").read_text(encoding="utf-8")
+    (tmp_path / "crowd" / "contrasts.csv").write_text(cells.replace(",faster", ",slower"), encoding="utf-8")
+    reseal(tmp_path / "crowd")
     assert 'class="answer"' not in build.write(tmp_path).read_text(encoding="utf-8")
 
 

@@ -105,7 +105,7 @@ def test_every_shipped_scenario_has_a_row_in_the_gallery() -> None:
 
 
 def test_examples_of_the_guide_to_scenarios_are_right() -> None:
-    group, others = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)
+    group, others, onlookers = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)
     (session,) = re.findall(r"```pycon\n(.*?)```", GUIDE, flags=re.DOTALL)
     test = doctest.DocTestParser().get_doctest(session, {}, "README", None, 0)
     said: list[str] = []
@@ -117,4 +117,5 @@ def test_examples_of_the_guide_to_scenarios_are_right() -> None:
         load_scenario("ThreeTalking").group,
         load_scenario("ThreeTalking").regions,
     )
+    assert len(load_scenario("Anywhere", tomllib.loads(onlookers)).layout.ways) == 512
     assert load_scenario("S1", tomllib.loads(others)).layout.others[4][0].position == (2, 6)
