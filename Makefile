@@ -23,7 +23,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce tune compare-deep sb3 beyond crowd when groups report docs test check speed chaos fuzz clean
+.PHONY: help reproduce tune compare-deep sb3 beyond when groups report docs test check speed chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -31,8 +31,8 @@ help: ## list these commands
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
 
-tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map, tuning_tables and tuning_crowd for the maps (three and a half hours)
-	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_tables tuning_crowd),$(RUN) $(name) &&) true
+tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map and tuning_tables for the maps (three hours)
+	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_tables),$(RUN) $(name) &&) true
 
 compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, of references 2 or 3, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
@@ -42,9 +42,6 @@ sb3: $(DEEP) ## DQN, PPO and others of Stable-Baselines3 against the paper's tab
 
 beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)
-
-crowd: $(DEEP) ## how many people who do not matter a learner can bear, in results/crowd/ (an hour)
-	$(RUN) $(or $(EXPERIMENT),crowd)
 
 when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (one and a half hours)
 	$(RUN) $(or $(EXPERIMENT),when)

@@ -107,7 +107,7 @@ def test_results_of_another_experiment_are_not_taken_for_those_of_this_one(folde
         Folder(other).check()
 
 
-@pytest.mark.parametrize("name", ["tuning", "tuning_map", "tuning_tables", "tuning_crowd"])
+@pytest.mark.parametrize("name", ["tuning", "tuning_map", "tuning_tables"])
 def test_chosen_settings_follow_from_published_trials(name: str, tmp_path: Path) -> None:
     path = chosen_file(ROOT / "benchmark" / "experiments" / f"{name}.toml")
     experiment = load_experiment(name)
