@@ -1,7 +1,9 @@
 """Numbers and claims of the text on `compare_deep`."""
 
 from benchmark.experiments.finding import Names, Tables
+from envs.words import listed
 
+PAPER, TUNED = "q_learning, index", "q_learning_tuned, index"
 TABLE, SOFTMAX, LINEAR = "watkins_q_lambda, index", "softmax_table, one_hot", "dqn_linear, one_hot"
 TILES, DQN, PPO = "tile_coding, coordinates", "dqn, one_hot", "ppo, one_hot"
 SB3_DQN, SB3_PPO = "sb3_dqn, one_hot", "sb3_ppo, one_hot"
@@ -25,7 +27,26 @@ def finding(tables: Tables) -> Names:
         """Returns how a form of input compares with coordinates, for a net."""
         return str(verdicts[f"{net}, {form}", f"{net}, coordinates"])
 
-    return {"success": tables.numbers("aggregate", "success", "learner", ".2f"), "forms": forms}
+    success = tables.numbers("summary", "success", "learner scenario", ".2f")
+
+    def each(learner: str) -> str:
+        """Returns the success of a learner in each scenario."""
+        return listed(success(learner, scenario) for scenario in scenarios)
+
+    def later(x: str, scenario: str = "") -> str:
+        """Returns how a net compares with the paper's table, over all scenarios or in one."""
+        where = f" @ {scenario}" if scenario else ""
+        verdict = verdicts[x + where, PAPER + where]
+        link = "than" if verdict in ("better", "worse") else "against"
+        return f"is {verdict} {link} the paper's table"
+
+    return {
+        "success": tables.numbers("aggregate", "success", "learner", ".2f"),
+        "improvement": tables.numbers("rliable", "p_improvement", "learner endpoint", ".2f"),
+        "each": each,
+        "later": later,
+        "forms": forms,
+    }
 
 
 def _check_verdicts(tables: Tables) -> None:
@@ -42,7 +63,7 @@ def _check_verdicts(tables: Tables) -> None:
         "worse": [(PPO, TABLE), (PPO, TILES), (SB3_PPO, TILES)],
         "undecided": [(DQN, TILES), (DQN, SB3_DQN), (SB3_DQN, TILES), (SB3_DQN, TABLE), (SB3_PPO, TABLE),
                       (PPO, SB3_PPO), (PPO, SOFTMAX)],
-        "better": [(DQN, "dqn, coordinates"), (PPO, "ppo, coordinates")],
+        "better": [(DQN, "dqn, coordinates"), (PPO, "ppo, coordinates"), (TUNED, PAPER)],
     }  # fmt: skip
     for verdict, pairs in expected.items():
         for x, y in pairs:

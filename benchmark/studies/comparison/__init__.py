@@ -34,7 +34,7 @@ STUDY: Final = Study(
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=tables.headline,
-    lead="summary",
+    lead="curves",
     packages=("rliable",),
     can_be_partial=True,
 )

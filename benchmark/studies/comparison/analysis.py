@@ -112,19 +112,19 @@ class ComparisonAnalysis:
             found.append(row)
         return found
 
-    @cached_property
-    def scores(self) -> list[tuple[Row, str, NDArray[np.float64]]]:
-        """Each learner's scores, (runs, scenarios), if these are pooled and have as many runs each."""
+    def matrices(self, endpoint: str) -> list[tuple[Row, str, NDArray[np.float64]]]:
+        """Returns each learner's numbers, (runs, scenarios), if pooled scenarios have as many runs each."""
         return [
-            (names, learner.name, np.stack([own["score"].to_numpy() for own in scenarios], axis=1))
+            (names, learner.name, np.stack([own[endpoint].to_numpy() for own in scenarios], axis=1))
             for names, learner, scenarios in self.pooled()
             if len({*map(len, scenarios)}) == 1
         ]
 
     @cached_property
     def contrasts(self) -> list[Row]:
-        """The declared contrasts with their verdicts, a row each, or one per scenario without pooling."""
-        return self._contrasts(self.plan.contrasts)
+        """The declared contrasts with their verdicts, the latest first; one per scenario without pooling."""
+        later = [row | {"declared": "later"} for row in self._contrasts(self.plan.later)]
+        return [*later, *self._contrasts(self.plan.contrasts)]
 
     @cached_property
     def same_input(self) -> list[Row]:
@@ -144,7 +144,8 @@ class ComparisonAnalysis:
         plan, experiment = self.plan, self.experiment
         if not plan.baseline:
             return []
-        rows = [row for row in self.contrasts if row["x"] in plan.nets and row["y"] in plan.baseline]
+        rows = [row for row in self.contrasts if "declared" not in row]
+        rows = [row for row in rows if row["x"] in plan.nets and row["y"] in plan.baseline]
         axes = {} if self.is_pooled else {"scenario": [*experiment.scenarios]}
         axes |= {"condition": [*experiment.conditions]} if "condition" in self.names else {}
         found = []

@@ -42,6 +42,13 @@ class ComparisonDeclared(Declared):
     """Differences between x and y that are too small to matter."""
     contrasts: tuple[tuple[str, str], ...] = ()
     """Pairs x, y that are compared, with verdicts."""
+    later: tuple[tuple[str, str], ...] = ()
+    """Pairs that were declared when results were known; p-values are adjusted for these alone.
+
+    Each is compared over all scenarios and in each scenario.
+    """
+    curves: Names = ()
+    """The learners in the figure of success over training; by default those that the outcome is about."""
 
 
 class Pair(NamedTuple):
@@ -58,8 +65,10 @@ class Plan:
     learners: Mapping[str, str]  # the family of each, by name, without planners and references
     baseline: Sequence[str]
     contrasts: Sequence[Pair]
+    later: Sequence[Pair]
     nets: Sequence[str]  # deep learners, except baselines, that are compared with some baseline
     drawn: Sequence[str]  # learners that the outcome is about, or else those compared, or else all
+    curves: Sequence[str]  # learners that are drawn over training
 
 
 def side_name(side: Side) -> str:
@@ -89,11 +98,18 @@ def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
         baseline = tuple(name for name, family in own.items() if nets and family in ("tabular", "linear"))
         contrasts = tuple(product(nets, baseline))
     pairs = [_pair(experiment, f"contrasts.{i}", x, y) for i, (x, y) in enumerate(contrasts)]
+    several = experiment.scenarios if len(experiment.scenarios) > 1 else ()
+    later = [
+        _pair(experiment, f"later.{i}", x + where, y + where)
+        for i, (x, y) in enumerate(declared.later)
+        for where in ("", *(f" @ {name}" for name in several))
+    ]
     compared = dict.fromkeys(x for x, y in contrasts if y in baseline and x not in baseline)
     decisive = [name for name in compared if every[name].family == "deep"]
     named = {side.get("learner") for pair in pairs for side in pair}
     drawn = [*baseline, *decisive] if decisive else [name for name in every if name in named]
-    return Plan(own, baseline, pairs, decisive, [*own] if is_by_default or not drawn else drawn)
+    drawn = [*own] if is_by_default or not drawn else drawn
+    return Plan(own, baseline, pairs, later, decisive, drawn, declared.curves or drawn)
 
 
 def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
@@ -107,6 +123,9 @@ def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
             where = f"algorithms.{population.learner.variant}.settings.budget_unit = {unit}"
             raise InputError(f"{source}: {where}: accepted: steps, in which a comparison counts.")
     _check_pairs(experiment, plan)
+    for name in plan.curves:
+        if name not in experiment.learners:
+            unknown_name(f"{source}: report.curves", "learner", name, experiment.learners)
     for y in plan.baseline:
         if y not in plan.learners:
             unknown_name(f"{source}: report.baseline", "baseline", y, plan.learners)
@@ -122,7 +141,8 @@ def _check_pairs(experiment: Experiment, plan: Plan) -> None:
     source = f"{experiment.argument}: report"
     names = ((each.learner.name, each.scenario.name, each.condition.name) for each in experiment.populations)
     populations = [dict(zip(AXES, name, strict=True)).items() for name in names]
-    for pair in plan.contrasts:
+    pairs = [*plan.contrasts, *plan.later]
+    for pair in pairs:
         # What else names the populations of each side
         x, y = ({frozenset(p - side.items()) for p in populations if p >= side.items()} for side in pair)
         if x.isdisjoint(y):
@@ -135,7 +155,7 @@ def _check_pairs(experiment: Experiment, plan: Plan) -> None:
         return " and ".join(sorted(map(side_name, sides)))
 
     try:
-        distinct(tuple(map(label, plan.contrasts)), f"{source}.contrasts: ")
+        distinct(tuple(map(label, pairs)), f"{source}.contrasts: ")
     except ValueError as error:
         raise InputError(f"{error}.") from None
 

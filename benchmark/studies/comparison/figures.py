@@ -17,10 +17,11 @@ from benchmark.drawing.style import WIDTH, colour_map, figure_of, ink_on, name_l
 from benchmark.drawing.tables import show
 from benchmark.folder import with_titles
 from benchmark.studies.comparison import tables
-from benchmark.studies.comparison.analysis import ComparisonAnalysis
+from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis
 from benchmark.studies.comparison.tables import FEW, OUTCOMES, WORDS, estimated, labelled, models_of
 from benchmark.studies.data import Style, style_of
 from benchmark.studies.item import COLUMNS, drawing
+from envs.people import FEEDBACK
 from envs.scene import COLOUR_MAP
 
 _STYLES: Final[dict[str, Style]] = {
@@ -34,7 +35,8 @@ _STYLES: Final[dict[str, Style]] = {
 }
 _COLUMNS: Final = 3  # of panels and maps
 _N_MARKERS: Final = 6  # of a curve
-_MAX_CONTRASTS: Final = 30
+_FEW_RUNS: Final = 20  # fewer are drawn one by one: their exact intervals would hide them
+_MAX_CONTRASTS: Final = 36
 _CHARACTERS, _MAX_COLUMNS = 66, 8  # of the names of a figure's columns in a line; columns with level names
 _THRESHOLDS: Final = np.linspace(0.0, 1.0, 51)
 
@@ -125,7 +127,10 @@ def _grouped(analysis: ComparisonAnalysis, scenarios: list[str]) -> tuple[list[s
     return ranked, {at: OUTCOMES[outcome] for outcome, at in reversed(first.items())}
 
 
-@tables.curves.figure("How often each learner succeeds while it learns; shade: 95 % interval.")
+@tables.curves.figure(
+    "How often each learner succeeds while it learns: means with 95 % intervals or, of fewer than "
+    f"{_FEW_RUNS} runs, each run."
+)
 def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
     """Draws success over training, a panel for each of few scenarios.
 
@@ -134,8 +139,13 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
     frame, learners = labelled(table), analysis.experiment.learners
     if frame["scenario"].nunique() > FEW:
         return None
-    frame = frame[(frame["step"] > 0) & frame["learner"].isin(analysis.plan.drawn)]
+    frame = frame[(frame["step"] > 0) & frame["learner"].isin(analysis.plan.curves)]
+    runs = labelled(analysis.curves[[*analysis.names, "seed", "step", "success"]])
     panels = [*frame.groupby("scenario", sort=False)]
+    kinds = {name: each.issuer.feedback.kind for name, each in analysis.experiment.scenarios.items()}
+    feedback = {name: f": {FEEDBACK.get(kind, kind)}" for name, kind in kinds.items()}
+    if len({*kinds.values()}) == 1:
+        feedback = {}
     n_columns = min(len(panels), _COLUMNS)
     n_rows = math.ceil(len(panels) / n_columns)
     with figure_of(n_rows, n_columns, (WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
@@ -145,10 +155,16 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
                 style, every = style_of(str(learner), analysis.experiment), max(len(curve) // _N_MARKERS, 1)
                 look = style | {"lw": 1.3, "ms": 4, "mec": style["color"], "mew": 1, "markevery": every}
                 sns.lineplot(curve, x="step", y="success", estimator=None, ax=axis, **look)
-                ends = curve["success_low"], curve["success_high"]  # exact, which seaborn's are not
-                axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
+                own = runs[(runs["scenario"] == scenario) & (runs["learner"] == learner)]
+                if own["seed"].nunique() < _FEW_RUNS:
+                    each = own.pivot(index="step", columns="seed", values="success")
+                    axis.plot(each, color=style["color"], alpha=0.35, lw=0.5)
+                else:
+                    ends = curve["success_low"], curve["success_high"]  # exact, which seaborn's are not
+                    axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
                 lines[learners[str(learner)].title] = curve["success"].iloc[-1], style
-            axis.set(title=str(scenario).replace(" under ", "\n").replace("/", "\n"))
+            title = str(scenario).replace(" under ", "\n").replace("/", "\n")
+            axis.set(title=title + feedback.get(str(scenario), ""))
             axis.set(xlim=(float(rows["step"].min()), float(rows["step"].max())))
             axis.xaxis.set_major_locator(MaxNLocator(3))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))
@@ -161,40 +177,50 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
 
 
 @tables.rliable.figure(
-    "Aggregates of the clipped score and, if there is a baseline, the probability that a run scores higher "
-    "than one of the first baseline; bars: 95 % intervals of a bootstrap within scenarios."
+    "Aggregates of success and of the clipped score and, if there is a baseline, the probability that a run "
+    "does better than one of the first baseline; bars: 95 % intervals of a bootstrap within scenarios. "
+    "Dotted: the score of giving up at once."
 )
 def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
-    """Draws a panel for each measure, unless there are several conditions."""
-    rows = labelled(table).sort_values("iqm", kind="stable")
-    rows = rows[rows["learner"].isin(analysis.plan.drawn)]
-    if "condition" in rows or rows.empty:
+    """Draws a row of panels for each endpoint, unless there are several conditions."""
+    frame = labelled(table)
+    frame = frame[frame["learner"].isin(analysis.plan.drawn)]
+    if "condition" in frame or frame.empty:
         return None
     labels, learners = COLUMNS["comparison_labels"], analysis.experiment.learners
-    measures = [name for name in (*tables.AGGREGATES, "p_improvement") if name in rows]
-    with figure_of(1, len(measures), (WIDTH, 0.3 * len(rows) + 1.2)) as (figure, axes):
-        for axis, key in zip(axes.flat, measures, strict=True):
-            for y, (_, row) in enumerate(rows.iterrows()):
-                style = style_of(row["learner"], analysis.experiment)
-                axis.plot([row[f"{key}_low"], row[f"{key}_high"]], [y, y], lw=3, color=style["color"])
-                axis.plot(row[key], y, ms=5, **{**style, "ls": ""})
-            axis.set(title="\n".join(labels.get(key, key).rsplit(" ", 1)), ylim=(-0.6, len(rows) - 0.4))
-            axis.set_yticks(range(len(rows)), [])
-            axis.xaxis.set_major_locator(MaxNLocator(2))
-            axis.margins(x=0.15)
-            axis.grid(lw=0.4, color="0.85")
-        axes[0, 0].set_yticklabels([fill(learners[name].title, 30) for name in rows["learner"]])
+    measures = [name for name in (*tables.AGGREGATES, "p_improvement") if name in frame]
+    names = [*frame[frame["endpoint"] == ENDPOINTS[0]].sort_values("mean", kind="stable")["learner"]]
+    with figure_of(2, len(measures), (WIDTH, 0.6 * len(names) + 2.0)) as (figure, axes):
+        for endpoint, line in zip(ENDPOINTS, axes, strict=True):
+            rows = frame[frame["endpoint"] == endpoint].set_index("learner").loc[names]
+            for axis, key in zip(line, measures, strict=True):
+                for y, (name, row) in enumerate(rows.iterrows()):
+                    style = style_of(str(name), analysis.experiment)
+                    axis.plot([row[f"{key}_low"], row[f"{key}_high"]], [y, y], lw=3, color=style["color"])
+                    axis.plot(row[key], y, ms=5, **{**style, "ls": ""})
+                level = rows["giving_up"].iloc[0]
+                if key in tables.AGGREGATES and not np.isnan(level):
+                    at = 1 - level if key == "optimality_gap" else level
+                    axis.axvline(at, color="0.35", lw=0.8, ls=":")
+                axis.set(title="\n".join(labels.get(key, key).rsplit(" ", 1)), ylim=(-0.6, len(rows) - 0.4))
+                axis.set_yticks(range(len(rows)), [])
+                axis.xaxis.set_major_locator(MaxNLocator(2))
+                axis.margins(x=0.15)
+                axis.grid(lw=0.4, color="0.85")
+            line[0].set_yticklabels([fill(learners[name].title, 30) for name in names])
+            line[0].set_ylabel(endpoint, fontweight="bold")
     return figure
 
 
 @drawing(
     "profiles",
     "performance profiles: the share of runs with a higher clipped score",
-    "Performance profiles: the share of runs whose clipped score is above a threshold; shade: 95 % interval.",
+    "Performance profiles: the share of runs whose clipped score is above a threshold; shade: 95 % interval. "
+    "Dotted: the score of giving up at once.",
 )
 def profiles(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the profiles of the learners that the outcome is about, unless there are several conditions."""
-    drawn = [(name, own) for _, name, own in analysis.scores if name in analysis.plan.drawn]
+    drawn = [(name, own) for _, name, own in analysis.matrices("score") if name in analysis.plan.drawn]
     if not drawn or "condition" in analysis.names:
         return None
     with figure_of(1, 1, (WIDTH, 3.6)) as (figure, axes):
@@ -205,6 +231,7 @@ def profiles(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure | None:
             title = fill(analysis.experiment.learners[name].title, 30, break_on_hyphens=False)
             axis.plot(_THRESHOLDS, shares, lw=1.3, ms=4, markevery=10, label=title, **style)
             axis.fill_between(_THRESHOLDS, *ends, color=style["color"], alpha=0.12, lw=0)
+        axis.axvline(tables.giving_up(analysis), color="0.35", lw=0.8, ls=":")
         axis.set(xlim=(0, 1), ylim=(-0.03, 1.03), xlabel="clipped score τ", ylabel="share of runs above τ")
         figure.legend(loc="outside lower center", ncols=3, fontsize="small")
     return figure

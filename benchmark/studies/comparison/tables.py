@@ -1,5 +1,6 @@
 """The tables of a comparison, and the sentence that says what it found."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -8,11 +9,12 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from agents.dynamic_programming import evaluate
 from agents.memoryless import SEARCH
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
 from benchmark.analysis.frames import KEYS, Floats, by_population, by_step, learned
 from benchmark.analysis.intervals import Estimate, proportion
-from benchmark.analysis.records import anchors
+from benchmark.analysis.records import anchors, unbounded_scores
 from benchmark.drawing.maps import in_words
 from benchmark.drawing.tables import link, write_csv
 from benchmark.execution.store import evaluated
@@ -21,7 +23,8 @@ from benchmark.studies import explorer
 from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis, Row, effort
 from benchmark.studies.comparison.contrasts import VERDICTS
 from benchmark.studies.item import COLUMNS, Item, expanded, no_rows, writing
-from envs import Model
+from envs import ACTIONS, Model
+from envs.model import PING
 from envs.observations import compile_seen
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
@@ -97,8 +100,8 @@ aggregate = _item(
 
 @_item(
     "rliable",
-    "the usual measures of deep RL: aggregates of the clipped score over runs and scenarios",
-    f"condition learner n {' '.join(AGGREGATES)} p_improvement",
+    "the usual measures of deep RL: aggregates of success and of the clipped score over runs and scenarios",
+    f"endpoint condition learner n {' '.join(AGGREGATES)} p_improvement",
     best="iqm",
 )
 def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
@@ -106,16 +109,30 @@ def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
     from rliable import metrics
 
     plan, measures = analysis.plan, [getattr(metrics, f"aggregate_{key}") for key in AGGREGATES]
-    baselines = {name: scores for _, name, scores in analysis.scores if name in plan.baseline[:1]}
-    for names, name, scores in analysis.scores:
-        row: Row = {**names, "n": len(scores)}
-        points, (low, high) = estimated(scores, lambda x: np.array([measure(x) for measure in measures]))
-        row |= {key: Estimate(points[i], low[i], high[i]) for i, key in enumerate(AGGREGATES)}
-        if name in plan.drawn and name not in baselines:
-            for baseline, others in baselines.items():
-                (point,), ((low,), (high,)) = estimated((scores, others), _improvement)
-                row |= {"p_improvement": Estimate(point, low, high), "over": baseline}
-        yield row
+    level = {"score": giving_up(analysis)} if analysis.is_pooled else {}
+    for endpoint in ENDPOINTS:
+        matrices = analysis.matrices(endpoint)
+        baselines = {name: values for _, name, values in matrices if name in plan.baseline[:1]}
+        for names, name, values in matrices:
+            row: Row = {"endpoint": endpoint, **names, "n": len(values)}
+            points, (low, high) = estimated(values, lambda x: np.array([measure(x) for measure in measures]))
+            row |= {key: Estimate(points[i], low[i], high[i]) for i, key in enumerate(AGGREGATES)}
+            row["giving_up"] = level.get(endpoint, math.nan)
+            if name in plan.drawn and name not in baselines:
+                for baseline, others in baselines.items():
+                    (point,), ((low,), (high,)) = estimated((values, others), _improvement)
+                    row |= {"p_improvement": Estimate(point, low, high), "over": baseline}
+            yield row
+
+
+def giving_up(analysis: ComparisonAnalysis) -> float:
+    """Returns the clipped score of an agent that does nothing but PING, mean over scenarios."""
+    horizon, scores = analysis.experiment.declared.horizon, []
+    for model in models_of(analysis).values():
+        policy = np.eye(len(ACTIONS))[np.full(model.n_observations, PING)]
+        found = evaluate(model, policy, horizon).grid_return
+        scores.append(np.clip(unbounded_scores(np.asarray(found), model, horizon, "start"), 0.0, 1.0))
+    return float(np.mean(scores))
 
 
 def _improvement(x: Floats, y: Floats) -> float:
