@@ -12,7 +12,15 @@ def finding(tables: Tables) -> Names:
     tables.claim(len(undecided) == 1, "one claim is undecided with 1,000 agents")
     broken = {"reading": "equal_pay", "claim": holding, "verdict": ["undecided", "does not hold"]}
     variability_of = {"claim": "variability-S2", "part": "S2/S1", "agents": 1000}
+    sets = tables.rows("claim_sets").drop_duplicates(["first_seed", "claim"])
+
+    def in_sets(verdict: str) -> str:
+        """Returns how many claims have a verdict: the fewest and the most of any set of agents."""
+        of_sets = (sets["verdict"] == verdict).groupby(sets["first_seed"]).sum()
+        return " to ".join(map(str, sorted({of_sets.min(), of_sets.max()})))
+
     return {
+        "in_sets": in_sets,
         "judged": lambda agents, verdict: tables.count("claims", "claim", agents=agents, verdict=verdict),
         "variability": tables.number("claims", "value", ".2f", **variability_of),
         "n_sets": tables.number("claims", "sets", "", **variability_of),

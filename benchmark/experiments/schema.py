@@ -197,9 +197,9 @@ class Grid(Changes):
 class Solved(Table):
     """When a run has solved its scenario.
 
-    It has solved it at the first evaluation from which exact success stays at or above a level until twice as
-    many steps, or to the end of the budget. If its algorithm can end early, a run ends once that is certain.
-    Only curves are recorded.
+    It has solved it at the first evaluation from which exact success stays at or above a level until the
+    first one at or after twice as many steps, or to the end of the budget. If its algorithm can end early, a
+    run ends once that is certain. Only curves are recorded.
     """
 
     omitted_at_default: ClassVar[Set[str]] = {"given_up_after", "levels"}

@@ -4,7 +4,8 @@ from benchmark.experiments.finding import Names, Tables
 
 TABLE, TILES = "watkins_q_lambda, index", "tile_coding, coordinates"
 OFFSET_TABLE, OFFSET_TILES = "watkins_q_lambda, offset", "tile_coding, offset_coordinates"
-REPLAY_TABLE, REPLAY_OFFSET_TILES = "replay_table, index", "replay_tiles, offset_coordinates"
+REPLAY_TABLE, REPLAY_OFFSET_TABLE = "replay_table, index", "replay_table, offset"
+REPLAY_OFFSET_TILES = "replay_tiles, offset_coordinates"
 PPO, DQN, OFFSET_PPO, OFFSET_DQN = (
     "ppo, centred",
     "dqn, coordinates",
@@ -29,13 +30,9 @@ def finding(tables: Tables) -> Names:
     default = effort["default"]
     claim(max(default[OFFSET_TABLE], default[OFFSET_TILES]) < float("inf"), "both learn with the defaults")
     claim((default[nets.index] == float("inf")).all(), "no net learns in all scenes with its defaults")
-    of_drawn = [
-        drawn[each] for each in (REPLAY_OFFSET_TILES, OFFSET_TILES, TILED_DQN, OFFSET_PPO, OFFSET_TABLE)
-    ]
-    claim(
-        of_drawn == sorted(of_drawn),
-        "without trial 0, nets given offsets come after tile coding, before a table",
-    )
+    rising = REPLAY_OFFSET_TILES, OFFSET_TILES, TILED_DQN, REPLAY_OFFSET_TABLE, OFFSET_PPO, OFFSET_TABLE
+    of_drawn = [drawn[each] for each in rising]
+    claim(of_drawn == sorted(of_drawn), "without trial 0, given offsets, learners have this order")
     given_cells = [
         (total[REPLAY_TABLE], total[PPO]),
         (drawn[REPLAY_TABLE], drawn[PPO]),

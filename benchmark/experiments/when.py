@@ -41,6 +41,8 @@ def finding(tables: Tables) -> Names:
     of_nets = tables.rows("contrasts", grid=_GRIDS, x=[*_CELLS["nets"], *_OFFSETS["nets"]])
     faster = of_nets[of_nets["verdict"] == "faster"]
     claim({*faster["y"]} <= {TABLE}, "nets learn faster than tables without replay only")
+    at_random = tables.values("cells", "unseen_budget", **_AT, learner=[TABLE, REPLAY_TABLE])
+    claim(len(at_random) == 1, "given cells, all tables act in new places as if untrained: at random")
     claim(tables.rows("levels")["reversed"].sum() == 0, "no verdict is reversed at other levels")
     factored = tables.rows("cells", **_AT, learner=["dqn, factored", FACTORED_PPO])
     claim(not factored["n_solved"].any(), "no net learns 64 places from one-hot rows and columns of cells")

@@ -19,8 +19,16 @@ _NETS: Final = [
     "ppo, offset_factored",
 ]
 _TILINGS: Final = ["tile_coding, coordinates", "tile_coding, offset_coordinates"]
-_ALONE: Final = "**New places:** "  # how a sentence on learners without onlookers begins
 _GRIDS: Final = ["places", "rooms", "feedback"]  # each point of the map once
+_PAPER: Final = "q_learning, index"
+_SB3: Final = ["sb3_dqn, one_hot", "sb3_ppo, one_hot"]
+_SHOWN: Final = {  # learners of the table, by what README calls them
+    _PAPER: "the paper's table",
+    "watkins_q_lambda, index": "Q(λ) table, tuned",
+    "tile_coding, coordinates": "tile coding, tuned",
+    _SB3[0]: "SB3's DQN, tuned",
+    _SB3[1]: "SB3's PPO, tuned",
+}
 
 
 def front(results: Path) -> str:
@@ -36,14 +44,7 @@ def front(results: Path) -> str:
         prose.written(Folder(results / name))  # also of those that README does not cite
     lookups = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
     with Folder(results / next(iter(PUBLISHED))).reading():
-        answer, others = (prose.SENTENCES.split(text(name)) for name in ("crowd", "when"))
-        alone = [each.removeprefix(_ALONE) for each in others if each.startswith(_ALONE)]
-        lookups["when"].claim(len(alone) == 1, "the answer has a sentence on new places")
-        names = {
-            **_names(lookups),
-            "answer": answer,
-            "alone": "".join(each[0].upper() + each[1:] for each in alone),
-        }
+        names = {**_compared(lookups["compare_deep"]), **_beyond(lookups)}
         template = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name)
         rendered = template.render(figure=figure, text=text, **names)
     if failed := [claim for each in lookups.values() for claim in each.failed]:
@@ -51,8 +52,39 @@ def front(results: Path) -> str:
     return rendered
 
 
-def _names(tables: Mapping[str, Tables]) -> Names:
-    """Checks what README claims, and returns the numbers that it names."""
+def _compared(tables: Tables) -> Names:
+    """Checks what README claims of the paper's scenarios, and returns what it names."""
+    summary, contrasts = tables.rows("summary"), tables.rows("contrasts")
+    sizes = summary[summary["learner"].isin(_SHOWN)].groupby("learner")["n"].unique().to_dict()
+    expected = {name: [30 if name in _SB3 else 100] for name in _SHOWN}
+    is_right = {name: [*sizes[name]] for name in _SHOWN} == expected
+    tables.claim(is_right and summary["budget"].eq(10_000).all(), "runs are as README says")
+    nets = contrasts[contrasts["x"].str.match("(?:sb3_)?(?:dqn|ppo),")]
+    verdicts = nets[nets["y"].isin([*_SHOWN][1:3])]["success_verdict"]
+    tables.claim("better" not in {*verdicts}, "no net is better than a tuned table or tile coding")
+    gap = tables.row("contrasts", x="q_learning_tuned, index", y=_PAPER)["success_verdict"]
+    tables.claim(gap == "better", "tuning makes the paper's table better")
+    defaults = tables.values("summary", "success", variant=["dqn_default", "sb3_dqn_default"])
+    tables.claim(defaults == {0.0}, "DQN never succeeds with its defaults")
+    success = summary.pivot(index="learner", columns="scenario", values="success")
+    tried = {*summary[summary["learner"].isin([*_SHOWN][1:])]["settings_tried"]}
+    tables.claim(len(tried) == 1, "all had equally many trials")
+    verdict = contrasts.set_index(["x", "y"])["success_verdict"]
+
+    def later(x: str, scenario: str) -> str:
+        """Returns how a net compares with the paper's table in a scenario."""
+        found = verdict[f"{x} @ {scenario}", f"{_PAPER} @ {scenario}"]
+        return f"is {found} {'than' if found in ('better', 'worse') else 'against'} the paper's table"
+
+    return {
+        "successes": {title: [f"{n:.2f}" for n in success.loc[name]] for name, title in _SHOWN.items()},
+        "n_tried": tried.pop() + 1,
+        "later": later,
+    }
+
+
+def _beyond(tables: Mapping[str, Tables]) -> Names:
+    """Checks what README claims of other scenes and of compiled nets, and returns what it names."""
     when, groups, equivalence = (tables[name] for name in ("when", "groups", "equivalence"))
     verdicts = equivalence.rows("contrasts")["success_verdict"]
     is_small = equivalence.values("contrasts", "success_margin") == {0.15}
@@ -64,6 +96,7 @@ def _names(tables: Mapping[str, Tables]) -> Names:
     for each, rows in ((when, contrasts), (groups, people)):
         are_known = {*rows["verdict"]} <= {"slower", "undecided"}
         each.claim(are_known, "all contrasts of nets with tile coding are slower or undecided")
+        each.claim((rows["faster"] <= 0.5).all(), "no net wins more than half of the pairs")
     return {
         "n_equivalent": verdicts.eq("equivalent").sum(),
         "n_undecided": verdicts.eq("undecided").sum(),

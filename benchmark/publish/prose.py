@@ -24,7 +24,6 @@ from benchmark.publish.templates import mistakes_in, rendered
 from envs import InputError
 from envs.words import listed
 
-SENTENCES: Final = re.compile(r"(?<=\.) (?=[A-Z*])")  # where one ends
 _TITLE: Final = re.compile(r"^\*\*(.+?)\.\*\* ", re.MULTILINE)
 
 

@@ -1,4 +1,4 @@
-"""Writes the page: one HTML file with the answer, the explorer and every report, made of published files.
+"""Writes the page: one HTML file with every report and the explorer, made of published files.
 
 Nothing is computed here, so no run is needed. A report has the same document as its README, with a figure or
 a sortable table in the place of every item. Every number is an entry of a CSV file beside the page, and links
@@ -29,7 +29,7 @@ from benchmark.drawing.style import in_dark, learner_style, svg
 from benchmark.drawing.tables import inert, local_only, plain
 from benchmark.experiments import PUBLISHED
 from benchmark.folder import MANIFEST, Folder
-from benchmark.publish import files, prose, sameness
+from benchmark.publish import files, sameness
 from benchmark.publish.document import SPEED, Document, document_of, templates_in
 from benchmark.studies import AnyItem, AnyStudy, explorer
 from envs import InputError
@@ -139,21 +139,15 @@ class _Part:
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
         headline = (document.headline or "").split("\n\n")
-        # The report's lead comes first. If it stands beside the answer, the next one leads the report.
         drawn = [item for item in document.items if self.folder.figure(item.name)]
         drawn.sort(key=lambda item: item.name != document.lead)
-        answer: list[str] = []
-        if self.prefix and self.name == next(iter(PUBLISHED)):  # the page opens with its finding, as written
-            with suppress(prose.ClaimError):  # on another type of processor, nets learn differently
-                if prose.written(self.folder, document.finding) is not None:
-                    answer = prose.SENTENCES.split(headline.pop(0))
-        top, lead = ([*drawn, None] if answer else [None, *drawn, None])[:2]
+        lead = drawn[0] if drawn else None
 
         def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
             # A folded item with a table is shown without its figure, since figures make the page large.
-            has_figure = item in drawn and item not in (top, lead) and not (table and is_folded)
+            has_figure = item in drawn and item is not lead and not (table and is_folded)
             shown = {"item": item, "table": table, "is_folded": is_folded}
             shown |= {"figure": self._figure(item) if has_figure else None}
             source = f"{self.prefix}{item.name}.csv"
@@ -165,8 +159,6 @@ class _Part:
             "name": self.name,
             "id": f"report-{self.name}",  # no other part has an id that begins so
             "question": document.question,
-            "answer": [self.inline(sentence) for sentence in answer],
-            "top": self._figure(top) if top is not None else None,
             "headline": [self.inline(text) for text in headline if text],
             "map": self._map(),
             "lead": self._figure(lead) if lead is not None else None,
@@ -273,13 +265,16 @@ def _render(parts: Sequence[_Part]) -> str:
                 explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
             for name, declared in part.folder.manifest["scenarios"].items() if part.is_whole else ():
                 scenarios[name] = part.inline(inert(declared["description"]))
-    first = parts[0].folder.manifest
+    first, horizons = (
+        parts[0].folder.manifest,
+        {part.folder.manifest.get("horizon") for part in parts if part.is_whole},
+    )
     with parts[0].folder.reading():
         return templates.get_template("page.html").render(
             reports=reports,
             is_own=not parts[0].prefix,
             scenarios=scenarios,
-            horizon=first.get("horizon"),
+            horizon=horizons.pop() if len(horizons) == 1 else None,
             agents=explored,
             command="make report" if len(parts) > 1 else first["command"],
             version=__version__,

@@ -28,7 +28,7 @@ def headline(folder: Folder) -> str:
             sides = " compared with ".join(inert(folder.phrase(row[side])) for side in "xy")
             parts.append(f"{sides}: {', '.join(counts)}")
         sentences.append(f"In {unit}, {'; '.join(parts)}.")
-    until = f"until exact success stays at or above {level} for as long again, in the grid `{grid}`"
+    until = f"until they have learned (success at or above {level}), in the grid `{grid}`"
     return " ".join([f"Contrasts compare what runs need {until}.", *sentences])
 
 

@@ -63,7 +63,8 @@ Point = tuple[str, str]  # a grid and a point of it; a gap between grids has emp
     "the answer: at one point, the steps that learners need, and their success in unseen places",
     "Median steps until a run has learned, on a logarithmic scale, and mean success after all steps of "
     "training with the person in places that did not occur in it. Bands: 95 % intervals; thin lines: from "
-    "the fastest to the slowest pick of settings; hollow, at the budget: most runs never learn.",
+    "the fastest to the slowest pick of settings; hollow, at the budget: at least half of the runs never "
+    "learn.",
 )
 def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the declared point, if there is one, with a row for each learner and for each heading."""
@@ -108,7 +109,7 @@ def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
 
 
 def _draw_row(axis: Axes, y: int, row: pd.Series, column: str, style: Mapping[str, Any]) -> None:
-    """Draws a value with its interval, hollow if most runs never learn, and writes the value on the right."""
+    """Draws a value with its interval, hollow if half of the runs never learn, and writes it on the right."""
     ends, colour, number = row.filter(like=column), style["color"], row[column]
     text = f"{number:.2f}"
     if column == "steps":
@@ -135,7 +136,7 @@ def _set_texts(figure: Figure, size: float) -> None:
     "map",
     "the map: steps that learners need, and success in unseen places if a panel shows it",
     "Median steps of each learner until a run has learned, or mean success in unseen places after all steps "
-    "of training, as the axis says, with 95 % intervals; hollow: most runs never learn.",
+    "of training, as the axis says, with 95 % intervals; hollow: at least half of the runs never learn.",
 )
 def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     """Draws the panels."""
@@ -230,9 +231,10 @@ def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
 def _draw_curve(
     axis: Axes, panel: Panel, name: str, rows: pd.DataFrame, shift: float, experiment: Experiment
 ) -> Annotation:
-    """Draws a learner's curve, with hollow markers where most runs never learn; returns its name.
+    """Draws a learner's curve; returns its name.
 
-    It is shifted by some points, so that intervals do not cover each other.
+    Markers are hollow where at least half of the runs never learn. It is shifted by some points, so that
+    intervals do not cover each other.
     """
     style, at, column = style_of(name, experiment), rows["at"].to_numpy(), _COLUMN_OF[panel.shows]
     title = panel.names.get(name, experiment.learners[name].title)
@@ -349,7 +351,7 @@ def _sign(contrast: Contrast) -> tuple[str, float]:
     logarithm = float(np.log(contrast.ratios["steps"].value))
     if verdict not in (FASTER, SLOWER) or np.isnan(logarithm):
         return _SIGN_OF[verdict], np.nan
-    # Where most runs of a side never learn, the ratio is a bound.
+    # Where at least half of the runs of a side never learn, the ratio is a bound.
     bound = "≥" * any(np.isinf(np.median(runs["steps"][:n])) for runs in contrast.learned)
     text = bound + two_digits(np.exp(abs(logarithm)))
     return text, float(np.clip(logarithm, -_MAX_RATIO, _MAX_RATIO))

@@ -115,8 +115,9 @@ def by_pick(values: Numbers, *populations: Population) -> list[Numbers]:
 def ratio(x: Runs, y: Runs, n: int, unit: str) -> Estimate:
     """Returns the median of y divided by that of x, over n pairs of runs, see `until_learned`.
 
-    Where most runs never learn, what they spend within the budget counts, so the ratio is a bound. It is NaN
-    if this holds for both learners, or if a median is 0. The 95 % interval comes from resampling pairs.
+    Where at least half of the runs never learn, what they spend within the budget counts, so the ratio is
+    a bound. It is NaN if this holds for both learners, or if a median is 0. The 95 % interval comes from
+    resampling pairs.
     """
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])

@@ -1,6 +1,5 @@
-"""The page of the published results: its list, answer, numbers and map."""
+"""The page of the published results: its list, contents, numbers and map."""
 
-import html
 import re
 import shutil
 from collections import Counter
@@ -8,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.drawing.tables import plain
 from benchmark.experiments import PUBLISHED
 from benchmark.folder import Folder
-from benchmark.publish import prose
 from benchmark.publish.document import SPEED, document_of
 from benchmark.publish.page import build
 from tests.benchmark.publish.page.conftest import Open, Opened
@@ -34,19 +31,13 @@ def test_every_published_experiment_has_its_own_question(published: Path) -> Non
     assert len({*asked}) == len(asked)
 
 
-def test_answer_needs_the_runs_that_give_it(published: Path, tmp_path: Path) -> None:
+def test_contents_lead_to_all_reports_in_the_order_of_readme(published: Path) -> None:
     page = Page(published / "index.html")
-    answer = html.unescape(plain(str(prose.written(Folder(published / "crowd"))).partition("\n\n")[0]))
-    answer = answer.replace("*", "")
-    listed = re.findall(r"<li>(.*?)</li>", page.source.partition('class="answer"')[2].partition("</ul>")[0])
-    assert re.sub("<.*?>", "", " ".join(listed)) == answer
     names = [f"report-{name}" for name in (*PUBLISHED, SPEED)]
+    assert names[:3] == ["report-reproduce", "report-compare_deep", "report-when"]
     assert [value for name, value in page.attributes if name == "id" and value in names] == names
-    shutil.copytree(published / "crowd", tmp_path / "crowd")
-    cells = (tmp_path / "crowd" / "contrasts.csv").read_text(encoding="utf-8")
-    (tmp_path / "crowd" / "contrasts.csv").write_text(cells.replace(",faster", ",slower"), encoding="utf-8")
-    reseal(tmp_path / "crowd")
-    assert 'class="answer"' not in build.write(tmp_path).read_text(encoding="utf-8")
+    listed = page.source.partition('class="contents"')[2].partition("</ul>")[0]
+    assert re.findall(r'href="#(.*?)"', listed) == [*names[:2], "explorer", *names[2:]]
 
 
 def test_an_experiment_may_be_called_as_a_part_of_the_page(published: Path, tmp_path: Path) -> None:
@@ -66,7 +57,7 @@ def test_links_and_numbers(published: Path) -> None:
 def test_without_javascript_there_is_no_map(open_page: Open, published: Path) -> None:
     opened = open_page(published, java_script_enabled=False)
     assert not opened.page.locator("#map").is_visible()
-    assert opened.page.locator("#finding img").is_visible()
+    assert opened.page.locator("#report-compare_deep > figure img").is_visible()  # curves
 
 
 def box_of(opened: Opened, selector: str) -> dict[str, float]:
@@ -79,13 +70,15 @@ def box_of(opened: Opened, selector: str) -> dict[str, float]:
 def test_published_page_answers_at_once_and_is_short(open_page: Open, published: Path) -> None:
     opened = open_page(published, viewport={"width": 1366, "height": 768})
     opened.wait_until("performance.getEntriesByName('first-contentful-paint').length")
-    boxes = [box_of(opened, part) for part in ("nav", "h1", ".answer li:nth-child(3)", "#finding img")]
+    boxes = [box_of(opened, part) for part in ("nav", "h1", ".contents li:nth-child(3)")]
     assert boxes[0]["y"] < boxes[1]["y"] < boxes[2]["y"]
     assert all(0 <= box["x"] <= box["x"] + box["width"] <= 1366 for box in boxes)
     assert all(box["y"] + box["height"] <= 768 for box in boxes)
     assert opened.page.evaluate("document.documentElement.scrollHeight") < 15_000
     # No two headings are the same, for who moves from one to the next.
-    headings = opened.page.locator("#finding, #results").locator("h1, h2, h3, h4, h5").all_text_contents()
+    headings = (
+        opened.page.locator("#finding, #results, #more").locator("h1, h2, h3, h4, h5").all_text_contents()
+    )
     assert [name for name, n in Counter(map(str.strip, headings)).items() if n > 1] == []
     # The explorer opens with a table and a net that succeed, films of their training, and all views.
     for side, family in (("left", "table"), ("right", "DQN|PPO")):

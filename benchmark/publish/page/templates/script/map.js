@@ -158,7 +158,7 @@ if (box) {
       last = Math.max(end.y, last + 15);
       image.append(drawn("text", { x: PLOT + 10, y: last + 4, style: "fill: var(--ink)" }, looks[end.name].name));
     }
-    return element("figure", {}, image, element("figcaption", {}, `${title} Hollow, at the top: most runs never learn within the budget${kind === "steps" ? `, ${grouped(Number(rows[0].budget))} steps` : ""}.`));
+    return element("figure", {}, image, element("figcaption", {}, `${title} Hollow, at the top: at least half of the runs never learn within the budget${kind === "steps" ? `, ${grouped(Number(rows[0].budget))} steps` : ""}.`));
   }
 
   begin();
