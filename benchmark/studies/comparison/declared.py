@@ -98,11 +98,11 @@ def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
         baseline = tuple(name for name, family in own.items() if nets and family in ("tabular", "linear"))
         contrasts = tuple(product(nets, baseline))
     pairs = [_pair(experiment, f"contrasts.{i}", x, y) for i, (x, y) in enumerate(contrasts)]
-    several = experiment.scenarios if len(experiment.scenarios) > 1 else ()
+    is_pooled = declared.pool == "scenarios" and len(experiment.scenarios) > 1
     later = [
         _pair(experiment, f"later.{i}", x + where, y + where)
         for i, (x, y) in enumerate(declared.later)
-        for where in ("", *(f" @ {name}" for name in several))
+        for where in ("", *(f" @ {name}" for name in experiment.scenarios if is_pooled))
     ]
     compared = dict.fromkeys(x for x, y in contrasts if y in baseline and x not in baseline)
     decisive = [name for name in compared if every[name].family == "deep"]

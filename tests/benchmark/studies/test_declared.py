@@ -115,6 +115,9 @@ PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["inde
             ["report.contrasts", "net, one_hot", "other, index"],
         ),
         ("margins = { success = 0.0 }", ["margins.success", "0.0"]),
+        ('curves = ["net, one-hot"]', ["report.curves", "net, one-hot", "net, one_hot"]),
+        (f"contrasts = [{CONTRAST}]\nlater = [{CONTRAST}]", ["report.contrasts: ", "is named twice"]),
+        ('later = [["net, one_hot @ S1", "table, index @ S1"]]', ["report.later.0", "at most one scenario"]),
         (
             'contrasts = [["net, one_hot @ S1", "table, index @ S1"], '
             '["S1 @ table, index", "S1 @ net, one_hot"]]',

@@ -16,10 +16,12 @@ from agents.dynamic_programming import from_starts, solve
 from benchmark.analysis.records import Records, anchors
 from benchmark.drawing.tables import plain
 from benchmark.studies.comparison.contrasts import VERDICTS
+from benchmark.studies.comparison.figures import draw_curves
 from envs import compile_scenario, load_scenario
 from tests.benchmark.studies.made import Cell, Made, analysis_of, compared, item, table
 
 NEVER = math.inf
+FEW = {"few": 19, "many": 20, "hidden": 20}  # runs of learners
 
 
 def test_steps_count_from_the_last_evaluation_below_enough() -> None:
@@ -70,30 +72,58 @@ def test_aggregates_by_a_second_method() -> None:
 
 def test_usual_measures_by_a_second_method() -> None:
     rng = np.random.default_rng(0)
-    scores = {name: rng.uniform(0.0, high, (3, 12)) for name, high in (("table", 0.8), ("net", 1.0))}
+    drawn = {name: rng.uniform(0.0, high, (2, 3, 12)) for name, high in (("table", 0.8), ("net", 1.0))}
     cells = [
-        Cell(name, np.zeros(12), scenario, "deep" if name == "net" else "tabular", score=scores[name][i])
+        Cell(name, success[i], scenario, "deep" if name == "net" else "tabular", score=score[i])
         for i, scenario in enumerate(("S1", "S2", "S3"))
-        for name in scores
+        for name, (success, score) in drawn.items()
     ]
     analysis = analysis_of(cells, [("net", "table")], baseline=("table",))
     state: Any = np.random.get_state()  # noqa: NPY002
-    frame = table("rliable", analysis).set_index("variant")
+    whole = table("rliable", analysis)
     after: Any = np.random.get_state()  # noqa: NPY002
     assert state[2] == after[2]
-    pd.testing.assert_frame_equal(frame, table("rliable", analysis).set_index("variant"))
-    for name, values in scores.items():
-        row: Any = frame.loc[name]
+    pd.testing.assert_frame_equal(whole, table("rliable", analysis))
+    for (endpoint, name), row in whole.set_index(["endpoint", "variant"]).iterrows():
+        values = drawn[name][["success", "score"].index(endpoint)]
         means = values.mean(axis=1)
         expected = [stats.trim_mean(values.ravel(), 0.25), np.median(means), values.mean(), 1 - values.mean()]
         assert row[["iqm", "median", "mean", "optimality_gap"]].tolist() == pytest.approx(expected)
         error = 1.96 * np.sqrt(values.var(axis=1).mean() / 12 / 3)  # of strata with 12 runs each
         ends = [row["mean"] - error, row["mean"] + error]
         assert [row["mean_low"], row["mean_high"]] == pytest.approx(ends, abs=0.01)
-    x, y = scores["net"].T, scores["table"].T
-    assert frame.loc["net", "p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
-    assert frame.loc["net", "over"] == "table, index"
-    assert frame["p_improvement"].isna().to_dict() == {"table": True, "net": False}
+    assert whole["endpoint"].tolist() == ["success"] * 2 + ["score"] * 2
+    for i, (_, frame) in enumerate(whole.groupby("endpoint", sort=False)):
+        frame, x, y = frame.set_index("variant"), drawn["net"][i].T, drawn["table"][i].T
+        assert frame.loc["net", "p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
+        assert frame.loc["net", "over"] == "table, index"
+        assert frame["p_improvement"].isna().to_dict() == {"table": True, "net": False}
+
+
+def test_few_runs_are_drawn_one_by_one_since_their_interval_would_hide_them() -> None:
+    cells = [Cell(name, np.ones((n, 5)), scenario) for scenario in ("S1", "S2") for name, n in FEW.items()]
+    analysis = analysis_of(cells, curves=("few, index", "many, index"))
+    figure = draw_curves(analysis, table("curves", analysis))
+    assert figure is not None
+    first, last = figure.axes
+    assert first.get_title() == "S1: no feedback"
+    assert len(first.lines) == len(FEW) - 1 + FEW["few"]  # means of those named, and runs
+    (shade,) = first.collections  # of the other
+    low = shade.get_paths()[0].vertices[:, 1].min()  # type: ignore[union-attr]
+    assert low == pytest.approx(0.025 ** (1 / FEW["many"]))
+    names = [text.get_text().replace("\n", " ") for text in last.texts]
+    assert [name.partition(" ")[0] for name in names] == ["few", "many"]
+
+
+def test_giving_up_at_once_has_a_score_of_its_own() -> None:
+    """Five wrong PINGs where it starts: a return of 4 * -0.4 - 1.0, on a scale from the random policy to 0."""
+    cells = [Cell("a", np.ones(2), scenario) for scenario in ("S1", "S3")]
+    random, optimal = anchors(compile_scenario(load_scenario("S1")), 200, "start")
+    assert optimal == pytest.approx(0.0)
+    level = table("rliable", analysis_of(cells)).set_index("endpoint")["giving_up"]
+    assert level["score"] == pytest.approx((-2.6 - random) / (0.0 - random), abs=1e-6)
+    assert level["score"] == pytest.approx(0.43, abs=0.005)
+    assert np.isnan(level["success"])
 
 
 def test_scenarios_are_compared_by_hand() -> None:

@@ -331,7 +331,8 @@ def test_runs_are_compared_by_how_early_they_learn(tmp_path: Path) -> None:
     assert {"earliness", "fresh_earliness"} < {*trials}
     assert trials["fresh_earliness"].max() == pytest.approx(chosen["chosen"].max(), abs=1e-5)
     text = (tmp_path / "early" / "README.md").read_text(encoding="utf-8")
-    assert "stays at or above 0.5 from then until step 2*s* or the end" in " ".join(text.split())
+    rule = "at or above 0.5 at every evaluation from step *s* to the first one at or after step 2*s*"
+    assert rule in " ".join(text.split())
     assert "area" not in {*frame, *trials, *text.split()}
 
 

@@ -340,6 +340,21 @@ def test_nets_are_contrasted_with_learners_of_the_same_input_beside_the_declared
     assert compared({"table": WEAK, **beside}, baseline=["table"]).same_input == []
 
 
+def test_later_contrasts_are_adjusted_among_themselves_over_all_scenarios_and_in_each() -> None:
+    learners = {"table": WEAK, "net": WINNER, "other": Made("deep", 0.4)}
+    later = (("other, index", "table, index"),)
+    alone = compared(learners, [("net", "table")], ["table"])
+    analysis = compared(learners, [("net", "table")], ["table"], later=later)
+    *added, declared = analysis.contrasts
+    assert declared == alone.contrasts[0]
+    assert [row["x"] for row in added] == ["other, index", *(f"other, index @ S{i}" for i in (1, 2, 3))]
+    assert {row["declared"] for row in added} == {"later"}
+    means = [Means([0.4] * n, [100] * n) for n in (3, 1, 1, 1)]
+    raw = [contrast(x, Means([0.3] * len(x.means), x.sizes), 0.1).p_different for x in means]
+    assert [row["success_p_different"] for row in added] == pytest.approx(holm(raw))
+    assert outcomes(analysis) == outcomes(alone)  # which later contrasts do not change
+
+
 def test_the_document_names_the_fewest_runs() -> None:
     rules = comparison.STUDY.document.read_text(encoding="utf-8")
     assert f"fewer than {FEWEST_RUNS} runs" in rules
