@@ -67,7 +67,7 @@ def headline(folder: Folder) -> str | None:
 
 STUDY: Final = Study(
     name="replication",
-    question="Learning from disagreement how close is too close",
+    question="Which of the paper's claims hold?",
     declared=Declared,
     check=check,
     analyse=analyse,

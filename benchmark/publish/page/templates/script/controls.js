@@ -38,13 +38,15 @@ function refresh() {
 }
 
 // The first agent that walks to success and whose training can be played, and beside it the first such agent
-// of the same scenario and experiment; one of the two is a net, if possible. Success outranks training.
+// of the same scenario and experiment; one of the two is a net, if an experiment has one. Success outranks training.
 function firstPair() {
   const isNet = (agent) => agent.family === "deep";
   const walked = (agent) => new Walk(agent, agent.steps.length - 1, agent.room.starts[0]).finish().at(-1)?.event;
   const ranks = new Map(agents.map((agent) => [agent, 2 * (walked(agent) === "target_ping") + (agent.timeline.length > 1)]));
   const best = (among) => among.reduce((found, agent) => (ranks.get(agent) > ranks.get(found) ? agent : found), among[0]);
-  const left = best(agents);
+  const withNets = new Set(agents.filter(isNet).map(({ experiment }) => experiment));
+  const paired = agents.filter(({ experiment }) => withNets.has(experiment));
+  const left = best(paired.length ? paired : agents);
   const there = agents.filter(({ scenario, experiment }) => scenario === left.scenario && experiment === left.experiment);
   return [left, best(there.filter((agent) => isNet(agent) !== isNet(left))) ?? there.at(-1)];
 }
