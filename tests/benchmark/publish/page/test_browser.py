@@ -147,7 +147,7 @@ def test_address_is_followed_as_far_as_it_goes(open_page: Open) -> None:
     opened.page.evaluate(
         "location.hash = '#explorer=room.ppo.one_hot.nowhere~room.dqn.coordinates.reproduce'"
     )
-    said.get_by_text("The experiment is now compare_deep: there is no nowhere here.").wait_for()
+    said.get_by_text("The experiment is now reproduce: there is no nowhere here.").wait_for()
     for side in ("left", "right"):  # without values there is one view, and a reason
         opened.panel(side, "select[name=seed]").select_option("1")
     assert opened.page.locator("#shown option:enabled").all_inner_texts() == ["greedy policy: is it optimal?"]
@@ -219,7 +219,7 @@ def test_without_javascript_all_but_the_explorer_is_there(open_page: Open) -> No
     for summary in opened.page.get_by_text("Details, figures and tables").all():
         summary.click()
     text = opened.page.locator("body").inner_text()
-    assert "how close is too close" in text
+    assert "how close is close enough" in text
     assert "The explorer needs JavaScript" in text
     assert opened.page.locator("table:visible").count() == 3
     assert opened.page.locator("img:visible").count() == 4
