@@ -158,7 +158,7 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
                 own = runs[(runs["scenario"] == scenario) & (runs["learner"] == learner)]
                 if own["seed"].nunique() < _FEW_RUNS:
                     each = own.pivot(index="step", columns="seed", values="success")
-                    axis.plot(each, color=style["color"], alpha=0.35, lw=0.5)
+                    axis.plot(each, color=style["color"], alpha=0.12, lw=0.7)
                 else:
                     ends = curve["success_low"], curve["success_high"]  # exact, which seaborn's are not
                     axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
