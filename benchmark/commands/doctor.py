@@ -121,7 +121,7 @@ def _experiment(experiment: Experiment, options: argparse.Namespace) -> Iterator
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing")
     folder = options.results / Path(options.experiment).stem
     stage = " for the first stage" if report_of(experiment).study.stages is not None else ""
-    how_long, _ = estimate(missing, folder, min(options.jobs, usable_cores()))
+    how_long, *_ = estimate(missing, folder, min(options.jobs, usable_cores()))
     yield _finding("time", f"{how_long}{stage}")
     free = shutil.disk_usage(_existing(options.results)).free
     size = sum(run.record_size for run in missing)  # before compression

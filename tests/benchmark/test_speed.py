@@ -43,8 +43,8 @@ def test_the_best_turn_counts_and_by_cpu_time_all_of_a_few_but_never_the_first(
     assert frame["baseline"].tolist() == [4, 2]
     assert frame["ratio"].tolist() == [1.5, 4]
     lines = capsys.readouterr().err.splitlines()
-    # 2 of 22 turns have taken 99.1 s.
-    assert lines[0] == "by turns, alternative, turn 1: 2 of 22 done, about 17 minutes left"
+    # After the first of 22 turns, another has taken 99 s.
+    assert lines[0] == "by turns, alternative, turn 1: 2 of 22 done, about 33 minutes left"
     assert lines[-1] == "by turns, alternative, turn 6: 22 of 22 done"
 
 
