@@ -58,7 +58,7 @@ class Schedule:
         return np.isin(np.array(self.evaluation_steps, dtype=np.int64), self.map_steps)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Training:
     """What training N agents returns; subclasses may add fields, whose first axis is N."""
 
@@ -83,7 +83,7 @@ class Training:
     """(N,) the first evaluation step whose policy was not finite, or -1; it then counts as random."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class DeepTraining(Training):
     """What training N nets returns in addition."""
 

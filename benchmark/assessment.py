@@ -85,7 +85,7 @@ class Assessment:
         published = _published(self.scenario, self.results)
         return None if published is None else standing_of(self.success, self.score, published)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         exact, name = self.evaluation, self.model.scenario.name
         below = ""
         if self.unbounded_score < 0:

@@ -89,6 +89,9 @@ class Model:
     zone: NDArray[np.int8]  # (S,) index into ZONES
     derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)  # kept with it
 
+    def __repr__(self) -> str:
+        return f"<Model of {self.scenario.name}>"
+
     def __reduce__(self) -> tuple[Callable[[Scenario], "Model"], tuple[Scenario]]:
         """Pickles only the scenario, from which the model is compiled again."""
         return compile_scenario, (self.scenario,)

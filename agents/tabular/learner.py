@@ -110,7 +110,7 @@ class TabularTraceSettings(TraceSettings, Settings):
     """The settings of a tabular learner with eligibility traces."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TabularTraining(Training):
     """What training N agents returns in addition to the fields that every algorithm has; R records."""
 

@@ -128,7 +128,7 @@ class Population:
         return [self.firsts[self.pick_of(s)].with_seed(s) for s in (self.seeds if seeds is None else seeds)]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Experiment:
     """A declared set of runs: populations of every condition, scenario and learner, each with its seeds."""
 

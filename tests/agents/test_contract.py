@@ -52,6 +52,14 @@ def test_schedules_know_which_steps_are_mapped() -> None:
     assert Schedule(5).is_mapped.shape == (0,)
 
 
+def test_a_notebook_shows_no_arrays_of_trainings() -> None:
+    deep = DeepTraining(**vars(TRAINING), weights=np.zeros((2, 32), np.uint8))
+    algorithm = load_algorithm("q_learning")
+    settings = algorithm.settings(budget=30)
+    tabular = algorithm.train(MODEL, settings, "index", [np.random.SeedSequence(0)], SCHEDULE)
+    assert not any("array" in repr(training) for training in (TRAINING, deep, tabular))
+
+
 def test_trainings_that_keep_the_contract_pass() -> None:
     check_training(TRAINING, MODEL, 2, SCHEDULE)
     probabilities = np.full((2, 3, 120, 5), 0.2)

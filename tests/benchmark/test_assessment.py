@@ -45,6 +45,7 @@ def test_scores_of_the_optimal_the_random_and_a_worse_policy() -> None:
     worse = assess(
         lambda o: 3 if o[1] < 0.4 else 1 if o[0] < 0.9 else 0, scenario="S1", observation="coordinates"
     )
+    assert repr(worse) == str(worse)  # what a notebook shows
     text = str(worse).splitlines()
     assert text[1].startswith("  success ")
     assert "is below a random policy's, -" in text[3]

@@ -41,8 +41,9 @@ def test_fresh_states_have_no_wrong_ping() -> None:
     assert wrong.sum() == 12 * 13 - 16 - 1  # every cell but the target region's and the issuer's
 
 
-def test_models_are_shared_read_only_and_pickle_small() -> None:
+def test_models_are_shared_read_only_and_pickle_and_print_small() -> None:
     model = compile_scenario(load_scenario("S1"))
+    assert repr(model) == "<Model of S1>"
     assert compile_scenario(load_scenario("S1")) is model
     with pytest.raises(ValueError, match="read-only"):
         model.grid_reward[0, 0] = 1.0

@@ -77,6 +77,10 @@ def test_reproduce_declares_what_the_paper_says() -> None:
     assert len(all_specifications(experiment)) == 3 * 1000 + 6 * 3 * 100 + 2 * 100
 
 
+def test_a_notebook_shows_no_list_of_runs() -> None:
+    assert len(repr(SMALL)) < 100
+
+
 def test_runs_of_a_population_share_its_identity() -> None:
     first, second = specifications(SMALL, "default", "S1", "q_learning", "index", [7, 8])
     alone = specifications(SMALL, "default", "S1", "q_learning", "index", [8])[0]
