@@ -40,7 +40,7 @@ except BaseException as error:  # imports take a second
 
 _EPILOG = """\
 examples:
-  python -m benchmark list                         experiments and their stored runs, scenarios, algorithms
+  python -m benchmark list                         scenarios, algorithms, experiments
   python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
   python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
@@ -159,7 +159,8 @@ def _parser() -> argparse.ArgumentParser:
         _add(sub, "--results", "DIR", about, Path, default=results)
         return sub
 
-    command("list", "show scenarios, algorithms and experiments, and how many runs are stored")
+    about = "show scenarios, algorithms and experiments"
+    commands.add_parser("list", help=about, description=f"{about.capitalize()}.").set_defaults(command="list")
 
     run = command("run", "execute the missing runs of an experiment")
     _add(run, "experiment", "EXPERIMENT", named)

@@ -74,6 +74,7 @@ from benchmark.publish import draw
 all_specifications(load_experiment('compare_deep'))""",
             {"torch", "stable_baselines3", "rliable"},
         ),
+        ("from benchmark.__main__ import main; main(['list'])", {"torch", "pandas", "matplotlib"}),
     ],
 )
 def test_packages_are_loaded_only_when_they_are_needed(code: str, not_loaded: set[str]) -> None:

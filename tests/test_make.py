@@ -76,7 +76,7 @@ def test_seeds_are_passed_on_or_refused(target: str) -> None:
 
 
 def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("list", "run", "report", "verify", "watch", "assess", "doctor", "speed"):
+    for name in ("run", "report", "verify", "watch", "assess", "doctor", "speed"):
         with pytest.raises(SystemExit) as ended:
             main([name, "--help"])
         assert ended.value.code == 0

@@ -13,6 +13,7 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution.store import Store
+from benchmark.experiments import schema
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
 from tests.support import ROOT, mistyped_columns
@@ -129,11 +130,16 @@ def test_read_only_archive_is_verified(results: Path, capsys: pytest.CaptureFixt
     assert "problems found" not in said
 
 
-def test_list_tells_what_is_done(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["list", "--results", str(results)]) == 0
+def test_list_describes_everything(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    description = schema.read_experiment("reproduce")[0].description
+    shutil.copy(schema.EXPERIMENT_DIRECTORY / "reproduce.toml", tmp_path)
+    (tmp_path / "mine.toml").write_text('descripton = "Mine."', encoding="utf-8")
+    monkeypatch.setattr(schema, "EXPERIMENT_DIRECTORY", tmp_path)
+    assert main(["list"]) == 0
     listed = capsys.readouterr().out
-    assert re.search(r"reproduce_smoke +156 of 156 runs done", listed)
-    assert re.search(r"reproduce +0 of 5000 runs done", listed)
+    assert f"  reproduce                {description}\n" in listed
     assert re.search(r"S2 +The issuer gives random feedback", listed)
-    assert main(["list", "--results", str(tmp_path / "nowhere")]) == 0
-    assert not (tmp_path / "nowhere").exists()
+    assert re.search(r"sb3_dqn +agents\.sb3\.algorithms:DQN", listed)
+    assert re.search(r"mine +not usable: .*mine\.toml: unknown key descripton", listed)
