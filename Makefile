@@ -23,7 +23,9 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce tune compare-deep sb3 beyond when groups report docs test check speed chaos fuzz clean
+PYTEST = $(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+.PHONY: help reproduce tune compare-deep sb3 beyond when groups report docs test test-slow check speed chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -55,14 +57,17 @@ report: $(BASE) ## the page and the texts of results, from the tables that are t
 docs: $(DOCS) ## the site: page, guides, columns of tables, API, in build/site/
 	$(PY) -m benchmark.publish.page.site $(RESULTS) $(SITE)
 
-test: $(DEV) ## every test (TESTS=PATH: some of them)
-	$(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
+test: $(DEV) ## the quick tests, in four minutes (TESTS=PATH: some of them)
+	$(PYTEST) -m 'not slow' $(TESTS)
+
+test-slow: $(DEV) ## the other tests: older processors, whole experiments, every target of make (half an hour)
+	$(PYTEST) -m slow $(TESTS)
 
 check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m ruff format --check $(CHECKED)
 	$(PY) -m ruff check $(CHECKED)
 	$(PY) -m mypy $(CHECKED)
-	$(PY) -m codespell_lib $(CHECKED)
+	git ls-files -z --cached --others --exclude-standard -- $(CHECKED) | xargs -0 $(PY) -m codespell_lib
 
 speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
 	OPENBLAS_NUM_THREADS=1 $(PY) -m benchmark speed --results $(RESULTS) $(SPEED)

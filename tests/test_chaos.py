@@ -9,6 +9,7 @@ from tests.chaos import Broken, Chaos
 from tests.support import variant
 
 
+@pytest.mark.slow
 def test_losses_and_changes_are_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     chaos = Chaos(tmp_path, {"table": variant()}, seed=1)
     chaos.results.mkdir()

@@ -10,6 +10,7 @@ from tests import fuzz
 from tests.support import make
 
 
+@pytest.mark.slow
 def test_drawn_inputs_are_accepted_or_refused_by_one_line() -> None:
     done = make("fuzz", "FUZZ=--inputs 100")
     assert done.returncode == 0, done.stdout + done.stderr

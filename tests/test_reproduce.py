@@ -16,6 +16,7 @@ import pytest
 from tests.support import ROOT, copy_compiled, git, make
 
 RUNS = 5000
+pytestmark = pytest.mark.slow
 if not (ROOT / ".git").exists():
     pytest.skip("not a git checkout: there is nothing to clone", allow_module_level=True)
 

@@ -418,7 +418,7 @@ def digest_of_all() -> str:
 DIGEST = "da836768baacaa23c0bd268228b6a14df7fed18f154c563a5c3d886ab4894975"
 
 
-@pytest.mark.parametrize("kind", ["this one", "nehalem"])
+@pytest.mark.parametrize("kind", ["this one", pytest.param("nehalem", marks=pytest.mark.slow)])
 def test_bits_are_the_same_on_every_processor(kind: str) -> None:
     """As compiled for this processor, and for one of 2008, where fused operations are emulated, slowly."""
     if kind == "this one":

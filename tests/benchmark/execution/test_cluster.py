@@ -118,6 +118,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
         yield machines
 
 
+@pytest.mark.slow
 def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
     pair: Machines, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -143,6 +144,7 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
             assert stored.provenance["commit"] == record.provenance["commit"]
 
 
+@pytest.mark.slow
 def test_workers_that_differ_are_refused(
     pair: Machines, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -177,6 +179,7 @@ def test_workers_that_differ_are_refused(
     pair.addresses("a", "b")
 
 
+@pytest.mark.slow
 def test_interrupt_cancels_jobs_and_the_death_of_the_scheduler_ends_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
