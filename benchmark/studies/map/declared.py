@@ -38,8 +38,6 @@ class Panel(Table):
     """Its heading."""
     learners: Annotated[Names, Field(min_length=1)]
     """Names of the learners that it shows."""
-    names: LearnerNames = Field(default={})
-    """What the panel calls learners, by their names, as in `AnswerGroup`; by default, their titles."""
     shows: Literal["steps", "unseen"] = "steps"
     """What is drawn: "steps" until they have learned, or success in "unseen" places after training."""
 
@@ -94,8 +92,6 @@ class MapDeclared(Declared):
         pairs = (" and ".join(sorted(contrast)) for contrast in self.contrasts)
         distinct(tuple(pairs), "report.contrasts: ")
         distinct(tuple(panel.title for panel in self.panels), "report.panels: title ")
-        for panel in self.panels:
-            distinct(tuple(panel.names.values()), "report.panels: ")
         if answer:
             is_one = bool(answer.learners) != bool(answer.groups)
             require(is_one, "report.answer", "either learners or groups")
@@ -241,9 +237,6 @@ def _of_panels(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
             yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(grids) or 'none'}."
             continue
         shown = shown_in(experiment, panel.grid)
-        for name in panel.names:
-            if name not in panel.learners:
-                yield f"report.panels: names: {name}: accepted: {', '.join(panel.learners)}."
         for name in panel.learners:
             if name not in shown:
                 accepted = f"learners of the grid {panel.grid}: {', '.join(shown)}"

@@ -237,7 +237,7 @@ def _draw_curve(
     intervals do not cover each other.
     """
     style, at, column = style_of(name, experiment), rows["at"].to_numpy(), _COLUMN_OF[panel.shows]
-    title = panel.names.get(name, experiment.learners[name].title)
+    title = experiment.learners[name].title
     shown, low, high = _shown(rows, column).to_numpy().T
     moved = axis.transData + ScaledTranslation(shift / 72, 0, axis.figure.dpi_scale_trans)
     axis.plot(at, shown, color=style["color"], ls=style["ls"], lw=1.6, transform=moved)
