@@ -12,6 +12,7 @@ import numba
 import pytest
 
 from agents import compiled
+from envs.sources import digest_when_loaded
 
 CODE = """
 from agents.compiled import compiled
@@ -64,6 +65,17 @@ def test_old_code_is_not_used_for_a_new_source(file: Path) -> None:
     file.write_text(CODE.replace("2 * x", "x + x "))  # as long as before
     os.utime(file, (0, 0))
     assert uses_files(file) == (0, 1)
+
+
+def test_old_code_is_not_used_when_an_imported_module_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (path := tmp_path / "doubling.py").write_text(f"import helper_of_doubling\n{CODE}")
+    for text, found in (("", (0, 1)), ("", (1, 0)), ("# changed", (0, 1))):
+        (tmp_path / "helper_of_doubling.py").write_text(text)
+        digest_when_loaded.cache_clear()  # as in a new process
+        assert uses_files(path) == found
 
 
 @pytest.mark.parametrize("is_full", [False, True])

@@ -78,6 +78,19 @@ def test_episodes_of_the_environment_agree() -> None:
     assert steps / n == pytest.approx(float(assessment.evaluation.steps), rel=0.1)
 
 
+def test_steps_of_a_walk_around_the_person_by_hand(tmp_path: Path) -> None:
+    """8 steps to the right, 5 down, 2 around the person, 1 into them: 3 end beside the person."""
+    # The person is in row 6, column 8.
+    turns = {5 * 12 + 8: LEFT, 5 * 12 + 7: DOWN, 6 * 12 + 7: RIGHT}
+
+    def act(cell: int) -> int:
+        return turns.get(cell, RIGHT if cell < 8 else DOWN)
+
+    assessment = assess(act, scenario="S1", observation="index", results=tmp_path)
+    numbers = dict(re.findall(r"^  (\D+?)  +(\S+)", str(assessment), re.MULTILINE))
+    assert (numbers["steps"], numbers["uncomfortable steps"]) == ("16", "3")
+
+
 # Functions
 
 

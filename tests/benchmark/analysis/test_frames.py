@@ -1,17 +1,23 @@
 """The two tables of runs and curves, against the records that they are made of."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from agents.dynamic_programming import evaluate
+from agents.policy import mask_policy
 from benchmark.analysis.frames import Group, by_population, by_step, tables
-from benchmark.analysis.records import anchors
+from benchmark.analysis.records import Records, anchors
 from benchmark.execution.driver import run
 from benchmark.execution.executors import Threads
-from benchmark.execution.store import Store
-from envs import InputError
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import load_experiment
+from envs import ZONES, InputError
 from envs.observations import compile_seen
+from tests.benchmark.populations import population
 from tests.benchmark.studies.conftest import experiment_of
 
 EXPERIMENT = """
@@ -60,6 +66,14 @@ def test_tables_have_what_records_hold(tmp_path: Path) -> None:
             for name, array in (("success", f"{prefix}success"), ("training_wrong_pings", "disagreements")):
                 assert np.array_equal(by_step(own, name), [arrays[array] for arrays in records])
             model = compile_seen(group.population.scenario, keys["observation"])
+            # A second method: recorded policies, evaluated again.
+            policies = [
+                arrays["stochastic"][-1] if prefix else mask_policy(arrays["greedy"][-1])
+                for arrays in records
+            ]
+            for name, start in (("success", "start"), ("every_cell_success", "every_cell")):
+                again = evaluate(model, np.stack(policies), 100, start).success
+                assert rows[name].tolist() == pytest.approx(again.tolist())
             low, high = anchors(model, 100, "start")
             returns = np.array([arrays[prefix + "grid_return"] for arrays in records])
             scores = np.round((returns - low) / (high - low), 9)
@@ -69,6 +83,36 @@ def test_tables_have_what_records_hold(tmp_path: Path) -> None:
         some, nothing = tables(groups[:1], store, ["area"])
         assert (some["area"] == runs["area"][:3]).all()
         assert nothing.empty
+
+
+def tabulated(made: Records, path: Path, *columns: str) -> pd.DataFrame:
+    """Returns the table `runs` of records made by hand, which are stored first."""
+    agents = zip(made.runs, made.agents, strict=True)
+    with Store(path / "runs.db") as store:
+        store.add([Record(run.digest, run.content, "done", {}, arrays) for run, arrays in agents])
+        group = Group(load_experiment("reproduce_smoke").populations[0], made.runs)
+        runs, _ = tables([group], store, columns)
+    return runs[[*columns]]
+
+
+def test_uncomfortable_steps_are_those_after_training_by_hand(tmp_path: Path) -> None:
+    steps = {"outside": 30.0, "target": 1.0, "uncomfortable": 4.0, "issuer": 0.5}
+    zone_steps = np.zeros((2, 4, 4))  # (N, T, zones)
+    zone_steps[:, -1] = [steps[zone] for zone in ZONES]
+    found = tabulated(population(n=2, zone_steps=zone_steps), tmp_path, "uncomfortable_steps")
+    assert found["uncomfortable_steps"].tolist() == [4, 4]
+
+
+def test_success_in_unseen_places_by_hand(tmp_path: Path) -> None:
+    """When learned and at the budget, by the greedy policy, which counts, and the other one."""
+    made = population(n=1, unseen_success=np.array([[[0.1, 0.2], [0.3, 0.4]]]))
+    solved = {"success": 0.9, "growth": 1.2}
+    made = replace(made, runs=[replace(run, solved=solved) for run in made.runs])
+    expected = {
+        **{"unseen_success": 0.1, "unseen_greedy": 0.1, "unseen_stochastic": 0.2},
+        **{"unseen_budget": 0.3, "unseen_budget_greedy": 0.3, "unseen_budget_stochastic": 0.4},
+    }
+    assert tabulated(made, tmp_path, *expected).to_dict("records") == [expected]
 
 
 def test_a_policy_that_is_not_learned_is_refused(tmp_path: Path) -> None:

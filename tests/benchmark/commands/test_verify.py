@@ -14,7 +14,9 @@ import pytest
 from benchmark import runs
 from benchmark.__main__ import main
 from benchmark.commands import verify
-from benchmark.experiments import load_experiment
+from benchmark.execution import driver
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import RunSpecification, all_specifications, load_experiment
 from benchmark.experiments.search import chosen_file
 from benchmark.folder import MANIFEST, Folder
 from benchmark.publish import prose
@@ -22,7 +24,7 @@ from benchmark.publish.document import Document
 from benchmark.publish.templates import rendered
 from benchmark.sealed import sealed, unsealed
 from envs import InputError
-from tests.support import ROOT, reseal
+from tests.support import ROOT, reseal, small_experiment, variant
 
 NAME = "equivalence"  # the smallest
 
@@ -121,6 +123,26 @@ def test_chosen_settings_follow_from_published_trials(name: str, tmp_path: Path)
     for changed in flips(path.read_bytes(), 50):
         with pytest.raises(ValueError, match=r"sha256 is not the digest|Extra data|Expecting|leading zero"):
             unsealed(changed)
+
+
+def test_the_seed_draws_the_runs_to_repeat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[list[int]] = []
+
+    def repeat(runs: list[RunSpecification], store: Store, *_: object) -> None:
+        drawn.append([run.seed for run in runs])
+        store.add([Record(run.digest, run.content, "done", {}, {}) for run in runs])
+
+    text = small_experiment(algorithms={"table": variant(seeds=40)})
+    (path := tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    with Store(tmp_path / "runs.db") as store:
+        repeat(all_specifications(load_experiment(path)), store)
+    monkeypatch.setattr(driver, "run", repeat)
+    for seed in ("1", "1", "2"):
+        command = ["verify", str(path), "--results", str(tmp_path), "--runs", "9", "--seed", seed]
+        assert main(command) == 0
+    _, first, again, other = drawn
+    assert first == again != other
+    assert len(first) == len(other) == 9
 
 
 def test_a_seal_is_of_values_and_not_of_their_form() -> None:

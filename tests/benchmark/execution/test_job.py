@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from benchmark.analysis.frames import learned
-from benchmark.execution.job import execute_job, recorded
-from benchmark.experiments import load_experiment
+from benchmark.execution import job as execution
+from benchmark.execution.job import execute_job, failures, recorded
+from benchmark.experiments import all_specifications, load_experiment
 from envs import load_scenario
+from envs.sources import digest_when_loaded
 from tests.support import small_experiment, variant
 
 SOLVED = small_experiment(
@@ -52,6 +55,29 @@ def test_recorded_probabilities_are_those_after_training() -> None:
     assert np.array_equal(made["stochastic"], stochastic[:, 3:])
     assert made["updates"].tolist() == [0, 1]
     assert recorded({"values": values, "stochastic": stochastic[:, :0]})["stochastic"].shape == (2, 0, 3, 5)
+
+
+def test_runs_share_the_time_of_their_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A job that started at 4 s and ends at 12 s: 2 s for each of 4 runs."""
+    monkeypatch.setattr(execution, "time", SimpleNamespace(perf_counter=lambda: 12.0))
+    job = load_experiment("reproduce_smoke").populations[0].runs(range(4))
+    records = failures(job, ValueError("oh"), started=4.0)
+    assert [record.provenance["wall_time_s"] for record in records] == [2, 2, 2, 2]
+
+
+def test_a_job_fails_where_a_module_has_changed_since_the_driver_loaded_it(tmp_path: Path) -> None:
+    text = "from tests.agents.plain import Q_LEARNING as LEARNER\n"
+    (module := tmp_path / "learner_of_mine.py").write_text(text, encoding="utf-8")
+    mine = small_experiment(algorithms={"mine": variant("learner_of_mine:LEARNER")})
+    (path := tmp_path / "mine.toml").write_text(mine, encoding="utf-8")
+    runs = all_specifications(load_experiment(path))
+    assert [record.status for record in execute_job(runs)] == ["done", "done"]
+    module.write_text(f"{text}# changed\n", encoding="utf-8")
+    digest_when_loaded.cache_clear()  # as in a worker that starts now
+    for record in execute_job(runs):
+        assert record.error == (
+            "InputError: a module that the run depends on has changed; run the experiment again."
+        )
 
 
 @pytest.mark.parametrize(

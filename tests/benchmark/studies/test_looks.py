@@ -115,6 +115,9 @@ STEPS = np.full(160, 5000.0)
     [
         ({"before_steps": 0.0}, {"before_steps": 0.0}, COARSE),  # all at the first evaluation
         ({"before_steps": 0.0}, {"steps": 9000.0, "before_steps": 4500.0}, COARSE),  # of grids that differ
+        ({"before_steps": 0.0}, {"steps": 5500.0, "before_steps": 4500.0}, COARSE),  # only x's
+        ({}, {"steps": 9000.0, "before_steps": 4500.0}, COARSE),  # only y's
+        ({}, {"steps": 5500.0, "before_steps": 4500.0}, ""),  # neither's
         ({"untrained": True}, {"steps": 9000.0, "before_steps": 8900.0}, TRIVIAL),
         ({"lasts": False}, {"steps": 9000.0, "before_steps": 8900.0}, LOST),
         ({}, {"steps": 9000.0, "before_steps": 8900.0, "lasts": False}, ""),  # it is slower anyway

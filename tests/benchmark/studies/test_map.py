@@ -551,3 +551,16 @@ def test_mistakes_are_named(old: str, new: str, message: str, tmp_path: Path) ->
     with pytest.raises(InputError, match=re.escape(message)) as refused:
         report_of(experiment_of(tmp_path / "mine.toml", EXPERIMENT.replace(old, new, 1))).check()
     assert len(refused.value.args) == 1
+
+
+def test_seeds_of_all_looks_are_others_than_those_of_a_search(tmp_path: Path) -> None:
+    """The search has used seeds from 100 on: 12 runs from 85 on are before them, 16 are not."""
+    text = EXPERIMENT.replace('"shared table"', '"shared table", tuned_by = "tuning:q_learning"')
+
+    def check(first: int) -> None:
+        own = text.replace("seeds = ", f"first_seed = {first}, seeds = ")
+        report_of(experiment_of(tmp_path / "mine.toml", own)).check()
+
+    check(84)
+    with pytest.raises(InputError, match=r"100 to 139; accepted: .* than 85 to 100\."):
+        check(85)
