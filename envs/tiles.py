@@ -118,5 +118,4 @@ def _tile(
         first, number = numbered([*tile.T, *exact.T, *others])
         tiles[:, t] = n_tiles + number
         n_tiles += len(first)
-    tiles.flags.writeable = False
     return tiles

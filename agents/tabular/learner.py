@@ -58,10 +58,10 @@ class ValueSettings(LearnerSettings):
 
     @property
     def constants(self) -> Constants:
-        """The settings that compiled loops take."""
+        """The settings that compiled loops take, always of the same types: others are compiled again."""
         return Constants(
             learning_rate=self.learning_rate,
-            halved_after=self.halved_after or math.inf,
+            halved_after=float(self.halved_after or math.inf),
             discount=self.discount,
             epsilon=self.epsilon,
             initial_value=self.initial_value,

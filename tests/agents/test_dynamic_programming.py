@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 
-from agents.dynamic_programming import evaluate, solve
+from agents.dynamic_programming import _sweep, evaluate, solve
 from agents.policy import uniform_policy
 from agents.process import process_of
 from envs import EVENTS, ZONES, Model, compile_scenario, load_scenario
@@ -146,6 +146,13 @@ def test_writing_out_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPat
         chunked = process_of.__wrapped__(model)  # type: ignore[attr-defined]
         assert chunked.outcomes.tobytes() == whole.outcomes.tobytes()
         assert (chunked.first == whole.first).all()
+
+
+def test_read_only_policies_compile_nothing_again() -> None:
+    policy = uniform_policy(model_of("S1"))
+    for policy.flags.writeable in (True, False):
+        evaluate(model_of("S1"), policy, 1)
+    assert len(_sweep.signatures) == 1  # type: ignore[attr-defined]
 
 
 def test_wrong_policies_are_refused() -> None:

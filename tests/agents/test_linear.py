@@ -121,6 +121,25 @@ def test_kernel_equals_a_loop_in_plain_python(
         assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
 
 
+def test_loops_are_compiled_once_for_all_settings_and_forms() -> None:
+    changed = {"halved_after": 9, "initial_value": 1, "time_limit": 7, "backward_passes": 1}
+    for name, form, changes in (
+        ("watkins_q_lambda", "index", {}),
+        ("watkins_q_lambda", "index", changed),
+        ("linear_q_lambda", "coordinates", {}),
+        ("linear_q_lambda", "coordinates", changed),
+        ("linear_q_lambda", "coordinates", {"parts": "pairs", "n_tilings": 2}),
+        ("linear_q_lambda", "factored", {}),
+        ("linear_q_lambda", "offset_tiles", {}),
+        ("linear_sarsa_lambda", "coordinates", {}),
+    ):
+        model, algorithm = model_of("Crowd", form, **CROWD), load_algorithm(name)
+        settings = algorithm.settings.model_validate({"budget": 1} | changes)
+        algorithm.train(model, settings, form, [SeedSequence(0)], Schedule(1))
+        loop: Any = algorithm.loop(model, settings, form)[0]  # type: ignore[attr-defined]
+        assert len(loop.func.signatures) == 1, (name, form, changes)
+
+
 def test_single_cells_are_the_table_with_backward_passes() -> None:
     seeds, schedule = [SeedSequence([7, i]) for i in range(2)], Schedule(2000, POINTS)
     table, linear = (
