@@ -1,20 +1,24 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
 numba trusts its files: a damaged one makes it fail, crash or compute something else. Besides, it checks only
-the file of a function, not the files of functions that it calls; here, all of them count.
+the file of a function, not the files of functions that it calls; here, all of them count. And it links by
+names with a number that it counts up from 1 in every process, so a function that one process has saved could
+call another's that has the same name and number (numba's issue 10486); here, the numbers are random.
 """
 
 import hashlib
 import multiprocessing
 import pickle
+import secrets
 import sys
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import llvmlite
 import numba
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from envs.sources import digest_when_loaded
@@ -22,6 +26,8 @@ from envs.sources import digest_when_loaded
 _Function = TypeVar("_Function", bound=Callable[..., object])
 _DIGEST_SIZE = 32
 _ROOT = Path(__file__).parents[1]
+
+FunctionIdentity._unique_ids = iter(partial(secrets.randbits, 64), None)
 
 
 def compiled(function: _Function, made_for: str = "") -> _Function:

@@ -3,6 +3,7 @@
 import errno
 import importlib.util
 import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 
 from agents import compiled
 from envs.sources import digest_when_loaded
+from tests.support import ROOT
 
 CODE = """
 from agents.compiled import compiled
@@ -21,6 +23,26 @@ from agents.compiled import compiled
 @compiled
 def double(x):
     return 2 * x
+"""
+
+SCALED = """
+import numba
+
+from agents.compiled import compiled
+
+
+def scaled_by(factor):
+    @numba.njit(_dbg_optnone=True)
+    def scale(x):
+        return factor * x
+
+    def call(x):
+        return scale(x)
+
+    return compiled(call, str(factor))
+
+
+twice, thrice = scaled_by(2), scaled_by(3)
 """
 
 
@@ -76,6 +98,14 @@ def test_old_code_is_not_used_when_an_imported_module_has_changed(
         (tmp_path / "helper_of_doubling.py").write_text(text)
         digest_when_loaded.cache_clear()  # as in a new process
         assert uses_files(path) == found
+
+
+def test_functions_that_other_processes_have_compiled_are_not_mixed_up(tmp_path: Path) -> None:
+    (tmp_path / "scaling.py").write_text(SCALED)
+    for call, expected in (("thrice(7)", "[21]"), ("twice(7), thrice(7)", "[14, 21]")):
+        code = f"import sys; sys.path.append({str(tmp_path)!r}); from scaling import *; print([{call}])"
+        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+        assert done.stdout == f"{expected}\n", done.stderr
 
 
 @pytest.mark.parametrize("is_full", [False, True])
