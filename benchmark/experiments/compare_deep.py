@@ -64,6 +64,9 @@ def _check_verdicts(tables: Tables) -> None:
     ahead = [x for x, _ in later.index[later["success_verdict"] == "better"]]
     claim(ahead == [SB3_DQN, f"{SB3_DQN} @ S2", f"{SB3_PPO} @ S2"], "these are better than the paper's table")
     claim("worse" not in {*later["success_verdict"]}, "no net is worse than the paper's table")
+    by_score = {x: verdict for (x, _), verdict in later["score_verdict"].items() if verdict != "undecided"}
+    expected_by_score = {f"{SB3_DQN} @ S2": "better", f"{SB3_PPO} @ S1": "worse"}
+    claim(by_score == expected_by_score, "by score, these are better and worse than the paper's table")
     by_score = [scores[DQN, SOFTMAX], scores[LINEAR, SOFTMAX], scores[DQN, PPO]]
     is_alone = by_score == ["undecided", "better", "undecided"]
     claim(is_alone, "by score, only the linear DQN is better than the softmax table")

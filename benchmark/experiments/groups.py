@@ -25,6 +25,9 @@ def finding(tables: Tables) -> Names:
     return {
         "steps": lambda learner, grid, places: steps(learner, grid, f"groups {places}"),
         "against": against,
+        "learned": lambda grid, places: tables.number(
+            "cells", "n_solved", "", learner=DQN, grid=grid, point=f"groups {places}"
+        ),
         "unseen": tables.numbers("cells", "unseen_budget", "learner", ".2f", **at_128),
         "cost": tables.numbers("cpu", "cpu_time_s", "learner", "time", **at_128),
         "wrong_pings": tables.numbers("cells", "disagreements", "learner", **at_128),

@@ -10,6 +10,8 @@ def finding(tables: Tables) -> Names:
     holding = [*tables.values("claims", "claim", agents=100, verdict="holds")]
     tables.claim(variability == {"holds"}, "variability-S2 holds")
     tables.claim(len(undecided) == 1, "one claim is undecided with 1,000 agents")
+    failed = tables.values("claims", "claim", verdict="does not hold")
+    tables.claim(failed == {"identifies", "identifies-S1", "max-near-1"}, "these claims do not hold")
     broken = {"reading": "equal_pay", "claim": holding, "verdict": ["undecided", "does not hold"]}
     variability_of = {"claim": "variability-S2", "part": "S2/S1", "agents": 1000}
     sets = tables.rows("claim_sets").drop_duplicates(["first_seed", "claim"])

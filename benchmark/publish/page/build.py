@@ -265,10 +265,8 @@ def _render(parts: Sequence[_Part]) -> str:
                 explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
             for name, declared in part.folder.manifest["scenarios"].items() if part.is_whole else ():
                 scenarios[name] = part.inline(inert(declared["description"]))
-    first, horizons = (
-        parts[0].folder.manifest,
-        {part.folder.manifest.get("horizon") for part in parts if part.is_whole},
-    )
+    first = parts[0].folder.manifest
+    horizons = {part.folder.manifest.get("horizon") for part in parts} - {None}
     with parts[0].folder.reading():
         return templates.get_template("page.html").render(
             reports=reports,

@@ -75,7 +75,9 @@ def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure 
 def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
     """Draws success by scenario and learner, with means over scenarios if these are pooled."""
     frame, every = labelled(table), analysis.experiment.learners
-    learners = [name for name in frame["learner"].unique() if name in analysis.plan.drawn]
+    learners = [
+        name for name in frame["learner"].unique() if name in {*analysis.plan.drawn, *analysis.plan.curves}
+    ]
     if not learners:  # of a partial report
         return None
     values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
@@ -128,8 +130,8 @@ def _grouped(analysis: ComparisonAnalysis, scenarios: list[str]) -> tuple[list[s
 
 
 @tables.curves.figure(
-    "How often each learner succeeds while it learns: means with 95 % intervals or, of fewer than "
-    f"{_FEW_RUNS} runs, each run."
+    "Mean success during training; shades: 95 % intervals; thin lines: single runs, where there are fewer "
+    f"than {_FEW_RUNS}."
 )
 def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
     """Draws success over training, a panel for each of few scenarios.
@@ -144,8 +146,6 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
     panels = [*frame.groupby("scenario", sort=False)]
     kinds = {name: each.issuer.feedback.kind for name, each in analysis.experiment.scenarios.items()}
     feedback = {name: f": {FEEDBACK.get(kind, kind)}" for name, kind in kinds.items()}
-    if len({*kinds.values()}) == 1:
-        feedback = {}
     n_columns = min(len(panels), _COLUMNS)
     n_rows = math.ceil(len(panels) / n_columns)
     with figure_of(n_rows, n_columns, (WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
@@ -164,7 +164,7 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
                     axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
                 lines[learners[str(learner)].title] = curve["success"].iloc[-1], style
             title = str(scenario).replace(" under ", "\n").replace("/", "\n")
-            axis.set(title=title + feedback.get(str(scenario), ""))
+            axis.set_title(title + feedback.get(str(scenario), ""), fontsize="small")
             axis.set(xlim=(float(rows["step"].min()), float(rows["step"].max())))
             axis.xaxis.set_major_locator(MaxNLocator(3))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))

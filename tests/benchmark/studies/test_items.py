@@ -116,7 +116,7 @@ def test_few_runs_are_drawn_one_by_one_since_their_interval_would_hide_them() ->
 
 
 def test_giving_up_at_once_has_a_score_of_its_own() -> None:
-    """Five wrong PINGs where it starts: a return of 4 * -0.4 - 1.0, on a scale from the random policy to 0."""
+    """Five wrong PINGs at the start: a return of 4 * -0.4 - 1, on a scale from the random policy to 0."""
     cells = [Cell("a", np.ones(2), scenario) for scenario in ("S1", "S3")]
     random, optimal = anchors(compile_scenario(load_scenario("S1")), 200, "start")
     assert optimal == pytest.approx(0.0)
