@@ -99,9 +99,8 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
         raise ValueError(f"policy: shape {policy.shape}; this model takes (..., {shape[0]}, {shape[1]}).")
     if policy.size and not (policy.min() >= 0 and abs(policy.sum(axis=-1) - 1.0).max() <= 1e-9):
         raise ValueError("policy: rows must be probabilities that sum to one.")
-    batch = np.require(
-        policy.reshape(-1, *shape), requirements=["C", "W"]
-    )  # or `_sweep` would be compiled again
+    # If some were read-only, `_sweep` would be compiled again.
+    batch = np.require(policy.reshape(-1, *shape), requirements=("C", "W"))
     sums = np.zeros((len(batch), _N_SUMS))
     starts, is_success = starts_of(model, from_starts(model, start)), model.event == TARGET_PING
     counted = model.grid_reward, model.issuer_reward, is_success, model.is_wrong_ping, model.zone

@@ -135,11 +135,11 @@ def test_list_describes_everything(
 ) -> None:
     description = schema.read_experiment("reproduce")[0].description
     shutil.copy(schema.EXPERIMENT_DIRECTORY / "reproduce.toml", tmp_path)
-    (tmp_path / "mine.toml").write_text('descripton = "Mine."', encoding="utf-8")
+    (tmp_path / "mine.toml").write_text('about = "Mine."', encoding="utf-8")
     monkeypatch.setattr(schema, "EXPERIMENT_DIRECTORY", tmp_path)
     assert main(["list"]) == 0
     listed = capsys.readouterr().out
     assert f"  reproduce                {description}\n" in listed
     assert re.search(r"S2 +The issuer gives random feedback", listed)
     assert re.search(r"sb3_dqn +agents\.sb3\.algorithms:DQN", listed)
-    assert re.search(r"mine +not usable: .*mine\.toml: unknown key descripton", listed)
+    assert re.search(r"mine +not usable: .*mine\.toml: unknown key about", listed)
