@@ -117,13 +117,15 @@ def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -
         return
     aggregate, scores = (pd.read_csv(found.folder.path / name) for name in ("aggregate.csv", SCORES))
     keys = ["variant", "observation"]
-    means: Any = scores.groupby([*keys, "scenario"])[["success", "score"]].mean().groupby(keys).mean()
+    alone: Any = scores.groupby([*keys, "scenario"])[["success", "score"]].mean()
+    means: Any = alone.groupby(keys).mean()
     for row in aggregate.to_dict("records"):
         expected = means.loc[(row["variant"], row["observation"])]
         assert [row["success"], row["score"]] == pytest.approx(expected.tolist(), abs=1e-5)
     if "scenario" not in (contrasts := found.folder.frame("contrasts")):
         for row in contrasts.to_dict("records"):
-            x, y = (means.loc[tuple(row[side].split(", "))] for side in "xy")
+            sides = [re.split(", | @ ", row[side]) for side in "xy"]
+            x, y = ((means if len(side) == 2 else alone).loc[tuple(side)] for side in sides)
             assert row["success_difference"] == pytest.approx(x["success"] - y["success"], abs=2e-5)
 
 
