@@ -22,6 +22,7 @@ settings.load_profile("untimed")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begins with two long files: one worker compiles nets for the other, which compiles tables meanwhile."""
-    first = ["test_nets.py", "test_reproduce.py"]
+    """Begins with long files: one worker compiles nets for the other, which compiles tables meanwhile."""
+    slow = ["test_make.py", "test_reproduce.py"]
+    first = ["test_nets.py", *slow, "test_linear.py", "test_tabular.py", "test_update_rules.py"]
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))

@@ -129,6 +129,7 @@ def test_version_is_the_same_everywhere(installed: Path, tmp_path: Path) -> None
     assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_an_agent_of_the_current_folder_is_scored_and_told_where_ranks_are(
     installed: Path, tmp_path: Path
 ) -> None:
@@ -187,6 +188,7 @@ def test_environments_have_a_name_that_nothing_hides(installed: Path, tmp_path: 
     assert str(tmp_path / "envs") in last
 
 
+@pytest.mark.slow
 def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None:
     # It is installed in a repository of something else, whose commit is not that of the code.
     git = ["git", "-C", str(installed), "-c", "user.name=A", "-c", "user.email=a@example.org"]
@@ -209,9 +211,12 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     ("arguments", "what", "package", "extra", "mark"),
     [
         ("list", "benchmark list", r"\w+", "reproduce", "base"),
-        ("run compare_deep --report", "compare_deep: its report", "rliable", "deep", "deep"),
+        pytest.param(
+            "run compare_deep --report", "compare_deep: its report", "rliable", "deep", "deep",
+            marks=pytest.mark.slow,
+        ),
     ],
-)
+)  # fmt: skip
 def test_commands_name_their_extra(
     arguments: str, what: str, package: str, extra: str, mark: str, installed: Path, tmp_path: Path
 ) -> None:

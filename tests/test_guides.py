@@ -53,6 +53,7 @@ def follow(page: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
             Path(kind).write_text(text, encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [SCENE, LEARNER])
 def test_guide_can_be_followed(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -146,6 +146,7 @@ def test_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], exp
     assert expected in refused(capsys, *arguments)
 
 
+@pytest.mark.slow
 def test_closed_and_full_outputs(tmp_path: Path) -> None:
     def bash(command: str) -> subprocess.CompletedProcess[str]:
         text = command.replace("benchmark", f"{sys.executable} -m benchmark")

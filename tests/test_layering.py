@@ -133,6 +133,7 @@ print([name for name in before if repr(before[name]) != repr(after[name])])
 """
 
 
+@pytest.mark.slow
 def test_imports_change_nothing_in_the_users_process() -> None:
     packages = {name for extra, names in extras().items() if extra != "dev" for name in names}
     names = [name for name in packages_distributions() if package_of(name) in packages]

@@ -108,6 +108,7 @@ def test_damaged_stores_are_problems_not_mistakes(results: Path, tmp_path: Path)
         assert main(command) == (damaged != content), start
 
 
+@pytest.mark.slow
 def test_read_only_archive_is_verified(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if os.geteuid() == 0 and not all(path.stat().st_mode & 0o1 for path in (ROOT, *ROOT.parents)):
         pytest.skip("nobody but the superuser, who could write all the same, may read this checkout")

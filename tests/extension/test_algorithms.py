@@ -68,6 +68,7 @@ EXPERIMENT = small_experiment(
 )
 
 
+@pytest.mark.slow
 def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
     path = tmp_path / "outside.toml"
     path.write_text(EXPERIMENT, encoding="utf-8")
@@ -109,6 +110,7 @@ result = sum(stats.cache_hits.values()), training.q.sum()
 """
 
 
+@pytest.mark.slow
 def test_compiled_rules_are_cached_until_they_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     script = tmp_path / "rule.py"
@@ -124,6 +126,7 @@ def test_compiled_rules_are_cached_until_they_change(tmp_path: Path, monkeypatch
     assert compiled[1] == loaded[1] != changed[1]
 
 
+@pytest.mark.slow
 def test_module_beside_the_experiment_is_found_and_digested(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,6 +156,7 @@ def test_module_beside_the_experiment_is_found_and_digested(
 
 
 @pytest.mark.parametrize("ending", ["os._exit(0)", "posix._exit(0)", "os.abort()", "os.execl('true', '')"])
+@pytest.mark.slow
 def test_module_that_leaves_by_the_system_is_refused(tmp_path: Path, ending: str) -> None:
     """Its children may end as they like."""
     child = "os.waitpid(os.fork() or os._exit(0), 0), os.spawnl(os.P_WAIT, '/bin/true', 'true')"

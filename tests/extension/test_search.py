@@ -27,6 +27,7 @@ search = { epsilon = { low = 0.01, high = 0.6, scale = "log", why = "As for the 
 """
 
 
+@pytest.mark.slow
 def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(MINE)

@@ -14,7 +14,9 @@ from stable_baselines3 import DQN, PPO
 from agents.policy import mask_policy
 from benchmark.__main__ import main
 from benchmark.assessment import assess
+from benchmark.commands import export as command
 from benchmark.execution import driver
+from benchmark.execution.executors import Threads
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification, load_experiment
 from tests.support import ROOT, specifications
@@ -32,6 +34,7 @@ algorithms.ppo = { algorithm = "compiled_ppo", observations = ["one_hot"], seeds
 algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
 algorithms.stock = { algorithm = "ALGORITHM", observations = ["one_hot"], seeds = 2, settings.n_steps = 100 }
 """.replace("ALGORITHM", "stable_baselines3:PPO")
+COMPILED = ("tiles", "dqn", "ppo", "table")  # which are trained in threads
 LEARNERS = {"tiles": "coordinates", "dqn": "one_hot", "ppo": "one_hot", "table": "index", "stock": "one_hot"}
 
 
@@ -42,12 +45,19 @@ def run_of(folder: Path, variant: str) -> RunSpecification:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with an experiment, and its runs with seed 1 in S3, made as `run` does."""
+    """A folder with an experiment, and its runs with seed 1 in S3, made as `run` does, without a process."""
     folder = tmp_path_factory.mktemp("export")
     (folder / "small.toml").write_text(EXPERIMENT, encoding="utf-8")
     with Store(folder / "runs.db") as store:
-        assert driver.run([run_of(folder, name) for name in LEARNERS], store, 1) == []
+        assert driver.run([run_of(folder, name) for name in COMPILED], store, 1) == []
     return folder
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Repeats runs here, not in a process, which takes seconds to start, unless a test is slow anyway."""
+    if not request.node.get_closest_marker("slow"):
+        monkeypatch.setattr(command, "Processes", Threads)
 
 
 def stored(folder: Path, variant: str) -> Record:
@@ -60,9 +70,12 @@ def export(folder: Path, learner: str, file: str, *more: str) -> int:
     return main([*command, "--seed", "1", "--scenario", "S3", str(folder / file), *more])
 
 
-@pytest.mark.parametrize("variant", LEARNERS)
+@pytest.mark.parametrize("variant", [*COMPILED, pytest.param("stock", marks=pytest.mark.slow)])
 def test_files_act_as_recorded(folder: Path, variant: str) -> None:
-    name, run, arrays = f"{variant}, one_hot", run_of(folder, variant), stored(folder, variant).arrays
+    name, run = f"{variant}, one_hot", run_of(folder, variant)
+    with Store(folder / "runs.db") as store:
+        assert driver.run([run], store, 1) == []  # in a process, unless it is there
+    arrays = stored(folder, variant).arrays
     assert export(folder, f"{variant}, {run.observation}", f"{variant}.npz") == 0
     with np.load(folder / f"{variant}.npz", allow_pickle=False) as file:
         assert json.loads(str(file["about"]))["digest"] == run.digest
@@ -84,6 +97,7 @@ def test_files_act_as_recorded(folder: Path, variant: str) -> None:
         assert probabilities == pytest.approx(arrays["stochastic"][-1], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_file_needs_none_of_this_project(folder: Path, tmp_path: Path) -> None:
     assert export(folder, "ppo", "alone.zip") == 0
     code = f"""

@@ -109,7 +109,10 @@ def test_results_of_another_experiment_are_not_taken_for_those_of_this_one(folde
         Folder(other).check()
 
 
-@pytest.mark.parametrize("name", ["tuning", "tuning_map", "tuning_tables"])
+@pytest.mark.parametrize(
+    "name",
+    ["tuning", *(pytest.param(name, marks=pytest.mark.slow) for name in ("tuning_map", "tuning_tables"))],
+)
 def test_chosen_settings_follow_from_published_trials(name: str, tmp_path: Path) -> None:
     path = chosen_file(ROOT / "benchmark" / "experiments" / f"{name}.toml")
     experiment = load_experiment(name)

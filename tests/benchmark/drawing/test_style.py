@@ -157,6 +157,7 @@ def draw_all(folder: Path) -> None:
     of_pyplot.save(None, {}, folder)
 
 
+@pytest.mark.slow
 def test_figures_do_not_depend_on_the_users_settings(tmp_path: Path, watched: Path) -> None:
     """Neither those of a personal file nor the backend that a notebook sets, which may not be there."""
     numbers = {key: value for key, value in mpl.rcParamsDefault.items() if isinstance(value, int | float)}

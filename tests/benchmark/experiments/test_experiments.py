@@ -19,6 +19,7 @@ from tests.support import ROOT, specifications
 
 SMALL = load_experiment("reproduce_smoke")
 COMPARED = load_experiment("compare_deep_smoke")
+LARGE = ("groups", "tuning_map", "tuning_tables")  # with the most conditions
 
 
 def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
@@ -42,7 +43,9 @@ def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path)
     assert extended(tmp_path, "noted", note="mine").declared.note == "mine"
 
 
-@pytest.mark.parametrize("name", experiment_names())
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LARGE)) for name in experiment_names()]
+)
 def test_shipped_experiments_are_sound_and_published_runs_are_theirs(name: str) -> None:
     experiment, manifest = load_experiment(name), ROOT / "results" / name / "manifest.json"
     report = report_of(experiment).check(is_drawn=False)

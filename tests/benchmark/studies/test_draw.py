@@ -56,6 +56,7 @@ def analysis_of(experiment: Experiment, store: Store, *, partial: bool = False) 
     return found
 
 
+@pytest.mark.slow
 def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) -> None:
     for name in ("small.toml", "runs.db"):
         shutil.copy(drawn.results / name, tmp_path)

@@ -109,6 +109,7 @@ def fills(opened: Opened, side: str = "left") -> list[str]:
     return list(shapes.evaluate_all("shapes => shapes.map((shape) => shape.getAttribute('fill'))"))
 
 
+@pytest.mark.slow
 def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_page: Open) -> None:
     opened.choose_both("S2", *TABLE)
     opened.walk(3)
@@ -126,6 +127,7 @@ def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_pag
     assert again.page.locator("#shown").input_value() == "difference"
 
 
+@pytest.mark.slow
 def test_address_is_followed_as_far_as_it_goes(open_page: Open) -> None:
     opened = open_page(fragment="#explorer=%")
     for fragment in ("%", "nowhere.%E0.x~~nothing~7~~", "S2.dqn.~.~-3~"):
@@ -258,6 +260,7 @@ def assert_walks(opened: Opened, population: Records, masks: NDArray[np.uint8]) 
         assert [line[2] for line in cells] == [phases[phase] for phase in contexts]
 
 
+@pytest.mark.slow
 def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, open_page: Open) -> None:
     for key in (("room", *NET), ("S2", *POLICY)):
         population = learners[key]
@@ -371,6 +374,7 @@ def test_every_scenario_is_walked_and_solved_as_in_python(explore: Explore, ever
         assert opened.panel("left", ".map .things polygon[points]").count() == n_signs
 
 
+@pytest.mark.slow
 def test_the_person_is_moved_by_pointer_keys_and_menus(
     explore: Explore, everything: Everything, open_page: Open
 ) -> None:
@@ -404,6 +408,7 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
     assert "The agent is at row 0, column 0." in again.panel("left", ".walked").inner_text()
 
 
+@pytest.mark.slow
 def test_a_group_of_many_places_is_shown_in_some(
     made: Path, tmp_path: Path, open_page: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -436,6 +441,7 @@ def test_a_group_of_many_places_is_shown_in_some(
     assert str(standing[4][0]) in opened.panel("right", menu).input_value().split(",")
 
 
+@pytest.mark.slow
 def test_phase_and_wrong_pings_are_chosen(explore: Explore, everything: Everything) -> None:
     opened, turning = explore("Turning", "Counted")
     opened.panel("left", "select[name=phase]").select_option(label="looks down")
@@ -504,6 +510,7 @@ def test_page_lets_no_script_or_request_pass_but_its_own(results: Path, browser:
     opened.page.close()
 
 
+@pytest.mark.slow
 def test_accessibility(open_page: Open, made: Path) -> None:
     opened = open_page(made, "#explorer=S2.ppo.one_hot~room.a-table_b.index~1600~values")
     opened.unfold()

@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmark.experiments import PUBLISHED
 from benchmark.folder import Folder
@@ -54,6 +55,7 @@ def test_links_and_numbers(published: Path) -> None:
     check_numbers(published)
 
 
+@pytest.mark.slow
 def test_without_javascript_there_is_no_map(open_page: Open, published: Path) -> None:
     opened = open_page(published, java_script_enabled=False)
     assert not opened.page.locator("#map").is_visible()
@@ -67,6 +69,7 @@ def box_of(opened: Opened, selector: str) -> dict[str, float]:
     return {"x": box["x"], "y": box["y"], "width": box["width"], "height": box["height"]}
 
 
+@pytest.mark.slow
 def test_published_page_answers_at_once_and_is_short(open_page: Open, published: Path) -> None:
     opened = open_page(published, viewport={"width": 1366, "height": 768})
     opened.wait_until("performance.getEntriesByName('first-contentful-paint').length")
@@ -95,6 +98,7 @@ def test_published_page_answers_at_once_and_is_short(open_page: Open, published:
     assert len(re.findall(rb"/Type\s*/Page\b", opened.page.pdf(format="A4"))) <= 8
 
 
+@pytest.mark.slow
 def test_map_ends_in_verdicts_and_a_table_whose_numbers_are_in_the_files(
     open_page: Open, published: Path
 ) -> None:

@@ -57,6 +57,7 @@ def test_every_published_column_has_a_short_meaning() -> None:
 # Pages
 
 
+@pytest.mark.slow
 def test_every_link_of_the_site_leads_to_a_file(built: Path) -> None:
     documents = [path for path in built.rglob("*.html") if path != built / "results" / "index.html"]
     assert len(documents) > 15
@@ -68,6 +69,7 @@ def test_every_link_of_the_site_leads_to_a_file(built: Path) -> None:
                 assert (path.parent / unquote(link)).exists(), f"{path.name}: {link}"
 
 
+@pytest.mark.slow
 def test_site_has_page_documents_and_api(built: Path) -> None:
     names = {path.relative_to(built).as_posix() for path in built.rglob("*") if path.is_file()}
     guides = ("agents", "benchmark/commands", "benchmark/experiments", "benchmark/studies", "envs/scenarios")
@@ -85,6 +87,7 @@ def test_site_has_page_documents_and_api(built: Path) -> None:
     assert 'href="CONTRIBUTING.html"' in (built / "index.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_pages_of_the_site_fit_a_phone(built: Path, browser: Browser) -> None:
     page = browser.new_page(viewport={"width": 390, "height": 844})
     for name in ("columns", "CONTRIBUTING"):
