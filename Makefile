@@ -18,7 +18,7 @@ DEEP ?= $(VENV)/.deep
 DOCS ?= $(VENV)/.docs
 DEV ?= $(VENV)/.dev
 
-# SEEDS=10 runs seeds 0 to 9 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. A reference
+# SEEDS=5 runs seeds 0 to 4 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-4. A reference
 # implementation has its share of them, at least two. By default each variant has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
@@ -36,13 +36,13 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map and tuning_tables for the maps (three hours)
 	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_tables),$(RUN) $(name) &&) true
 
-compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, of references 2 or 3, in compare_deep_seeds_0-9)
+compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (three quarters of an hour; SEEDS=5: 7 minutes, 5 seeds each, in compare_deep_seeds_0-4)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 sb3: $(DEEP) ## DQN, PPO and others of Stable-Baselines3 against the paper's table, in results/sb3/ (a quarter of an hour)
 	$(RUN) $(or $(EXPERIMENT),sb3)
 
-beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have moods, in results/beyond/
+beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have moods, in results/beyond/ (one and a half hours)
 	$(RUN) $(or $(EXPERIMENT),beyond)
 
 when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (one and a half hours)
