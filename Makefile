@@ -60,7 +60,7 @@ docs: $(DOCS) ## the site: page, guides, columns of tables, API, in build/site/
 test: $(DEV) ## the quick tests, in four minutes (TESTS=PATH: some of them)
 	$(PYTEST) -m 'not slow' $(TESTS)
 
-test-slow: $(DEV) ## the other tests: older processors, whole experiments, every target of make (half an hour)
+test-slow: $(DEV) ## the other tests: older processors, whole experiments, every target of make (six minutes)
 	$(PYTEST) -m slow $(TESTS)
 
 check: $(DEV) ## format, lint, types, spelling
