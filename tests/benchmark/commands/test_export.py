@@ -14,7 +14,6 @@ from stable_baselines3 import DQN, PPO
 from agents.policy import mask_policy
 from benchmark.__main__ import main
 from benchmark.assessment import assess
-from benchmark.commands import export as command
 from benchmark.execution import driver
 from benchmark.execution.executors import Threads
 from benchmark.execution.store import Record, Store
@@ -45,7 +44,7 @@ def run_of(folder: Path, variant: str) -> RunSpecification:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with an experiment, and its runs with seed 1 in S3, made as `run` does, without a process."""
+    """A folder with an experiment, and the compiled runs with seed 1 in S3, made as `run` does."""
     folder = tmp_path_factory.mktemp("export")
     (folder / "small.toml").write_text(EXPERIMENT, encoding="utf-8")
     with Store(folder / "runs.db") as store:
@@ -55,9 +54,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def in_this_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Repeats runs here, not in a process, which takes seconds to start, unless a test is slow anyway."""
+    """Repeats runs in this process, as starting one takes seconds, unless a test is slow anyway."""
     if not request.node.get_closest_marker("slow"):
-        monkeypatch.setattr(command, "Processes", Threads)
+        monkeypatch.setattr("benchmark.commands.export.Processes", Threads)
 
 
 def stored(folder: Path, variant: str) -> Record:
