@@ -53,7 +53,7 @@ _EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
 
 
 def published(results: Path) -> list[Path]:
-    """Lists the folders of published results that are there, in order of importance."""
+    """Lists the folders of published results that are there, in the order of `PUBLISHED`."""
     folders = [results / name for name in (*PUBLISHED, SPEED)]
     return [folder for folder in folders if Folder(folder).is_there]
 

@@ -45,7 +45,7 @@ class ComparisonDeclared(Declared):
     later: tuple[tuple[str, str], ...] = ()
     """Pairs that were declared when results were known; p-values are adjusted for these alone.
 
-    Each is compared over all scenarios and in each scenario.
+    Each that names no scenario is compared over all scenarios and in each.
     """
     curves: Names = ()
     """The learners in the figure of success over training; by default those that the outcome is about."""
@@ -102,7 +102,7 @@ def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
     later = [
         _pair(experiment, f"later.{i}", x + where, y + where)
         for i, (x, y) in enumerate(declared.later)
-        for where in ("", *(f" @ {name}" for name in experiment.scenarios if is_pooled))
+        for where in ("", *(f" @ {name}" for name in experiment.scenarios if is_pooled and " @ " not in x))
     ]
     compared = dict.fromkeys(x for x, y in contrasts if y in baseline and x not in baseline)
     decisive = [name for name in compared if every[name].family == "deep"]
@@ -123,9 +123,10 @@ def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
             where = f"algorithms.{population.learner.variant}.settings.budget_unit = {unit}"
             raise InputError(f"{source}: {where}: accepted: steps, in which a comparison counts.")
     _check_pairs(experiment, plan)
+    seen = [name for name, learner in experiment.learners.items() if learner.family != "planner"]
     for name in plan.curves:
-        if name not in experiment.learners:
-            unknown_name(f"{source}: report.curves", "learner", name, experiment.learners)
+        if name not in seen:
+            unknown_name(f"{source}: report.curves", "learner", name, seen)
     for y in plan.baseline:
         if y not in plan.learners:
             unknown_name(f"{source}: report.baseline", "baseline", y, plan.learners)
@@ -155,7 +156,7 @@ def _check_pairs(experiment: Experiment, plan: Plan) -> None:
         return " and ".join(sorted(map(side_name, sides)))
 
     try:
-        distinct(tuple(map(label, pairs)), f"{source}.contrasts: ")
+        distinct(tuple(map(label, pairs)), f"{source}.contrasts, later: ")
     except ValueError as error:
         raise InputError(f"{error}.") from None
 

@@ -142,10 +142,12 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
     if frame["scenario"].nunique() > FEW:
         return None
     frame = frame[(frame["step"] > 0) & frame["learner"].isin(analysis.plan.curves)]
+    if frame.empty:  # of a partial report
+        return None
     runs = labelled(analysis.curves[[*analysis.names, "seed", "step", "success"]])
     panels = [*frame.groupby("scenario", sort=False)]
     kinds = {name: each.issuer.feedback.kind for name, each in analysis.experiment.scenarios.items()}
-    feedback = {name: f": {FEEDBACK.get(kind, kind)}" for name, kind in kinds.items()}
+    feedback = {name: f": {FEEDBACK.get(kind, 'own feedback')}" for name, kind in kinds.items()}
     n_columns = min(len(panels), _COLUMNS)
     n_rows = math.ceil(len(panels) / n_columns)
     with figure_of(n_rows, n_columns, (WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
@@ -164,7 +166,7 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
                     axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
                 lines[learners[str(learner)].title] = curve["success"].iloc[-1], style
             title = str(scenario).replace(" under ", "\n").replace("/", "\n")
-            axis.set_title(title + feedback.get(str(scenario), ""), fontsize="small")
+            axis.set_title(title + feedback[str(scenario).partition(" under ")[0]], fontsize="small")
             axis.set(xlim=(float(rows["step"].min()), float(rows["step"].max())))
             axis.xaxis.set_major_locator(MaxNLocator(3))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))

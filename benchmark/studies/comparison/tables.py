@@ -112,14 +112,14 @@ def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
     level = {"score": giving_up(analysis)} if analysis.is_pooled else {}
     for endpoint in ENDPOINTS:
         matrices = analysis.matrices(endpoint)
-        baselines = {name: values for _, name, values in matrices if name in plan.baseline[:1]}
+        baselines = [each for each in matrices if each[1] in plan.baseline[:1]]
         for names, name, values in matrices:
             row: Row = {"endpoint": endpoint, **names, "n": len(values)}
             points, (low, high) = estimated(values, lambda x: np.array([measure(x) for measure in measures]))
             row |= {key: Estimate(points[i], low[i], high[i]) for i, key in enumerate(AGGREGATES)}
             row["giving_up"] = level.get(endpoint, math.nan)
-            if name in plan.drawn and name not in baselines:
-                for baseline, others in baselines.items():
+            for given, baseline, others in baselines if name in plan.drawn else ():
+                if baseline != name and given.get("condition") == names.get("condition"):
                     (point,), ((low,), (high,)) = estimated((values, others), _improvement)
                     row |= {"p_improvement": Estimate(point, low, high), "over": baseline}
             yield row

@@ -116,12 +116,12 @@ PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["inde
         ),
         ("margins = { success = 0.0 }", ["margins.success", "0.0"]),
         ('curves = ["net, one-hot"]', ["report.curves", "net, one-hot", "net, one_hot"]),
-        (f"contrasts = [{CONTRAST}]\nlater = [{CONTRAST}]", ["report.contrasts: ", "is named twice"]),
-        ('later = [["net, one_hot @ S1", "table, index @ S1"]]', ["report.later.0", "at most one scenario"]),
+        (f"contrasts = [{CONTRAST}]\nlater = [{CONTRAST}]", ["report.contrasts, later: ", "is named twice"]),
+        ('later = [["S1", "S2"]]', ["report.later.0", "at most one scenario"]),
         (
             'contrasts = [["net, one_hot @ S1", "table, index @ S1"], '
             '["S1 @ table, index", "S1 @ net, one_hot"]]',
-            ["report.contrasts: ", " and ", "is named twice"],
+            ["report.contrasts, later: ", " and ", "is named twice"],
         ),
         (f'baseline = ["table, index", "table, index"]\ncontrasts = [{CONTRAST}]', ["index is named twice"]),
     ],
