@@ -50,7 +50,15 @@ def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure 
         return None
     titles = {name: learner.title for name, learner in analysis.experiment.learners.items()}
     rows = [row for _, row in with_titles(labelled(table), titles).iterrows()]
-    names = [", ".join(filter(None, [f"{row['x']}\nagainst {row['y']}", row["scenario"]])) for row in rows]
+    parts = [
+        (
+            f"{row['x']}\nagainst {row['y']}",
+            row["scenario"],
+            "declared later" * (row.get("declared") == "later"),
+        )
+        for row in rows
+    ]
+    names = [", ".join(filter(None, each)) for each in parts]
     with figure_of(1, 1, (WIDTH, 0.38 * len(rows) + 1.2)) as (figure, axes):
         axis, margin = axes[0, 0], float(table["success_margin"].iloc[0])
         axis.axvspan(-margin, margin, color="0.92", lw=0)
@@ -146,8 +154,10 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
         return None
     runs = labelled(analysis.curves[[*analysis.names, "seed", "step", "success"]])
     panels = [*frame.groupby("scenario", sort=False)]
-    kinds = {name: each.issuer.feedback.kind for name, each in analysis.experiment.scenarios.items()}
-    feedback = {name: f": {FEEDBACK.get(kind, 'own feedback')}" for name, kind in kinds.items()}
+    feedback = {
+        name: f": {FEEDBACK.get(each.issuer.feedback.kind, 'own feedback')}"
+        for name, each in analysis.experiment.scenarios.items()
+    }
     n_columns = min(len(panels), _COLUMNS)
     n_rows = math.ceil(len(panels) / n_columns)
     with figure_of(n_rows, n_columns, (WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
@@ -192,10 +202,12 @@ def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | 
     labels, learners = COLUMNS["comparison_labels"], analysis.experiment.learners
     measures = [name for name in (*tables.AGGREGATES, "p_improvement") if name in frame]
     names = [*frame[frame["endpoint"] == ENDPOINTS[0]].sort_values("mean", kind="stable")["learner"]]
-    with figure_of(2, len(measures), (WIDTH, 0.6 * len(names) + 2.0)) as (figure, axes):
-        for endpoint, line in zip(ENDPOINTS, axes, strict=True):
+    titles = [fill(learners[name].title, 30, break_on_hyphens=False) for name in names]
+    line = max(0.3, 0.17 * max(title.count("\n") + 1 for title in titles))
+    with figure_of(2, len(measures), (WIDTH, 2 * line * len(names) + 2.0)) as (figure, axes):
+        for endpoint, panels in zip(ENDPOINTS, axes, strict=True):
             rows = frame[frame["endpoint"] == endpoint].set_index("learner").loc[names]
-            for axis, key in zip(line, measures, strict=True):
+            for axis, key in zip(panels, measures, strict=True):
                 for y, (name, row) in enumerate(rows.iterrows()):
                     style = style_of(str(name), analysis.experiment)
                     axis.plot([row[f"{key}_low"], row[f"{key}_high"]], [y, y], lw=3, color=style["color"])
@@ -209,8 +221,8 @@ def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | 
                 axis.xaxis.set_major_locator(MaxNLocator(2))
                 axis.margins(x=0.15)
                 axis.grid(lw=0.4, color="0.85")
-            line[0].set_yticklabels([fill(learners[name].title, 30) for name in names])
-            line[0].set_ylabel(endpoint, fontweight="bold")
+            panels[0].set_yticklabels(titles)
+            panels[0].set_ylabel(endpoint, fontweight="bold")
     return figure
 
 
