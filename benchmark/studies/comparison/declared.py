@@ -48,7 +48,10 @@ class ComparisonDeclared(Declared):
     Each that names no scenario is compared over all scenarios and in each.
     """
     curves: Names = ()
-    """The learners in the figure of success over training; by default those that the outcome is about."""
+    """The learners in the figure of success over training; by default those that the outcome is about.
+
+    The figure of success after training shows both.
+    """
 
 
 class Pair(NamedTuple):
