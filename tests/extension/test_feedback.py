@@ -105,32 +105,3 @@ def test_example_of_the_guide_is_found_beside_its_scenario(
     (scenes / "polite.py").write_text(f"{POLITE}# changed", encoding="utf-8")
     with pytest.raises(InputError, match="the module polite, or one that it imports, has changed"):
         load_experiment(tmp_path / "mine.toml")
-
-
-IMPORTS = {
-    "mine.py": "import os, numpy\ndef f():\n    from inner import deep\n    import near_by.near",
-    "inner/__init__.py": "from .first import *",
-    "inner/first.py": "from ..beyond import all",
-    "inner/deep.py": "from . import second as other",
-    "inner/second.py": "not Python \0",
-    "near_by/near.py": "import mine",
-}
-
-
-def test_digest_is_of_a_module_and_of_all_that_it_imports(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    for name, text in {**IMPORTS, "other.py": "", "inner/third.py": "", "mine.toml": ""}.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    before = digest_of_source("mine")
-    for path in sorted(tmp_path.rglob("*.*")):
-        text = path.read_text(encoding="utf-8")
-        path.write_text(f"{text}\n# changed", encoding="utf-8")
-        name = path.relative_to(tmp_path).as_posix()
-        assert (digest_of_source("mine") != before) == (name in IMPORTS), name
-        path.write_text(text, encoding="utf-8")
-        assert digest_of_source("mine") == before
-    names = ("numpy", "random", "sys", "agents.tabular.learner", "no_such_module", "a..b", "__main__x", "")
-    assert {digest_of_source(name) for name in names} == {""}
