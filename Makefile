@@ -25,7 +25,7 @@ RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(
 
 PYTEST = $(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help reproduce tune compare-deep sb3 beyond when groups report docs test test-slow check speed chaos fuzz clean
+.PHONY: help reproduce tune compare-deep sb3 when groups report docs test test-slow check speed chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -41,9 +41,6 @@ compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_de
 
 sb3: $(DEEP) ## DQN, PPO and others of Stable-Baselines3 against the paper's table, in results/sb3/ (a quarter of an hour)
 	$(RUN) $(or $(EXPERIMENT),sb3)
-
-beyond: $(DEEP) ## scenarios beyond the paper, where people turn, walk and have moods, in results/beyond/ (one and a half hours)
-	$(RUN) $(or $(EXPERIMENT),beyond)
 
 when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (one and a half hours)
 	$(RUN) $(or $(EXPERIMENT),when)

@@ -42,7 +42,7 @@ _EPILOG = """\
 examples:
   python -m benchmark list                         scenarios, algorithms, experiments
   python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
-  python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
+  python -m benchmark run when --cluster tcp://HOST:8786  on the machines of a Dask cluster
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again

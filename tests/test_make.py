@@ -29,8 +29,8 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
 }
 
 
-# Other tests use what these make; `groups` and `crowd` differ from `when` in their experiment alone.
-TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "beyond", "tune", "docs", "fuzz", "groups", "crowd"}
+# Other tests use what these make; `groups` differs from `when` in their experiment alone.
+TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "tune", "docs", "fuzz", "groups"}
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
     assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()} == kept
 
 
-@pytest.mark.parametrize("target", ["reproduce", "compare-deep", "beyond", "groups"])
+@pytest.mark.parametrize("target", ["reproduce", "compare-deep", "groups"])
 def test_seeds_are_passed_on_or_refused(target: str) -> None:
     shown = make("--dry-run", target, "SEEDS=30", "EXPERIMENT=mine").stdout
     assert shown.split()[-3:] == ["--seeds", "0-29", "mine"]

@@ -23,10 +23,8 @@ PUBLISHED: Final[Mapping[str, bool]] = {
     "when": True,
     "groups": True,
     "sb3": True,
-    "beyond": True,
     "tuning": False,
     "tuning_map": False,
     "tuning_tables": False,
     "equivalence": False,
-    "ablation": False,
 }

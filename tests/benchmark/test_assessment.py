@@ -253,28 +253,28 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
         return assess(lambda _: 0, scenario=scenario, observation="index", results=tmp_path).standing
 
     assert standing() is None
-    publish(tmp_path / "beyond", SCORES)
+    publish(tmp_path / "sb3", SCORES)
     expected = [
         ["Q-learning table", 2, 0.5],
         ["net on one-hot cells", 1, 0.25],
         ["net on coordinates", 1, 0.0],
     ]
     assert standing().learners[["learner", "runs", "score"]].to_numpy().tolist() == expected
-    publish(tmp_path / "beyond_seeds_0-9", SCORES, experiment="beyond")
-    publish(tmp_path / "beyond_smoke", SCORES)
+    publish(tmp_path / "sb3_seeds_0-9", SCORES, experiment="sb3")
+    publish(tmp_path / "sb3_smoke", SCORES)
     publish(tmp_path / "mine", SCORES)  # an experiment that is not the project's
     publish(tmp_path / "equivalence", SCORES, partial="Partial: a run is missing.")
     publish(tmp_path / "when", SCORES, horizon=201)
     publish(tmp_path / "tuning", SCORES.replace("score", "area"))
     changed = load_scenario("S1", {"rewards.other": -0.2}).model_dump(mode="json")
     publish(tmp_path / "compare_deep_long", SCORES, scenarios={"S1": changed})
-    assert set(standing().learners["experiment"]) == {"beyond"}
-    publish(tmp_path / "ablation", SCORES)
+    assert set(standing().learners["experiment"]) == {"sb3"}
+    publish(tmp_path / "reproduce", SCORES)
     assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
     assert standing("S2") is None
-    whole = (tmp_path / "beyond" / "scores.csv.gz").read_bytes()
+    whole = (tmp_path / "sb3" / "scores.csv.gz").read_bytes()
     for content in (gzip.compress(b"variant,success,score\ntable,1.0,1.0\n"), whole[:-12]):
-        (tmp_path / "beyond" / "scores.csv.gz").write_bytes(content)
+        (tmp_path / "sb3" / "scores.csv.gz").write_bytes(content)
         with pytest.raises(InputError, match=r"scores\.csv\.gz: damaged"):
             standing()
 

@@ -113,7 +113,8 @@ def test_costs_of_missing_runs_are_estimated(
     tmp_path: Path, examine: Examine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text('extends = "ablation"\ndescription = ""\n[changes]\nscenarios = ["S1", "S2"]\n')
+    variants = {name: variant(seeds=100) for name in "abcd"}
+    path.write_text(small_experiment(scenarios=["S1", "S2"], algorithms=variants))
     runs = all_specifications(load_experiment(path))
     with Store(tmp_path / "runs.db") as store:
         store.add(Record(run.digest, run.content, "done", {}, {}) for run in runs if run.seed == 0)

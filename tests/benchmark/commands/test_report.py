@@ -6,32 +6,32 @@ import pytest
 
 from benchmark.commands import parse_seeds
 from benchmark.commands.report import folder_name, other_seeds
-from benchmark.experiments import load_experiment
 from tests.benchmark.studies.conftest import experiment_of
+from tests.support import small_experiment, variant
 
 
 @pytest.mark.parametrize(
     ("given", "partial", "name"),
     [
-        (None, False, "ablation"),
-        ("0-99", False, "ablation"),
-        ("100-199", False, "ablation_seeds_100-199"),
-        ("7", False, "ablation_seeds_7"),
-        ("0-99", True, "ablation_partial"),
-        ("0-9", True, "ablation_seeds_0-9_partial"),
+        (None, False, "mine"),
+        ("0-99", False, "mine"),
+        ("100-199", False, "mine_seeds_100-199"),
+        ("7", False, "mine_seeds_7"),
+        ("0-99", True, "mine_partial"),
+        ("0-9", True, "mine_seeds_0-9_partial"),
     ],
 )
 def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
-    given: str | None, partial: bool, name: str
+    given: str | None, partial: bool, name: str, tmp_path: Path
 ) -> None:
-    experiment = load_experiment("ablation")
+    text = small_experiment(algorithms={"table": variant(seeds=100)})
+    experiment = experiment_of(tmp_path / "mine.toml", text)
     seeds = other_seeds(experiment, parse_seeds(given))
     assert folder_name(experiment, seeds, partial=partial) == name
 
 
 def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_variant(tmp_path: Path) -> None:
-    variant = next(iter(load_experiment("ablation").declared.algorithms))
-    change = f'changes = {{ "algorithms.{variant}.first_seed" = 100 }}'
-    experiment = experiment_of(tmp_path / "mine.toml", f'extends = "ablation"\ndescription = ""\n{change}')
+    variants = {"one": variant(seeds=100), "two": variant(seeds=100, first_seed=100)}
+    experiment = experiment_of(tmp_path / "mine.toml", small_experiment(algorithms=variants))
     for text in ("0-99", "100-199", "0-199"):
         assert other_seeds(experiment, parse_seeds(text)) == parse_seeds(text)
