@@ -14,6 +14,7 @@ from benchmark.execution import machine
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_progress import publish
+from tests.support import small_experiment, variant
 
 Examine = Callable[..., tuple[int, list[str]]]
 
