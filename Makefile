@@ -3,7 +3,6 @@ PYTHON ?= python3
 VENV ?= .venv
 PY ?= $(VENV)/bin/python
 RESULTS ?= results
-SITE ?= build/site
 EXPERIMENT ?=
 SEEDS ?=
 TESTS ?=
@@ -15,7 +14,6 @@ FUZZ ?=
 # Files that mark what is installed. To use a Python that already has it, leave them empty: make reproduce PY=python BASE=
 BASE ?= $(VENV)/.base
 DEEP ?= $(VENV)/.deep
-DOCS ?= $(VENV)/.docs
 DEV ?= $(VENV)/.dev
 
 # SEEDS=5 runs seeds 0 to 4 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-4. A reference
@@ -25,7 +23,7 @@ RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(
 
 PYTEST = $(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help reproduce tune compare-deep sb3 when groups report docs test test-slow check speed chaos fuzz clean
+.PHONY: help reproduce tune compare-deep sb3 when groups report test test-slow check speed chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -50,9 +48,6 @@ groups: $(DEEP) ## the same with several people, strangers or in a group that ta
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)
-
-docs: $(DOCS) ## the site: page, guides, columns of tables, API, in build/site/
-	$(PY) -m benchmark.publish.page.site $(RESULTS) $(SITE)
 
 test: $(DEV) ## the quick tests, in four minutes (TESTS=PATH: some of them)
 	$(PYTEST) -m 'not slow' $(TESTS)

@@ -256,7 +256,7 @@ def test_what_is_imported_is_declared() -> None:
     """All that is declared is imported, too, except what others import, as Gymnasium does pygame."""
     core = {*requirements(None), "pydantic-core"}  # pydantic's own, which its documentation says to import
     assert {*map(package_of, third_party(["envs"]))} == core
-    used = {name for extra in ("reproduce", "deep", "cluster", "docs") for name in extras()[extra]}
+    used = {name for extra in ("reproduce", "deep", "cluster") for name in extras()[extra]}
     # Of other packages, and by name
     used -= {"arch", "imageio-ffmpeg", "moviepy", "sb3-contrib", "tensorboard", "tqdm"}
     assert {*map(package_of, third_party(LAYERS))} - {*extras()["render"]} == core | used

@@ -1,14 +1,17 @@
 """The guides for newcomers: every file, command and line of Python, in the order of the page."""
 
+import doctest
 import re
 import runpy
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from benchmark.__main__ import main
+from envs import load_scenario, scenario_names
 from tests.support import ROOT
 
 SCENE, LEARNER = "benchmark/guide.md", "agents/README.md"
@@ -72,3 +75,18 @@ def test_guide_can_be_followed(
         rows = re.findall(r"^(\w+) +([\d.]+) +160 +([\d.]+) +160$", printed, flags=re.MULTILINE)
         assert [row for row in rows if float(row[1]) > float(row[2])] == [(scenario, x, y)]
         assert f"in one of {len(rows)}" in page
+
+
+def test_guide_to_scenarios_lists_all_and_its_examples_are_right() -> None:
+    guide = (ROOT / "envs" / "scenarios" / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\w+) \| [^|]+ \| [^|]+ \|$", guide, flags=re.MULTILINE)[1:]
+    assert sorted(rows) == scenario_names()
+    group, others, onlookers = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
+    (session,) = re.findall(r"```pycon\n(.*?)```", guide, flags=re.DOTALL)
+    result = doctest.DocTestRunner().run(doctest.DocTestParser().get_doctest(session, {}, "README", None, 0))
+    assert result.attempted > 0
+    assert not result.failed
+    three = load_scenario("Anywhere", {"grid.metres_per_cell": 0.3, **tomllib.loads(group)})
+    assert three.group == load_scenario("ThreeTalking").group
+    assert len(load_scenario("Anywhere", tomllib.loads(onlookers)).layout.ways) == 512
+    assert load_scenario("S1", tomllib.loads(others)).layout.others[4][0].position == (2, 6)

@@ -30,7 +30,7 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
 
 
 # Other tests use what these make; `groups` differs from `when` in their experiment alone.
-TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "tune", "docs", "fuzz", "groups"}
+TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "tune", "fuzz", "groups"}
 
 
 @pytest.mark.slow

@@ -7,13 +7,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from pkgutil import resolve_name
 
-import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
 from benchmark.experiments import load_experiment
 from benchmark.publish import front
-from envs import scenario_names
 from tests.support import ROOT, small_experiment, variant
 
 GUIDES = ("agents/README.md", "benchmark/guide.md")  # followed step by step in another test
@@ -24,7 +22,6 @@ FILES = (
     "benchmark/commands/README.md",
     "benchmark/experiments/README.md",
     "benchmark/glossary.md",
-    "benchmark/publishing.md",
     "benchmark/studies/README.md",
     "envs/scenarios/README.md",
 )
@@ -113,7 +110,7 @@ def test_ci_does_what_contributing_says() -> None:
 
 
 def anchors(page: str) -> set[str]:
-    """Returns the anchors of a page's headings, as GitHub and pdoc make them."""
+    """Returns the anchors of a page's headings, as GitHub makes them."""
     headings = re.findall(r"^#+ (.*)$", page, flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
@@ -163,14 +160,3 @@ def test_results_say_how_much_was_tuned() -> None:
         "q_learning",
         *(f"{start}{name}_default" for name in ("dqn", "ppo") for start in ("", "sb3_")),
     }
-
-
-def test_texts_for_distribution_say_what_is_published() -> None:
-    text = PAGES["benchmark/publishing.md"]
-    claims = pd.read_csv(ROOT / "results" / "reproduce" / "claims.csv").query("agents == 1000")
-    listed = re.findall(r"^- (holds|undecided|does not hold): (.*)[;.]$", text, flags=re.MULTILINE)
-    for verdict, names in listed:
-        claimed = claims.loc[claims["verdict"] == verdict, "claim"].unique().tolist()
-        assert re.findall(r"`([^`]+)`", names) == claimed
-    assert len(listed) == claims["verdict"].nunique()
-    assert f"{len(scenario_names())} scenarios" in text

@@ -27,7 +27,6 @@ from envs.packages import extras
 _USES: Final = {  # by extra
     "reproduce": "all commands",
     "deep": "nets, speed and run --log",
-    "docs": "make docs",
     "cluster": "run --cluster",
     "render": "windows of environments",
 }
