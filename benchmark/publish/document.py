@@ -25,7 +25,7 @@ from benchmark.publish import files, prose
 from benchmark.publish.templates import mistakes_in
 from benchmark.publish.templates import templates_in as templates_in
 from benchmark.studies import STUDIES, AnyItem, AnyStudy, load_study
-from benchmark.studies.item import COLUMNS, Item, entry
+from benchmark.studies.item import Item, entry
 from benchmark.studies.study import with_items
 from envs import InputError
 
@@ -192,7 +192,7 @@ def _shown(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 _ABOUT: Final = "rates of this project and of common alternatives, from the same run"
-_SPEED: Final[AnyItem] = Item(SPEED, _ABOUT, is_measured=True, show=_shown, meanings=COLUMNS[SPEED])
+_SPEED: Final[AnyItem] = Item(SPEED, _ABOUT, is_measured=True, show=_shown)
 
 
 def document_of(path: Path, study: AnyStudy | None = None) -> Document:

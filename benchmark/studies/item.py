@@ -5,7 +5,6 @@ The function of a table takes the analysis of its study; that of a figure takes 
 
 import inspect
 import math
-import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
@@ -43,7 +42,6 @@ class Item(Generic[A]):
     columns: str = ""  # that readers see, which spaces separate; by default all
     _: KW_ONLY
     labels: Mapping[str, str] = field(default_factory=dict)  # of columns, if not the name
-    meanings: Mapping[str, str] = field(default_factory=dict)  # if not the same as elsewhere
     where: Show | None = None  # chooses the rows that readers see
     is_measured: bool = False  # whether it holds measured times or memory, which differ every time
     best: str = ""  # the column by which rows are shown sorted, largest first; with "-": smallest first
@@ -98,10 +96,6 @@ class Item(Generic[A]):
     def files(self) -> tuple[str, ...]:
         """Lists the names that its files can have."""
         return (self.file,) if self.file else (f"{self.name}.csv", f"{self.name}.svg")
-
-    def meaning(self, column: str, study: str = "") -> str | None:
-        """Returns what a column of its table means in a study; None if nothing says so."""
-        return _meaning(column, {**COLUMNS["columns"], **COLUMNS.get(study, {}), **self.meanings})
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
@@ -186,19 +180,3 @@ def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> 
     is_open = low is None or high is None or math.isnan(low) or math.isinf(low)
     ends = "" if is_open else f" [{show(low, decimals)}, {show(high, decimals)}]"
     return link(text, table, row) + ends
-
-
-def _meaning(column: str, known: Mapping[str, str]) -> str | None:
-    """Returns what a column means; `*` is any other column.
-
-    >>> _meaning("every_cell_success_low", COLUMNS["columns"])
-    'lower end of the 95 % interval of `every_cell_success`'
-    """
-    if column in known:
-        return known[column]
-    for pattern, text in COLUMNS["affixes"].items():
-        if match := re.fullmatch(pattern, column):
-            name = next(filter(None, match.groups()))
-            if base := _meaning(name, {key: known[key] for key in known if key != "*"}):
-                return text.format(name=name, base=base)
-    return known.get("*")

@@ -12,7 +12,7 @@ from benchmark.studies import item
 from benchmark.studies.comparison.analysis import ComparisonAnalysis
 
 
-@item("lost", "runs without any success", meanings={"share": "share of the runs that never succeed"})
+@item("lost", "runs without any success")
 def lost(analysis: ComparisonAnalysis) -> Iterator[dict[str, object]]:
     for keys, rows in by_population(analysis.data.runs):
         yield {**keys, "share": proportion((rows["success"] == 0).to_numpy())}

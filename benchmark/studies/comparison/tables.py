@@ -37,9 +37,8 @@ _DRAWS: Final = 1_000  # of a bootstrap
 
 def _item(name: str, description: str, shown: str = "", **more: Any) -> Item[ComparisonAnalysis]:
     """Makes an item of the analysis's attribute of its name; `shown` has the columns for readers."""
-    meanings = {**COLUMNS["comparison"], **COLUMNS.get(f"comparison_{name}", {})}
     labels = COLUMNS["comparison_labels"] if shown else {}
-    found = Item[ComparisonAnalysis](name, description, shown, labels=labels, meanings=meanings, **more)
+    found = Item[ComparisonAnalysis](name, description, shown, labels=labels, **more)
     return found(lambda analysis: getattr(analysis, name))
 
 
@@ -282,9 +281,6 @@ def scores(analysis: ComparisonAnalysis, path: Path) -> None:
     names = [*analysis.names, "policy", "seed", *RESULTS, *(f"every_cell_{name}" for name in RESULTS)]
     names += ["greedy_success", *runs.loc[:, "target_cells_marked":"diverged_at"]]
     write_csv(runs[[name for name in names if name in runs]], path)
-
-
-scores.meanings = {**COLUMNS["comparison"], "training_wrong_pings": "wrong PINGs of the whole training"}
 
 
 @explorer.explorer_item

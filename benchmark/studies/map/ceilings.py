@@ -8,7 +8,7 @@ from agents.dynamic_programming import evaluate, solve
 from agents.policy import mask_policy
 from benchmark.analysis.records import OPTIMUM_TOLERANCE
 from benchmark.experiments import title_of
-from benchmark.studies.item import COLUMNS, item
+from benchmark.studies.item import item
 from benchmark.studies.map.analysis import MapAnalysis
 from benchmark.studies.map.declared import panels_of
 from envs import compile_scenario
@@ -21,7 +21,6 @@ from envs.observations import INDICES, compile_seen
     "success with these actions, which others may exceed",
     "grid table rows optimal success",
     labels={"optimal": "optimal in what share of states"},
-    meanings=COLUMNS["ceilings"],
 )
 def ceilings(analysis: MapAnalysis) -> Iterator[Mapping[str, object]]:
     """Tabulates each form of index in the scene of each panel, with all possible places."""

@@ -77,7 +77,6 @@ def picks(analysis: SearchAnalysis) -> Iterator[Row]:
     "learner default learned trials total drawn",
     best="-total",
     where=lambda frame: frame[frame["scenario"] == ALL],
-    meanings=COLUMNS["search_effort"],
 )
 def effort(analysis: SearchAnalysis) -> Iterator[Row]:
     """Tabulates `expected_total` by scenario, and its mean over all, if runs are measured until they learn.
@@ -122,17 +121,11 @@ trials = _item(
     "trials",
     "every trial of every learner: settings, and means by scenario",
     where=no_rows,
-    meanings={"*": "mean area, or earliness, in this scenario, on the first runs"},
     compute=lambda analysis: analysis.trials,
 )
 
 
-@_item(
-    "spaces",
-    "the declared range of every setting, and why",
-    "variant setting default range why",
-    meanings={"default": "value in trial 0, as declared"},
-)
+@_item("spaces", "the declared range of every setting, and why", "variant setting default range why")
 def spaces(analysis: SearchAnalysis) -> Iterator[Row]:
     """Tabulates what was declared before the search."""
     experiment = analysis.data.experiment
