@@ -216,11 +216,8 @@ def _parser() -> argparse.ArgumentParser:
     _add(assess, "--normalization", "FILE", about, Path)
     _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
     _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
-    about = (
-        "form of observation that the agent takes: index, one_hot, factored, tiles, coordinates or centred; "
-    )
-    about += "or of people, relative to the agent: offset, nearest, two_nearest or centre, "
-    about += "alone or followed by _one_hot, _factored and so on"
+    about = "form of observation that the agent takes: index, one_hot, factored, tiles, coordinates or "
+    about += "centred; or, relative to the agent, offset, alone or followed by _one_hot, _factored and so on"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
     about = "write results/leaderboard/NAME.toml, for the leaderboard; the options below require it"

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from envs.inputs import require
 from envs.people import Group, Issuer, Onlookers, Person, Phase, Walk
-from envs.regions import HEADINGS, TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
+from envs.regions import TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
 
 MAX_ZONES: Final = 100_000_000  # cells, over all phases and all ways in which people may stand
 _AT_ONCE: Final = 1_000_000  # cells, to save memory
-_MOVES: Final = np.array([*HEADINGS.values()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class Layout:
     zone: NDArray[np.int8]  # (J, P, C) index into `envs.regions.ZONES`
     is_start: NDArray[np.bool_]  # (J, first ticks, C) where episodes may start
     is_seen: NDArray[np.bool_]  # (J,) whether episodes with the person in a place are trained
-    onlookers: NDArray[np.int_]  # (J, P, onlookers) their cells; J are then combinations of a place and a way
+    onlookers: NDArray[np.int_]  # (J, onlookers) their cells; J are then combinations of a place and a way
 
     @cached_property
     def ticks(self) -> NDArray[np.int_]:
@@ -122,7 +121,7 @@ def shown_cells(cells: Sequence[Cell], fraction: float, draw: int) -> list[Cell]
 
 @lru_cache(maxsize=8)
 def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
-    """Returns a layout whose places are repeated with different ways in which onlookers stand or walk."""
+    """Returns a layout whose places are repeated with different ways in which onlookers stand."""
     grid, n_ways = layout.grid, onlookers.ways
     seen, unseen = np.flatnonzero(layout.is_seen), np.flatnonzero(~layout.is_seen)
     repeated = np.resize(seen, max(n_ways, len(seen))), np.tile(unseen, -(-n_ways // len(seen)))
@@ -137,22 +136,13 @@ def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
     cells = random_orders(n_ways, len(is_floor), "onlookers", draw)[way]  # (J, C)
     is_free = np.take_along_axis(is_free, cells, axis=1)
     is_first = is_free & (is_free.cumsum(axis=1) <= onlookers.people)
-    standing = cells[is_first].reshape(len(place), onlookers.people)
-
-    steps = [standing]
-    for i in range(onlookers.walk):
-        turns = random_orders(standing.size, len(_MOVES), f"walk {i}", draw)[:, 0].reshape(standing.shape)
-        moved = np.clip(grid.position[steps[-1]] + _MOVES[turns], 0, np.array(grid.size) - 1)
-        moved = moved @ (grid.columns, 1)
-        steps.append(np.where(is_floor[moved], moved, steps[-1]))
-    rounds = [*steps[:-1], *steps[:0:-1]] or [standing] * len(layout.stages)
     return replace(
         layout,
         ways=layout.ways[place],
         zone=layout.zone[place],
         is_start=layout.is_start[place],
         is_seen=layout.is_seen[place],
-        onlookers=np.stack(rounds, axis=1),
+        onlookers=cells[is_first].reshape(len(place), onlookers.people),
     )
 
 
@@ -232,7 +222,7 @@ def resolve(
     ways = _ways_of_group(grid, cells, group, regions, most) if group else cells[:, None]
     zone = _find_zones(grid, issuer, regions, ways, stages, others_at)
     is_start = _find_starts(grid, zone, first)
-    is_seen, onlookers = np.ones(len(ways), np.bool_), np.zeros((len(ways), len(stages), 0), np.int_)
+    is_seen, onlookers = np.ones(len(ways), np.bool_), np.zeros((len(ways), 0), np.int_)
     return Layout(grid, stages, others_at, ways, first, zone, is_start, is_seen, onlookers)
 
 

@@ -352,8 +352,9 @@ def _components(
             case "agent":
                 ones = np.arange(len(grid.position))[:, None]
                 return Component(name, cell, grid.position, largest, np.ones(2, int), ones, len(ones))
-            case "issuer" if scenario.onlookers and scenario.onlookers.seen:
-                return _crowd(scenario, scenario.onlookers, context)
+            case "issuer" if scenario.onlookers:
+                own = shown[group[::n_phases]]  # (J, people, 2)
+                return _crowd(scenario, scenario.onlookers, context // n_phases, own)
             case "issuer":
                 numbers, value = shown.reshape(len(groups), -1), group[context].astype(np.int32)
                 per_cell = np.ones(2 * n, int)
@@ -365,38 +366,34 @@ def _components(
                 largest_one, per_cell = np.array([max(size - 1, 1)]), np.zeros(1, int)
                 return Component(name, value, numbers, largest_one, per_cell, numbers, size)
             case _:
-                return _relative(scenario, name, context, cell)
+                return _offset(scenario, context, cell)
 
     return tuple(component(name) for name in scenario.observe)
 
 
-def _crowd(scenario: Scenario, onlookers: Onlookers, context: NDArray[np.int32]) -> Component:
-    """Returns the component with the cells of all people: first of those who count, unless with badges."""
+def _crowd(
+    scenario: Scenario, onlookers: Onlookers, place: NDArray[np.int32], own: NDArray[np.int_]
+) -> Component:
+    """Returns the component with the cells of all people: first of those who count, unless with badges.
+
+    Given are the place of each state, (S,), and the coordinates that are shown of those who count.
+    """
     grid, layout, n = scenario.grid, scenario.layout, scenario.n_people
-    cells = np.concatenate([layout.standing, layout.onlookers], axis=2)  # (J, P, people)
-    value = context
-    if not onlookers.walk:
-        value, cells = context // cells.shape[1], cells[:, :1]
-    cells = cells.reshape(-1, cells.shape[2])  # (size, people)
-    every = [(row, column) for row, column in grid.position.tolist()]
-    coordinates = np.array([shown_cells(every, onlookers.permuted, scenario.draw)] * cells.shape[1])
-    own = shown_cells(layout.issuer_cells, scenario.issuer.permuted, scenario.draw)
-    coordinates[:n, [grid.index(cell) for cell in layout.issuer_cells]] = own
-    columns = np.arange(cells.shape[1])
-    numbers, largest, per_cell = coordinates[columns, cells], np.maximum(np.array(grid.size) - 1, 1), [1, 1]
-    ones, width = cells, len(every)
+    ones = np.concatenate([layout.ways, layout.onlookers], axis=1)  # (J, people) cells
+    numbers, largest, per_cell = grid.position[ones], np.maximum(np.array(grid.size) - 1, 1), [1, 1]
+    numbers[:, :n] = own
+    width, columns = len(grid.position), np.arange(ones.shape[1])
     if onlookers.badge:
-        order = random_orders(len(layout.ways), cells.shape[1], "badges", scenario.draw)
-        order = order.repeat(len(cells) // len(order), axis=0)  # the same in all phases
+        order = random_orders(*ones.shape, "badges", scenario.draw)
         counts = (order < n) * 1
         numbers = np.take_along_axis(numbers, order[:, :, None], axis=1)
         numbers = np.concatenate([numbers, counts[:, :, None]], axis=2)
-        ones = np.take_along_axis(cells, order, axis=1) + width * counts
+        ones = np.take_along_axis(ones, order, axis=1) + width * counts
         largest, per_cell, width = np.append(largest, 1), [1, 1, 0], 2 * width
     return Component(
         name="issuer",
-        value=value.astype(np.int32),
-        numbers=numbers.reshape(len(cells), -1),
+        value=place,
+        numbers=numbers.reshape(len(ones), -1),
         largest=np.tile(largest, len(columns)),
         per_cell=np.tile(per_cell, len(columns)),
         ones=ones + width * columns,
@@ -404,10 +401,8 @@ def _crowd(scenario: Scenario, onlookers: Onlookers, context: NDArray[np.int32])
     )
 
 
-def _relative(
-    scenario: Scenario, name: str, context: NDArray[np.int32], cell: NDArray[np.int32]
-) -> Component:
-    """Returns the component that says where people stand relative to the agent, see `RELATIVE`.
+def _offset(scenario: Scenario, context: NDArray[np.int32], cell: NDArray[np.int32]) -> Component:
+    """Returns the component that says where the person and the group stand relative to the agent.
 
     The offsets of several people are sorted by their Euclidean distance from the agent, and those that are
     equally far by rows and columns.
@@ -416,28 +411,22 @@ def _relative(
     farthest, columns = np.array(grid.size) - 1, 2 * grid.columns - 1
     standing = scenario.layout.standing.reshape(-1, n)
     offset = grid.position[standing][:, None] - grid.position[:, None]  # (J * P, C, people, 2)
-    if name == "centre":
-        offset, farthest = offset.sum(axis=2, keepdims=True), n * farthest
-        columns = 2 * int(farthest[1]) + 1
-    elif n > 1:
-        order = (offset**2).sum(axis=3).argsort(axis=2, kind="stable")
-        offset = np.take_along_axis(offset, order[:, :, : scenario.n_seen, None], axis=2)
-    index = (offset + farthest) @ (columns, 1)  # (J * P, C, people)
-    size, n_seen = (2 * int(farthest[0]) + 1) * columns, index.shape[2]
-    values, number_at = np.arange(size)[:, None], index[:, :, 0]
-    if n_seen > 1:  # of the many combinations of offsets, only those that occur
-        rows = index.reshape(-1, n_seen)
+    order = (offset**2).sum(axis=3).argsort(axis=2, kind="stable")
+    index = (np.take_along_axis(offset, order[..., None], axis=2) + farthest) @ (columns, 1)
+    size, number_at = (2 * grid.rows - 1) * columns, index[:, :, 0]
+    values = np.arange(size)[:, None]
+    if n > 1:  # of the many combinations of offsets, only those that occur
+        rows = index.reshape(-1, n)
         first, number = numbered([*rows.T])
         number_at, values = number.reshape(number_at.shape), rows[first]
-    numbers = np.stack(np.divmod(values, columns), axis=2).reshape(len(values), -1)
     return Component(
-        name=name,
+        name="offset",
         value=number_at[context, cell].astype(np.int32),
-        numbers=numbers,
-        largest=np.tile(np.maximum(2 * farthest, 1), n_seen),
-        per_cell=np.full(2 * n_seen, n if name == "centre" else 1),
-        ones=values + size * np.arange(n_seen),
-        width=size * n_seen,
+        numbers=np.stack(np.divmod(values, columns), axis=2).reshape(len(values), -1),
+        largest=np.tile(np.maximum(2 * farthest, 1), n),
+        per_cell=np.ones(2 * n, int),
+        ones=values + size * np.arange(n),
+        width=size * n,
     )
 
 

@@ -1,9 +1,8 @@
 """Forms of observation, as tables of all observations.
 
-A form is what is observed and its encoding. Most forms are egocentric: instead of its own cell and people's
-cells, the agent observes people's positions relative to itself. "offset" gives those of all people, "nearest"
-that of the nearest, "two_nearest" those of two, and "centre" the centre of all; for a single person, these
-are the same. Where the person is not seen, they equal the form of cells with the same encoding.
+A form is what is observed and its encoding. In forms that begin with "offset", the agent observes where
+people are relative to itself, instead of its own cell and people's cells. Where the person is not seen, they
+equal the form of cells with the same encoding.
 
 "planes" is the room as an image, for convolutional nets.
 """
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from envs.inputs import InputError, unknown_name
 from envs.model import Model, compile_scenario
-from envs.scenario import RELATIVE, Scenario
+from envs.scenario import Scenario
 from envs.tiles import tiles_of
 
 _ENCODINGS: Final = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
@@ -29,7 +28,7 @@ _PLANES: Final = ("agent", "people", "onlookers", "walls")  # and one for each f
 # What each form observes, and its encoding: "tiles" has ("", "tiles"), and "offset" has ("offset", "index").
 _PARTS: Final = {
     "_".join(filter(None, (seen, "" if seen and encoding == "index" else encoding))): (seen, encoding)
-    for seen, encoding in product(("", *RELATIVE), _ENCODINGS)
+    for seen, encoding in product(("", "offset"), _ENCODINGS)
 } | {form: ("", form) for form in IMAGES}
 ENCODINGS: Final = {form: encoding for form, (_, encoding) in _PARTS.items()}
 OBSERVATIONS: Final = tuple(ENCODINGS)
@@ -53,8 +52,8 @@ def _check_planes(scenario: Scenario) -> None:
     """Refuses, by an InputError, a scenario that planes cannot show, or SB3 would mistake."""
     first, shape = scenario.observe[0], planes_shape(scenario)
     where = f"observation planes: {scenario.name} with observe = {json.dumps(scenario.observe)}"
-    if first in RELATIVE:
-        raise InputError(f'{where}; accepted: cells, so "agent" instead of "{first}".')
+    if first == "offset":
+        raise InputError(f'{where}; accepted: cells, so "agent" instead of "offset".')
     if shape[0] > min(shape[1:]):  # Stable-Baselines3 takes the shortest side for the channels
         found = f"{where} has {shape[0]} planes of {shape[1]} x {shape[2]} cells"
         raise InputError(f"{found}; accepted: at least as many rows and columns as planes.")
@@ -80,13 +79,13 @@ def seen_as(scenario: Scenario, observation: str) -> Scenario:
         _check_planes(scenario)
     if not relative or "issuer" not in scenario.observe:
         return scenario
-    return scenario.seen_as(relative)
+    return scenario.seen_by_offset()
 
 
 def compile_seen(scenario: Scenario, observation: str) -> Model:
     """Compiles a scenario for agents that are given observations in a form, see `seen_as`."""
     seen = seen_as(scenario, observation)
-    is_exact = seen.observe[0] == "agent" or seen.n_seen == 1  # else only those offsets count that occur
+    is_exact = seen.observe[0] == "agent" or seen.n_people == 1  # else only those offsets count that occur
     if ENCODINGS.get(observation) == "one_hot" and is_exact:
         check_sparse(seen.n_observations, sum(width for _, width in seen.observed_sizes.values()))
     return compile_scenario(seen)

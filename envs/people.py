@@ -1,6 +1,5 @@
 """People in a scenario: where they stand and walk, and the reward that they add to a PING."""
 
-import json
 from collections.abc import Callable, Hashable, Sequence, Set
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
@@ -236,29 +235,15 @@ class Onlookers(Table):
     as many of the same ways as seen places are, rounded up.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"seen", "permuted", "badge", "walk"}
+    omitted_at_default: ClassVar[Set[str]] = {"badge"}
 
     people: Annotated[int, Field(ge=1, le=1000)]
     """How many there are. With fewer people, the first ones stand in the same cells."""
     ways: Annotated[int, Field(ge=1, le=MAX_STATES)]
     """How many ways to stand are drawn; with 1, they stand in the same cells in every episode, except
     whoever would stand in the person's cell."""
-    seen: bool = True
-    """Whether they are observed."""
-    permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Fraction of cells shown with another cell's coordinates when an onlooker stands there."""
     badge: bool = False
     """Whether people are observed in random order, each with a number: 1 for those who count, else 0."""
-    walk: Annotated[int, Field(ge=0, le=100)] = 0
-    """How many random steps they walk before they go back the same way, again and again; 0: they stand.
-    They may share a cell with each other or with the person."""
-
-    @model_validator(mode="after")
-    def _is_shown(self) -> Self:
-        for key in ("permuted", "badge", "walk"):
-            where = f"{key} = {json.dumps(getattr(self, key))} and seen = false"
-            require(self.seen or not getattr(self, key), where, "one of them")
-        return self
 
 
 class Person(Table):

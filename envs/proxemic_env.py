@@ -54,8 +54,6 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
       place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
     - `"planes"`: `Box(0, 255, (planes, rows, columns), uint8)`, an image with a plane each for the agent,
       people, onlookers, walls and each further component, for convolutional nets that take small images
-    - `"nearest"`, `"two_nearest"`, `"centre"`, also with `"_one_hot"` and so on: the same with the nearest
-      person, the two nearest, or the centre of all people, if the person has a group
 
     The person's cell has a value for each cell in which the person may be. A group has a value for each way
     in which it may stand; as offsets, for each combination that occurs, the nearest person first. Its one-hot

@@ -25,12 +25,10 @@ from envs.sources import find_modules_in
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 _MAX_STATES_OF_PLACE: Final = 100_000  # states that are compiled together
-# What can be seen of where people stand relative to the agent, see `envs.observations`.
-RELATIVE: Final = ("offset", "nearest", "two_nearest", "centre")
 # What can be observed, in the order of an observation.
-COMPONENTS: Final = ("agent", *RELATIVE, "issuer", "phase", "wrong_pings")
+COMPONENTS: Final = ("agent", "offset", "issuer", "phase", "wrong_pings")
 
-Observed = Literal["agent", "offset", "nearest", "two_nearest", "centre", "issuer", "phase", "wrong_pings"]
+Observed = Literal["agent", "offset", "issuer", "phase", "wrong_pings"]
 
 
 class Rewards(Table):
@@ -70,9 +68,9 @@ class Scenario(Table):
     """Which wrong PING ends the episode."""
     rewards: Rewards
     observe: tuple[Observed, ...] = ("agent",)
-    """What the agent sees, in this order: its own cell ("agent"), or people's cells relative to it, in rows
-    and columns ("offset": of all in the person's group; "nearest", "two_nearest", "centre"); the cells of the
-    person and the group ("issuer"); the phase; the number of wrong PINGs."""
+    """What the agent sees, in this order: its own cell ("agent"), or the cells of the person and the group
+    relative to it, in rows and columns ("offset"); the cells of the person and the group ("issuer"); the
+    phase; the number of wrong PINGs."""
     group: Group | None = None
     """People who are drawn together with the person; by default none."""
     onlookers: Onlookers | None = None
@@ -96,14 +94,8 @@ class Scenario(Table):
     def _every_way(self) -> Layout:
         # Scenarios that differ only in what is drawn or observed share it.
         issuer = self.issuer.model_copy(update={"places": None, "unseen": 0, "permuted": 0.0})
-        tables = self.group, self.regions, self.others, self._phases, self.first_phase
+        tables = self.group, self.regions, self.others, self.phases, self.first_phase
         return resolve(self.grid, issuer, *tables)
-
-    @property
-    def _phases(self) -> tuple[Phase, ...]:
-        """The declared phases, or one for each step of walking onlookers."""
-        n = 2 * self.onlookers.walk if self.onlookers else 0
-        return (Phase(name="always", steps=1),) * n or self.phases
 
     def people_in(self, place: int, phase: int) -> tuple[Person, ...]:
         """Returns the issuer with its group, and the others, in a place and phase."""
@@ -120,10 +112,10 @@ class Scenario(Table):
             return self
         return self.model_copy(update={"draw": draw})
 
-    def seen_as(self, relative: str) -> Self:
-        """Returns the scenario with one of `RELATIVE` observed in place of the agent's and people's cells."""
+    def seen_by_offset(self) -> Self:
+        """Returns the scenario with offsets observed in place of the agent's and people's cells."""
         others = tuple(name for name in self.observe if name in ("phase", "wrong_pings"))
-        seen = self.model_copy(update={"observe": (relative, *others)})
+        seen = self.model_copy(update={"observe": ("offset", *others)})
         try:
             seen._check_observations()
         except ValueError as error:
@@ -145,8 +137,7 @@ class Scenario(Table):
 
         is_hidden = {
             "agent's cell" if is_relative else "issuer": n_values(*seen, 0) > n_values(*seen),
-            "rest of the group": is_relative and n_people > self.n_seen,
-            "phase": n_values(*seen, 1) > n_values(*seen) and not (self.onlookers and self.onlookers.walk),
+            "phase": n_values(*seen, 1) > n_values(*seen),
             "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
             "clock": len(layout.ticks) > n_phases > 1,
             "feedback to come": self.is_delayed,
@@ -158,29 +149,19 @@ class Scenario(Table):
         """How many people are drawn, the issuer included."""
         return self.group.people if self.group else 1
 
-    @property
-    def n_seen(self) -> int:
-        """How many people's offsets are observed, if any are; the centre of all counts as one."""
-        return min({"nearest": 1, "centre": 1, "two_nearest": 2}.get(self.observe[0], 6), self.n_people)
-
     @cached_property
     def observed_sizes(self) -> dict[str, tuple[int, int]]:
         """The largest number of values of each observed component, and the width of its one-hot form."""
         (n_places, n_phases, n), n_cells = self.layout.standing.shape, len(self.grid.position)
         n_offsets = math.prod(2 * length - 1 for length in self.grid.size)
-        n_centres = math.prod(2 * n * (length - 1) + 1 for length in self.grid.size)
-        n_seen, most = self.n_seen, n_offsets
-        if n_seen > 1:
-            most = min(n_offsets**n_seen, n_places * n_phases * n_cells)
+        most = n_offsets if n == 1 else min(n_offsets**n, n_places * n_phases * n_cells)
         n_issuer_cells = len(self.layout.issuer_cells)
         issuer = n_issuer_cells if n == 1 else n_places, n_issuer_cells
-        if self.onlookers and self.onlookers.seen:
-            n_ways = n_places * (n_phases if self.onlookers.walk else 1)
-            issuer = n_ways, n_cells * (1 + self.onlookers.badge) * (n + self.onlookers.people)
+        if self.onlookers:
+            issuer = n_places, n_cells * (1 + self.onlookers.badge) * (n + self.onlookers.people)
         sizes = {
-            **dict.fromkeys(RELATIVE, (most, n_offsets * n_seen)),
             "agent": (n_cells, n_cells),
-            "centre": (n_centres, n_centres),
+            "offset": (most, n_offsets * n),
             "issuer": issuer,
             "phase": (n_phases, n_phases),
             "wrong_pings": (self.ping_limit, self.ping_limit),
@@ -190,9 +171,9 @@ class Scenario(Table):
     @property
     def n_positions(self) -> int:
         """How many positions are observed: of the agent, of people, or relative ones."""
-        n_people = self.n_people + (self.onlookers.people if self.onlookers and self.onlookers.seen else 0)
-        if self.observe[0] != "agent":
-            return self.n_seen
+        if self.observe[0] == "offset":
+            return self.n_people
+        n_people = self.n_people + (self.onlookers.people if self.onlookers else 0)
         return 1 + n_people * ("issuer" in self.observe)
 
     @property
@@ -235,9 +216,8 @@ class Scenario(Table):
     def _is_sound(self) -> Self:
         ordered = tuple(name for name in COMPONENTS if name in self.observe)
         observe = f"observe = {list(self.observe)}"
-        first = ("agent", *RELATIVE)
-        accepted = f"one of {', '.join(first)}, and others at most once each, in the order {list(COMPONENTS)}"
-        has_one = len({*ordered} & {*first}) == 1
+        accepted = f"agent or offset, and others at most once each, in the order {list(COMPONENTS)}"
+        has_one = len({*ordered} & {"agent", "offset"}) == 1
         require(has_one and self.observe == ordered, observe, accepted)
         is_in_cells = all(regions.unit == "cells" for regions in self._regions)
         accepted = '"cells", unless grid.metres_per_cell is given'
@@ -287,8 +267,6 @@ class Scenario(Table):
                 require(is_straight, where, "another cell of the same row or column, also on the way back")
         if self.onlookers:
             require(not is_moved, "onlookers and a person who moves", "one of them")
-            others = "phases" if self.phases else next(iter(walking), "")
-            require(not (self.onlookers.walk and others), f"onlookers.walk and {others}", "one of them")
         if is_moved or walking:
             where = 'feedback.kind = "delayed" with someone who moves'
             require(not self.is_delayed, where, "any other kind")
@@ -301,7 +279,7 @@ class Scenario(Table):
 
     def _check_cells(self) -> None:
         others, walking = self.others, walkers(self.issuer, self.others)
-        stages, others_at = timeline(self.issuer, others, self._phases)
+        stages, others_at = timeline(self.issuer, others, self.phases)
         first, still = ({it.position for it in others if not (is_still and it.walk)} for is_still in (0, 1))
         at_some_time = {person.position for people in others_at for person in people}
         self._check_floor("issuer.position", listed(self.issuer.position), at_some_time)
@@ -336,7 +314,7 @@ class Scenario(Table):
 
     def _check_sizes(self) -> None:
         issuer, whose = self.issuer, "the group" if self.group else "the person"
-        stages, others_at = timeline(issuer, self.others, self._phases)
+        stages, others_at = timeline(issuer, self.others, self.phases)
         n_ticks = sum(stage.steps or 1 for stage in stages)
         n_states = len(self.grid.position) * self.ping_limit * n_ticks * (1 + self.is_delayed)
         twice = " x 2 for delayed feedback" * self.is_delayed

@@ -124,7 +124,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         for row, column in [person.position]
     ]
     np.put(zone, [glyph.cell for glyph in people if glyph.kind == "bystander"], ZONES.index("outside"))
-    onlookers = [Glyph("onlooker", cell) for cell in layout.onlookers[position, phase].tolist()]
+    onlookers = [Glyph("onlooker", cell) for cell in layout.onlookers[position].tolist()]
     circle = None
     if isinstance((layout.stages[phase].regions or scenario.regions).target, Ring):
         centres, radii = circles(grid.position[layout.standing[position, phase]][None])

@@ -57,8 +57,6 @@ _BY_OBSERVATION: Final[Mapping[str, tuple[tuple[int, tuple[float, ...]], float]]
     "offset_coordinates": ((0, (4, 1.2, 1, 1.2)), 0.15),
     **dict.fromkeys(("offset_centred", "offset_factored", "offset_tiles"), ((0, (4, 1.2, 1, 1.2)), 0.0)),
     **dict.fromkeys(("offset", "offset_one_hot"), ((0, (1, 1.2)), 0.4)),
-    **dict.fromkeys(("nearest", "nearest_one_hot", "nearest_coordinates"), ((0, (5, 1, 1, 1, 1, 1)), 0.5)),
-    **dict.fromkeys(("centre", "centre_one_hot", "centre_coordinates"), ((0, (2, 2)), 0.55)),
 }
 _RC: Final = {
     **sns.axes_style("ticks"),

@@ -72,20 +72,10 @@ _OBSERVED: Final = {
     "offset_tiles": " on tiles of offsets",
     "offset_coordinates": " on offset coordinates",
     "offset_centred": " on centred offset coordinates",
-    "nearest_coordinates": " on the nearest offset's coordinates",
-    "two_nearest_coordinates": " on the two nearest offsets' coordinates",
-    "centre_coordinates": " on the centre's coordinates",
     "planes": " on images of the room",
 }
 # A table has a row for each observation, in whatever form it is given; so has a planner.
-_ROWS: Final = {
-    "index": "",
-    "one_hot": "",
-    "offset": " of offsets",
-    "nearest": " of the nearest offset",
-    "two_nearest": " of the two nearest offsets",
-    "centre": " of the centre's offset",
-}
+_ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets"}
 
 
 def title_of(variant: str, observation: str, family: str) -> str:

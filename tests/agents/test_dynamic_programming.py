@@ -128,7 +128,7 @@ PHASES: list[dict[str, Any]] = [
 TALKING = {"group": {"people": 3, "apart": [2, 3]}, "regions.target": {"kind": "ring", "width": 1}}
 
 
-@pytest.mark.parametrize("form", ["index", "two_nearest", "centre"])
+@pytest.mark.parametrize("form", ["index", "offset"])
 @pytest.mark.parametrize(
     "scene", [{}, WALK, {"phases": PHASES}, TALKING], ids=["strangers", "walk", "moods", "talking"]
 )

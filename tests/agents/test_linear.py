@@ -37,8 +37,6 @@ CROWD: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.places": 3, 
         # are before rows and columns 2, 6 and 10.
         ("S1", "coordinates", {}, (10, 12), 4, 2),
         ("Anywhere", "offset_coordinates", {}, (19, 23), 4, 2),  # with cells on both sides
-        # Centres of two people count halves of cells, so a tile of 4 cells is 8 wide.
-        ("Anywhere", "centre_coordinates", PAIR, (17, 21), 8, 4),
     ],
 )
 def test_tiles_of_two_tilings_by_hand(

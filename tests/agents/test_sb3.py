@@ -329,7 +329,7 @@ def test_what_is_no_features_extractor_is_refused(path: str, expected: str) -> N
 @pytest.mark.parametrize("name", METHODS)
 def test_sb3s_own_algorithms_learn_from_where_several_people_are(name: str) -> None:
     values: Any = {"learning_starts": 50} if name == "sb3_dqn" else {"n_steps": 100, "batch_size": 50}
-    for observation in ("nearest", "two_nearest_one_hot", "centre_coordinates", "offset_coordinates"):
+    for observation in ("offset", "offset_one_hot", "offset_coordinates"):
         arguments: Any = {"observation": observation, "overrides": {"issuer.places": 5}}
         env = gymnasium.make("envs:Proxemic/ThreeTalking-v0", **arguments)
         model = compile_seen(load_scenario("ThreeTalking", {"issuer.places": 5}), observation)

@@ -51,7 +51,7 @@ def test_probabilities_are_written_in_full(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     table = rng.dirichlet(np.ones(len(ACTIONS)), 437)
     index = iter([*range(437), *reversed(range(437))])
-    agent = assess(lambda _: table[next(index)], scenario="Anywhere", observation="centre_coordinates")
+    agent = assess(lambda _: table[next(index)], scenario="Anywhere", observation="offset_coordinates")
     submit(agent, tmp_path / "drawn.toml", note='"\\ é 🙂', **DECLARED)
     submission = checked(tmp_path / "drawn.toml")
     assert (np.array(submission.rows)[list(submission.policy)] == agent.policy).all()

@@ -101,8 +101,8 @@ def test_a_changed_copy_is_the_reloaded_scenario() -> None:
     changes: dict[str, Any] = {"issuer.places": 4, "issuer.unseen": 2, "issuer.permuted": 0.5}
     first = load_scenario("ThreeTalking", changes)
     assert compile_scenario(first).n_places == 6  # nothing that was derived for this may stay
-    reloaded = load_scenario("ThreeTalking", changes | {"draw": 8, "observe": ["two_nearest"]})
-    for changed in (first.drawn(8).seen_as("two_nearest"), first.seen_as("two_nearest").drawn(8)):
+    reloaded = load_scenario("ThreeTalking", changes | {"draw": 8, "observe": ["offset"]})
+    for changed in (first.drawn(8).seen_by_offset(), first.seen_by_offset().drawn(8)):
         assert changed == reloaded
         assert_same_arrays(model_of(changed), model_of(reloaded))
 

@@ -198,9 +198,7 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
             "wrong_pings": (pings, n_pings, [pings], n_pings, [pings / max(n_pings - 1, 1)]),
         }
         if scenario.onlookers:  # a block of all cells for each person
-            seen = [
-                divmod(cell, scenario.grid.columns) for cell in scenario.layout.onlookers[j, phase].tolist()
-            ]
+            seen = [divmod(cell, scenario.grid.columns) for cell in scenario.layout.onlookers[j].tolist()]
             spots = [n_cells * i + reference.cells.index(cell) for i, cell in enumerate((*group, *seen))]
             shown = [n for cell in (*group, *seen) for n in scaled(cell)]
             known["issuer"] = (j, len(stands), spots, n_cells * len(spots), shown)

@@ -12,7 +12,7 @@ from stable_baselines3.common import env_checker
 
 from envs import OBSERVATIONS, InputError, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_ones, observation_table, seen_as
-from envs.scenario import RELATIVE, SCENARIO_DIRECTORY
+from envs.scenario import SCENARIO_DIRECTORY
 from envs.tiles import tiles_of
 from tests.support import few_places
 
@@ -24,46 +24,32 @@ WALL = "......\n.#....\n......\n......\n......"
 PAIR, THREE = ({"group": {"people": n, "apart": [2, 4]}} | ROOM for n in (2, 3))
 
 
-def seen(form: str, changes: dict[str, Any], agent: tuple[int, int], *people: tuple[int, int]) -> Any:
+def seen(changes: dict[str, Any], agent: tuple[int, int], *people: tuple[int, int]) -> Any:
     """Returns what is observed in a cell with people in others: columns that are 1, and coordinates."""
-    model = compile_seen(load_scenario("Anywhere", changes), form)
+    model = compile_seen(load_scenario("Anywhere", changes), "offset")
     is_here = model.cell == agent[0] * 6 + agent[1]
     is_there = model.context == model.scenario.layout.places.index(people)
     (o,) = {*model.observation[is_here & is_there].tolist()}
-    table = observation_table(model, f"{form}_one_hot")
-    assert np.flatnonzero(table[o]).tolist() == sorted(
-        observation_ones(model, f"{form}_one_hot")[0][o].tolist()
-    )
-    if form in ("nearest", "centre"):
-        assert np.flatnonzero(table[o]).tolist() == [o]
-    return np.flatnonzero(table[o]).tolist(), observation_table(model, f"{form}_coordinates")[o].tolist()
+    ones, coordinates = (observation_table(model, f"offset_{form}")[o] for form in ("one_hot", "coordinates"))
+    return np.flatnonzero(ones).tolist(), coordinates.tolist()
 
 
 def test_offsets_of_two_people_by_hand() -> None:
     agent, first, last = (2, 2), (2, 5), (0, 2)  # the second is nearer: 2 rows up, the other 3 columns right
     up, right = 2 * 11 + 5, 4 * 11 + 8
-    for form in ("offset", "two_nearest"):
-        columns, coordinates = seen(form, PAIR, agent, last, first)
-        assert columns == [up, 99 + right]
-        assert coordinates == pytest.approx([2 / 8, 5 / 10, 4 / 8, 8 / 10])
-    assert seen("nearest", PAIR, agent, last, first) == ([up], pytest.approx([2 / 8, 5 / 10]))
-    # The centre is 1 row up and 1.5 columns right. In halves of cells, it is one of 17 x 21.
-    centre = [(8 - 2) * 21 + 10 + 3], pytest.approx([(4 - 1) / 8, (5 + 1.5) / 10])
-    assert seen("centre", PAIR, agent, last, first) == centre
+    columns, coordinates = seen(PAIR, agent, last, first)
+    assert columns == [up, 99 + right]
+    assert coordinates == pytest.approx([2 / 8, 5 / 10, 4 / 8, 8 / 10])
 
 
 def test_of_equally_near_people_the_upper_and_then_the_left_one_comes_first() -> None:
     up, left, right, down = (2 * 11 + 5, 4 * 11 + 3, 4 * 11 + 7, 6 * 11 + 5)  # each two cells away
-    assert seen("nearest", PAIR, (2, 2), (2, 0), (2, 4))[0] == [left]
-    assert seen("nearest", PAIR, (2, 2), (0, 2), (2, 0))[0] == [up]
-    assert seen("two_nearest", PAIR, (2, 2), (2, 4), (4, 2))[0] == [right, 99 + down]
-    assert seen("two_nearest", THREE, (2, 2), (0, 2), (2, 0), (4, 2))[0] == [up, 99 + left]
-    assert seen("offset", THREE, (2, 2), (0, 2), (2, 0), (4, 2))[0] == [up, 99 + left, 198 + down]
+    assert seen(PAIR, (2, 2), (2, 0), (2, 4))[0] == [left, 99 + right]
+    assert seen(THREE, (2, 2), (0, 2), (2, 0), (4, 2))[0] == [up, 99 + left, 198 + down]
     # Distances are Euclidean: 2 and 1 cells aside (2.24) are nearer than 3 (3), though both are 3 steps.
-    assert seen("nearest", PAIR, (0, 0), (0, 3), (2, 1))[0] == [6 * 11 + 6]
+    assert seen(PAIR, (0, 0), (0, 3), (2, 1))[0] == [6 * 11 + 6, 99 + 4 * 11 + 8]
 
 
-@pytest.mark.parametrize("form", RELATIVE)
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
@@ -73,30 +59,26 @@ def test_of_equally_near_people_the_upper_and_then_the_left_one_comes_first() ->
         ("Walking", {"ping_limit": 1}),
     ],
 )
-def test_every_observation_is_as_defined(form: str, name: str, changes: dict[str, Any]) -> None:
-    model = compile_seen(load_scenario(name, changes), form)
+def test_every_offset_is_as_defined(name: str, changes: dict[str, Any]) -> None:
+    model = compile_seen(load_scenario(name, changes), "offset")
     (rows, columns), n = model.scenario.grid.size, model.scenario.n_people
-    assert model.scenario.observe[0] == form
-    ones, _ = observation_ones(model, f"{form}_one_hot")
-    coordinates = observation_table(model, f"{form}_coordinates")
+    assert model.scenario.observe[0] == "offset"
+    ones, _ = observation_ones(model, "offset_one_hot")
+    coordinates = observation_table(model, "offset_coordinates")
     standing = model.position[model.scenario.layout.standing.reshape(-1, n)].tolist()
     number_of: dict[Any, int] = {}
     for o, cell, context in zip(model.observation, model.cell, model.context, strict=True):
         at = divmod(int(cell), columns)
-        offsets = sorted(
+        shown = sorted(
             ((r - at[0], c - at[1]) for r, c in standing[context]),
             key=lambda it: (it[0] ** 2 + it[1] ** 2, it),
         )
-        if form == "centre":
-            shown = [(sum(r for r, _ in offsets) / n, sum(c for _, c in offsets) / n)]
-        else:
-            shown = offsets[: {"nearest": 1, "two_nearest": 2}.get(form, n)]
         width = 2 * columns - 1
         expected = [
             (2 * rows - 1) * width * i + (r + rows - 1) * width + c + columns - 1
             for i, (r, c) in enumerate(shown)
         ]
-        assert (form == "centre" and n > 1) or ones[o].tolist() == expected
+        assert ones[o].tolist() == expected
         scaled = [(r / (rows - 1) + 1, c / (columns - 1) + 1) for r, c in shown]
         assert np.abs(2 * coordinates[o] - np.ravel(scaled)).max() < 1e-6
         assert number_of.setdefault(tuple(shown), o) == o
@@ -139,7 +121,7 @@ def test_planes_by_hand(badge: bool) -> None:
     wrong_pings = np.arange(len(model.observation)) // 30 % 3
     for s in range(0, len(model.observation), 97):
         planes, place = table[model.observation[s]], model.context[s]
-        people, others = layout.standing[place, 0], layout.onlookers[place, 0]
+        people, others = layout.standing[place, 0], layout.onlookers[place]
         shown = [[cell[c] for c in sorted(cells)] for cells in ([model.cell[s]], people, others, [1 * 6 + 1])]
         assert cells_of(planes) == shown
         assert (planes[4] == [0, 128, 255][wrong_pings[s]]).all()  # 255 / 2, rounded to even
@@ -184,7 +166,7 @@ def test_what_planes_cannot_show_is_refused(name: str, changes: dict[str, Any], 
 
 
 @pytest.mark.parametrize(("name", "changes"), [("Anywhere", ROOM), ("Anywhere", PAIR), ("Moody", {})])
-@pytest.mark.parametrize("form", ["factored", "offset_factored", "centre_factored", "tiles", "offset_tiles"])
+@pytest.mark.parametrize("form", ["factored", "offset_factored", "tiles", "offset_tiles"])
 def test_sparse_forms_hold_what_other_forms_hold(form: str, name: str, changes: dict[str, Any]) -> None:
     model = compile_seen(load_scenario(name, changes), form)
     table = observation_table(model, form)
@@ -218,7 +200,7 @@ def test_sizes_are_known_before_a_scenario_is_compiled(scenario: str, form: str)
     assert declared.n_observations >= model.n_observations
     widths = {component.name: component.width for component in model.components}
     assert {name: width for name, (_, width) in declared.observed_sizes.items()} == widths
-    if declared.n_people == 1 or form.startswith(("nearest", "centre")):
+    if declared.n_people == 1:
         assert declared.n_observations == model.n_observations
     env, batch = ProxemicEnv(scenario, form, overrides), ProxemicVectorEnv(4, scenario, form, overrides)
     table = observation_table(model, form)
@@ -245,7 +227,6 @@ def test_the_guide_has_the_width_of_every_form() -> None:
     said = re.findall(r"`(\w+)` \|(?:[^|`]* \|)? (?:1 of )?([\d,]+)(?: values)? \|", guide)
     widths = dict[str, str]()
     for form in OBSERVATIONS:
-        if not form.startswith(("nearest", "two_nearest", "centre_")) and form != "centre":
-            space = ProxemicEnv("Anywhere", form).observation_space
-            widths[form] = f"{space.n if isinstance(space, spaces.Discrete) else spaces.flatdim(space):,}"
+        space = ProxemicEnv("Anywhere", form).observation_space
+        widths[form] = f"{space.n if isinstance(space, spaces.Discrete) else spaces.flatdim(space):,}"
     assert dict(said) == widths

@@ -9,7 +9,7 @@ import pytest
 
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
-from envs import InputError, ProxemicEnv, compile_scenario, load_scenario
+from envs import InputError, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_table
 from envs.tiles import Parts, tiles_of
 
@@ -56,34 +56,34 @@ def test_onlookers_stand_in_the_first_free_cells_of_each_way() -> None:
                 (nth,) = np.flatnonzero(np.flatnonzero(~every.is_seen) == place)
                 way = (int(nth) + 3 * n) % 10
             expected = [cell for cell in orders[way] if cell != person][:3]
-            assert layout.onlookers[row, 0].tolist() == expected
+            assert layout.onlookers[row].tolist() == expected
             seen += 1
     assert seen == len(layout.ways)
     fewer = model_of(CROWD | {"onlookers": {"people": 2, "ways": 10}}, draw=5).scenario.layout
-    assert (fewer.onlookers == layout.onlookers[:, :, :2]).all()
+    assert (fewer.onlookers == layout.onlookers[:, :2]).all()
     # If all free cells are taken, their set is known without any draw.
     full = model_of(CROWD | {"onlookers": {"people": 11, "ways": 2}}).scenario.layout
     for way, cells in zip(full.ways, full.onlookers, strict=True):
-        assert sorted([*way, *cells[0]]) == [*range(12)]
+        assert sorted([*way, *cells]) == [*range(12)]
 
 
-@pytest.mark.parametrize("more", [{}, {"walk": 2}, {"badge": True}, {"permuted": 1.0}, {"seen": False}])
+@pytest.mark.parametrize("more", [{}, {"badge": True}])
 def test_onlookers_change_nothing_but_what_is_seen(more: dict[str, Any]) -> None:
     """In each place, steps, optimum and success are those without onlookers."""
     crowd, alone = model_of(CROWD | {"onlookers": {"people": 3, "ways": 8} | more}), model_of(ROOM)
-    n_ticks, block = (4 if "walk" in more else 1), 12 * alone.scenario.ping_limit
+    block = 12 * alone.scenario.ping_limit
     of_place = {tuple(cells): place for place, cells in enumerate(alone.scenario.layout.ways.tolist())}
     place_of = [of_place[tuple(cells)] for cells in crowd.scenario.layout.ways.tolist()]
     for name in ARRAYS:
-        theirs = getattr(alone, name).reshape(7, 1, block, -1)[place_of].repeat(n_ticks, axis=1)
+        theirs = getattr(alone, name).reshape(7, block, -1)[place_of]
         assert (getattr(crowd, name).reshape(theirs.shape) == theirs).all(), name
-    at = np.arange(len(crowd.observation)).reshape(len(place_of), n_ticks, block)
-    moved = crowd.next_state[..., 0].reshape(*at.shape, 5) - np.roll(at, -1, axis=1)[:, :, :1, None]
-    theirs = alone.next_state[..., 0].reshape(7, block, 5) - block * np.arange(7)[:, None, None]
-    goes_on = ~alone.terminated.reshape(7, block, 5)[place_of]
-    assert (moved == theirs[place_of][:, None])[goes_on[:, None].repeat(n_ticks, axis=1)].all()
-    values, of_alone = solve(crowd, 1.0, 50).value, solve(alone, 1.0, 50).value
-    assert (values.reshape(at.shape) == of_alone.reshape(7, 1, block)[place_of]).all()
+    ours, theirs = (
+        model.next_state.reshape(-1, block, 5) - block * np.arange(model.n_places)[:, None, None]
+        for model in (crowd, alone)
+    )
+    assert (ours == theirs[place_of]).all()
+    values, of_alone = (solve(model, 1.0, 50).value.reshape(-1, block) for model in (crowd, alone))
+    assert (values == of_alone[place_of]).all()
     for start in ("start", "unseen"):  # each place has as many ways
         ours, theirs = (evaluate(model, uniform_policy(model), 50, start) for model in (crowd, alone))
         assert ours.success == pytest.approx(theirs.success, rel=1e-12)
@@ -96,7 +96,7 @@ def test_what_is_seen_by_hand() -> None:
     layout, table = model.scenario.layout, observation_table(model, "coordinates")
     for state in range(0, len(model.observation), 7):
         place = model.context[state]
-        cells = [int(model.cell[state]), int(layout.ways[place, 0]), *layout.onlookers[place, 0].tolist()]
+        cells = [int(model.cell[state]), int(layout.ways[place, 0]), *layout.onlookers[place].tolist()]
         expected = [number for cell in cells for number in (cell // 4 / 2, cell % 4 / 3)]
         assert table[model.observation[state]] == pytest.approx(expected)
     ones = observation_table(model, "one_hot")
@@ -107,53 +107,22 @@ def test_what_is_seen_by_hand() -> None:
     numbers = badged.components[1].numbers.reshape(-1, 4, 3)
     orders = orders_by_hand(19, 4, "badges", 0)
     for place, order in enumerate(orders):
-        cells = [int(layout.ways[place, 0]), *layout.onlookers[place, 0].tolist()]
+        cells = [int(layout.ways[place, 0]), *layout.onlookers[place].tolist()]
         expected = [[*divmod(cells[i], 4), int(i == 0)] for i in order]
         assert numbers[place].tolist() == expected
     assert (observation_table(badged, "one_hot").sum(axis=1) == 5).all()
 
-    hidden = model_of(CROWD | {"onlookers": {"people": 3, "ways": 10, "seen": False}})
-    assert hidden.n_observations == 12 * 7
-    assert [each.numbers.shape[1] for each in hidden.components] == [2, 2]
     # Relative to the agent, only the person who counts is given.
     offset = compile_seen(load_scenario("Anywhere", CROWD), "offset")
     assert offset.n_observations == 5 * 7
 
 
-def test_shuffled_coordinates_are_a_permutation_and_fixed_onlookers_stay() -> None:
-    plain, shuffled = (
-        model_of(CROWD | {"onlookers": {"people": 3, "ways": 10, "permuted": p}}) for p in (0.0, 1.0)
-    )
-    theirs, ours = (each.components[1].numbers.reshape(-1, 4, 2) @ (4, 1) for each in (plain, shuffled))
-    assert (ours[:, 0] == theirs[:, 0]).all()
-    pairs = {(a, b) for a, b in zip(theirs[:, 1:].ravel(), ours[:, 1:].ravel(), strict=True)}
-    assert len(pairs) == len({a for a, _ in pairs}) == len({b for _, b in pairs})
-    assert all(a != b for a, b in pairs)
-
+def test_one_way_keeps_onlookers_in_their_cells() -> None:
     fixed = model_of(CROWD | {"onlookers": {"people": 3, "ways": 1}}).scenario.layout
     (order,) = orders_by_hand(1, 12, "onlookers", 0)
     assert len(fixed.ways) == 7
     for way, cells in zip(fixed.ways, fixed.onlookers, strict=True):
-        assert cells[0].tolist() == [cell for cell in order if cell != way[0]][:3]
-
-
-def test_who_walks_goes_a_step_at_a_time_and_comes_back() -> None:
-    scenario = load_scenario("Anywhere", CROWD | {"onlookers": {"people": 3, "ways": 10, "walk": 3}})
-    cells = scenario.layout.onlookers  # (J, P, people)
-    assert cells.shape == (19, 6, 3)
-    rows, columns = np.divmod(cells, 4)
-    apart = abs(np.diff(rows, axis=1, append=rows[:, :1])) + abs(
-        np.diff(columns, axis=1, append=columns[:, :1])
-    )
-    assert {*apart.ravel().tolist()} == {0, 1}
-    assert (cells[:, 1:] == cells[:, :0:-1]).all()
-    env = ProxemicEnv(scenario, observation="coordinates")
-    first, _ = env.reset(seed=0)
-    last: Any = None
-    for _ in range(6):
-        last, *_ = env.step(0)  # to the wall and on: a step passes
-    assert last[2:] == pytest.approx(np.asarray(first)[2:])
-    assert scenario.hidden == ("wrong_pings",)
+        assert cells.tolist() == [cell for cell in order if cell != way[0]][:3]
 
 
 @pytest.mark.parametrize("parts", ["pairs", "agent_pairs"])
@@ -205,8 +174,6 @@ def test_with_one_person_all_structures_are_the_same() -> None:
     ("changes", "refusal"),
     [
         ({"onlookers.people": 12}, "onlookers.people = 12: accepted: at most 11, a free cell for each."),
-        ({"onlookers.people": 0}, "onlookers.people = 0: input should be greater than or equal to 1."),
-        ({"onlookers.ways": 0}, "onlookers.ways = 0: input should be greater than or equal to 1."),
         ({"onlookers.ways": 90_000}, "9450000 states: accepted: at most 4000000."),
         (
             {
@@ -216,10 +183,6 @@ def test_with_one_person_all_structures_are_the_same() -> None:
                 "issuer.walk": {"corners": [[0, 3]]},
             },
             "onlookers and a person who moves: accepted: one of them.",
-        ),
-        (
-            {"onlookers.walk": 1, "phases": [{"name": "a", "steps": 2}, {"name": "b", "steps": 2}]},
-            "onlookers.walk and phases: accepted: one of them.",
         ),
     ],
 )

@@ -81,7 +81,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"regions": shapes(CIRCLE, CIRCLE | {"radius": 2}) | {"unit": "metres"}}, "grid.metres_per_cell"),
     # Observation
     ({"observe": ["phase", "agent"]}, "observe = ['phase', 'agent']"),
-    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: one of agent, offset"),
+    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: agent or offset, and"),
     # Phases
     ({"phases": [phase()]}, "phases.0 (a)"),
     ({"phases": [phase(steps=1), phase("b", next={"a": 0.5})]}, "phases.1 (b)"),

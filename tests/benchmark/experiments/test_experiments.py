@@ -183,7 +183,7 @@ OF_A_COMPARISON = [
     ('title = "compiled PPO"', 'title = "P\\nPO"', 'ppo.title = "P\\nPO": accepted: text in one line'),
     ('reference_for = "ppo"', 'reference_for = "sb3_dqn"', "sb3_ppo: reference_for: unknown variant sb3_dqn"),
     (MARGINS, "margins = { success = 0.21, score", "success = 0.21: input should be less than"),
-    ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: centre, index"),
+    ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index, offset"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
     (

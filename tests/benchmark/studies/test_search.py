@@ -129,7 +129,7 @@ def test_the_winner_of_a_lottery_does_not_win(
 def test_picks_are_those_of_all_draws() -> None:
     """Draws every pair of sets of b trials. References are the best, but no nets, that observe the same."""
     rng = np.random.default_rng(1)
-    names = ["ppo, coordinates", "tiles, index", "table, index", "table, offset", "dqn, centre"]
+    names = ["ppo, coordinates", "tiles, index", "table, index", "table, offset", "dqn, offset_factored"]
     trials = pd.DataFrame(
         [name.split(", ") for name in np.repeat(names, 4)], columns=["variant", "observation"]
     )

@@ -413,14 +413,14 @@ def test_a_group_of_many_places_is_shown_in_some(
     made: Path, tmp_path: Path, open_page: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     changes = {"issuer.places": 12, "others": [{"position": [9, 11]}]}
-    population = imperfect(load_scenario("TwoTalking", changes), "nearest")
+    population = imperfect(load_scenario("TwoTalking", changes), "offset")
     standing = population.model.scenario.layout.standing[:, 0].tolist()
     shutil.copytree(made, tmp_path / "mine")
     monkeypatch.setattr(explorer, "MAX_STATES", 3000)  # five places
     explorer.write([population], tmp_path / "mine" / explorer.FILE)
     reseal(tmp_path / "mine")
     build.write(tmp_path, "mine")
-    address = f"#explorer={'TwoTalking.a-table_b.nearest~' * 2}600~policy"
+    address = f"#explorer={'TwoTalking.a-table_b.offset~' * 2}600~policy"
     opened, menu = open_page(tmp_path / "mine", address), "select[name=person]"
     assert "5 of 12 places are shown." in opened.panel("left", ".about").inner_text()
     assert "does not see" not in opened.panel("left", ".about").inner_text()
