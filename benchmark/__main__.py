@@ -27,7 +27,7 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 try:
     from envs.inputs import InputError
-    from envs.packages import contained, keep_running, needed_by
+    from envs.packages import contained, needed_by
 except BaseException as error:  # imports take a second
     if _is_interrupt(error):
         print(_INTERRUPTED, file=sys.stderr)
@@ -68,7 +68,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _open_streams()
     if arguments is None:  # nothing else uses this process and its children
         os.environ["MPLBACKEND"] = "agg"  # a notebook's backend might not be installed
-        keep_running()
     command = ""
     try:
         options = _parser().parse_args(arguments)

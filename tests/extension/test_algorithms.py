@@ -153,18 +153,3 @@ def test_module_beside_the_experiment_is_found_and_digested(
     before = digest_of_source("beside_mine")
     (tmp_path / "beside_mine.py").write_text(f"{BESIDE}# changed", encoding="utf-8")
     assert "" != before != digest_of_source("beside_mine")
-
-
-@pytest.mark.parametrize("ending", ["os._exit(0)", "posix._exit(0)", "os.abort()", "os.execl('true', '')"])
-@pytest.mark.slow
-def test_module_that_leaves_by_the_system_is_refused(tmp_path: Path, ending: str) -> None:
-    """Its children may end as they like."""
-    child = "os.waitpid(os.fork() or os._exit(0), 0), os.spawnl(os.P_WAIT, '/bin/true', 'true')"
-    text = f"import os, posix\nassert ({child})[1] == 0\n{ending}\n"
-    (tmp_path / "beside_mine.py").write_text(text, encoding="utf-8")
-    (tmp_path / "mine.toml").write_text(OF_MODULE_BESIDE, encoding="utf-8")
-    command = [sys.executable, "-m", "benchmark", "run", str(tmp_path / "mine.toml")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert f"beside_mine.py, line 3: SystemExit('os.{ending[:-1].split('.')[1][:4]}" in done.stderr
-    assert "Traceback" not in done.stderr
