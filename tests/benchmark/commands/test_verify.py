@@ -104,8 +104,8 @@ def test_what_is_gone_or_no_file_is_named(
 
 
 def test_results_of_another_experiment_are_not_taken_for_those_of_this_one(folder: Path) -> None:
-    other = shutil.copytree(folder, folder.parent / "equivalence")
-    with pytest.raises(InputError, match=f"equivalence/{MANIFEST}: damaged, .*it belongs to {NAME}"):
+    other = shutil.copytree(folder, folder.parent / "sb3")
+    with pytest.raises(InputError, match=f"sb3/{MANIFEST}: damaged, .*it belongs to {NAME}"):
         Folder(other).check()
 
 
