@@ -161,10 +161,13 @@ def _parser() -> argparse.ArgumentParser:
     about = "show scenarios, algorithms and experiments"
     commands.add_parser("list", help=about, description=f"{about.capitalize()}.").set_defaults(command="list")
 
+    smoke = "do it in miniature, to check that everything works, as EXPERIMENT_smoke; its numbers mean nothing"
+
     run = command("run", "execute the missing runs of an experiment")
     _add(run, "experiment", "EXPERIMENT", named)
     _add(run, "--seeds", "A-B", seeds)
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)")
+    _add(run, "--smoke", "", smoke)
     _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
     _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
     about = "log runs in folders below DIR: progress.csv, which is overwritten, and events of TensorBoard"
@@ -175,11 +178,13 @@ def _parser() -> argparse.ArgumentParser:
     about = f"{named}; without one, only the texts of all results and the page are written"
     _add(report, "experiment", "EXPERIMENT", about, nargs="?")
     _add(report, "--seeds", "A-B", seeds)
+    _add(report, "--smoke", "", smoke)
     _add(report, "--partial", "", "draw a comparison or map though runs are missing, into EXPERIMENT_partial")
 
     summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
     verify = command("verify", summary)
     _add(verify, "experiment", "EXPERIMENT", f"{named}; by default all that 'list' shows", nargs="?")
+    _add(verify, "--smoke", "", smoke)
     _add(verify, "--runs", "N", "how many runs to repeat, drawn at random (default: 20)", int, default=20)
     _add(verify, "--seed", "N", "seed that selects the runs to repeat (default: random)", int)
     _add(verify, "--jobs", "N", f"{jobs})")

@@ -29,7 +29,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.experiment is None:
         return _rewrite(options)
-    experiment = load_experiment(options.experiment)
+    experiment = load_experiment(options.experiment, smoke=options.smoke)
     report = report_of(experiment).check()
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)

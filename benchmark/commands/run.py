@@ -24,7 +24,7 @@ from envs.packages import needed_by
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     parse_jobs(options.jobs)
-    experiment = load_experiment(options.experiment)
+    experiment = load_experiment(options.experiment, smoke=options.smoke)
     name, seeds = experiment.name, parse_seeds(options.seeds)
     report = report_of(experiment).check(is_drawn=options.report)
     has_stages = report.study.stages is not None

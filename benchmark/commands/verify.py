@@ -30,7 +30,7 @@ def main(options: argparse.Namespace) -> int:
         if (getattr(options, option) or 0) < 0:
             raise InputError(f"--{option} {getattr(options, option)}: accepted: at least 0.")
     names = experiment_names() if options.experiment is None else [options.experiment]
-    experiments = [load_experiment(name) for name in names]
+    experiments = [load_experiment(name, smoke=options.smoke) for name in names]
     problems = list[str]()
     with tempfile.TemporaryDirectory() as scratch:  # elsewhere, as the folder may be read-only
         try:

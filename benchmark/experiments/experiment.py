@@ -3,6 +3,7 @@
 Nothing after `load_experiment` looks up a name again, or asks in which way a condition was declared.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -136,7 +137,9 @@ class Experiment:
     @property
     def argument(self) -> str:
         """How it is given on the command line here: the name of a shipped one, else a path."""
-        return self.name if self.name in schema.experiment_names() else str(self.path)
+        if self.name in schema.experiment_names() or self.declared.is_miniature:
+            return self.declared.argument
+        return str(self.path)
 
     @property
     def conditions(self) -> Mapping[str, schema.Condition]:
@@ -164,13 +167,15 @@ class Experiment:
         return replace(alike[0], scenario=other, firsts=firsts)
 
 
-def load_experiment(experiment: str | Path) -> Experiment:
+def load_experiment(experiment: str | Path, *, smoke: bool = False) -> Experiment:
     """Reads an experiment, and checks it together with the algorithms and scenarios that it names.
 
-    It is the name of a shipped experiment, or the path of a TOML file. Mistakes are an InputError with a
-    sentence for each. Its report checks what it demands.
+    It is the name of a shipped experiment, or the path of a TOML file. With `smoke`, it is a miniature, with
+    two runs of each learner and a twenty-fifth of the budget. Mistakes are an InputError with a sentence for
+    each. Its report checks what it demands.
     """
-    loaded = _Loading(*schema.read_experiment(experiment)).experiment()
+    declared, path = schema.read_experiment(experiment)
+    loaded = _Loading(declared.miniature() if smoke else declared, path).experiment()
     code = {each for population in loaded.populations for each in population.first.code.items()}
     for name in sorted(name for name, digest in code if digest_of_source(name) != digest):
         what = f"the module {name}, or one that it imports, has changed since it was loaded"
@@ -204,7 +209,8 @@ class _Loading:
             raise InputError(*self.mistakes.values())
         _check_titles(learners.values(), str(self.path))
         scenarios = {Path(name).stem: load_scenario(name) for name in declared.scenarios}
-        return Experiment(declared, self.path, learners, scenarios, populations)
+        path = self.path.with_stem(declared.name)  # a miniature has a file of chosen settings of its own
+        return Experiment(declared, path, learners, scenarios, populations)
 
     @contextmanager
     def noted(self, prefix: str = "", common: str = "") -> Iterator[None]:
@@ -263,6 +269,9 @@ class _Loading:
         declared, variant = self.declared, learner.declared
         seeds, settings = declared.seeds_of(learner.variant, condition), picks[0]
         evaluation_every, map_every = declared.schedule(learner.variant)
+        if declared.is_miniature:
+            evaluation_every = max(settings.budget // 4, 1)
+            map_every = 2 * evaluation_every
         solved = None
         if declared.solved is not None:  # the version is that of what is recorded
             solved = declared.solved.model_dump(mode="json", exclude={"levels"})
@@ -317,7 +326,10 @@ class _Loading:
         found = learner.chosen
         picks = [{}] if found is None else [pick.settings for pick in found.picks or (found,)]
         where = self._where(learner, condition)
-        settings = [parse(cls, override(shared | pick, changed, where), where) for pick in picks]
+        given = [override(shared | pick, changed, where) for pick in picks]
+        if self.declared.is_miniature:
+            given = [_in_miniature(each, cls) for each in given]
+        settings = [parse(cls, each, where) for each in given]
         budgets = {(each.budget, getattr(each, "budget_unit", "")) for each in settings}
         if len(budgets) > 1:
             accepted = "one for all picks of a search, since their runs are compared as one learner's"
@@ -361,6 +373,15 @@ def _check_titles(learners: Iterable[Learner], where: str) -> None:
         if other != learner.name:
             found = f'"{learner.title}" is the name of {other} and of {learner.name}'
             raise InputError(f"{where}: algorithms: {found}; accepted: titles that differ.")
+
+
+def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> dict[str, object]:
+    """Returns settings with a small budget, which rollouts and intervals of records divide."""
+    whole = {key: value for key, value in settings.items() if isinstance(value, int)}
+    budget = max(whole.get("budget", cls.model_fields["budget"].default) // 25, 1)
+    rollouts = whole.keys() & {"n_steps", "train_freq", "record_every"}
+    small = {key: math.gcd(whole[key], budget) for key in rollouts} | {"budget": budget}
+    return settings | small | {key: 1 for key in settings.keys() & {"n_envs"}}
 
 
 def _family(learner: Learner, settings: LearnerSettings) -> str:

@@ -37,7 +37,8 @@ _COLUMN: Final = re.compile(
 )
 
 # Folders of results that are not those of an experiment, or not of its declared seeds
-_RESERVED: Final = ("leaderboard", "speed", "speed_smoke", "*_partial", "*_seeds_*")
+_RESERVED: Final = ("speed", "*_smoke", "*_seeds_*")
+_MINIATURE: Final = "_smoke"  # how its name ends
 # What a reference implementation takes from its variant, and does not set itself.
 _SHARED: Final = {"settings", "policy", "tuned_by"}
 
@@ -361,7 +362,38 @@ class Declaration(Table):
     @property
     def argument(self) -> str:
         """How the experiment is given on the command line."""
-        return self.name if self.name in experiment_names() else f"PATH/{self.name}.toml"
+        name = self.name.removesuffix(_MINIATURE)
+        given = name if name in experiment_names() else f"PATH/{name}.toml"
+        return f"{given} --smoke" if self.is_miniature else given
+
+    @property
+    def is_miniature(self) -> bool:
+        """Whether it only checks that everything works, see `miniature`."""
+        return self.name.endswith(_MINIATURE)
+
+    def miniature(self) -> "Declaration":
+        """Returns the same experiment with two runs of each learner and a search of few trials.
+
+        Budgets are divided when settings are resolved, see `benchmark.experiments.experiment`.
+        """
+        variants = {
+            name: variant.model_copy(update={"seeds": min(variant.seeds, 2)})
+            for name, variant in self.algorithms.items()
+        }
+        readings = {
+            name: reading.model_copy(update={"seeds": reading.seeds and 2})
+            for name, reading in self.readings.items()
+        }
+        search = self.search
+        if search is not None:
+            small = {"parts": min(search.parts, 2), "trials": 3, "finalists": 1, "seeds": 2}
+            search = search.model_copy(update=small)
+        report = self.report
+        if report is not None and "looks" in report:
+            report = report | {"looks": [2]}
+        note = "This miniature only checks that everything works: its numbers mean nothing."
+        changed = {"algorithms": variants, "readings": readings, "search": search, "report": report}
+        return self.model_copy(update=changed | {"name": f"{self.name}{_MINIATURE}", "note": note})
 
     def schedule(self, variant: str) -> tuple[int, int]:
         """Returns the steps between a variant's evaluations, and between records of its values."""
