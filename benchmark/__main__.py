@@ -161,7 +161,9 @@ def _parser() -> argparse.ArgumentParser:
     about = "show scenarios, algorithms and experiments"
     commands.add_parser("list", help=about, description=f"{about.capitalize()}.").set_defaults(command="list")
 
-    smoke = "do it in miniature, to check that everything works, as EXPERIMENT_smoke; its numbers mean nothing"
+    smoke = (
+        "do it in miniature, to check that everything works, as EXPERIMENT_smoke; its numbers mean nothing"
+    )
 
     run = command("run", "execute the missing runs of an experiment")
     _add(run, "experiment", "EXPERIMENT", named)

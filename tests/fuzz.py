@@ -53,7 +53,7 @@ MINE: Final = "@FOLDER@/mine.toml"
 RESULTS: Final = ("--results", "@FOLDER@/results")
 
 # A comparison, an extension, maps, a replication and searches.
-EXPERIMENTS: Final = ("compare_deep", "reproduce_smoke", "when", "groups_smoke", "reproduce", "tuning_smoke")
+EXPERIMENTS: Final = ("compare_deep", "groups", "when", "reproduce", "tuning")
 OPTIONS: Final = {
     "run": ["--seeds", "--jobs", "--report"],
     "report": ["--seeds", "--partial"],
@@ -68,7 +68,7 @@ TEMPLATE: Final = "{{ cycler.__init__.__globals__.os.mkdir('@FOLDER@/marker.ran'
 HOSTILE: Final = ("marker:x", "../marker", "@FOLDER@/marker", "@FOLDER@/marker.toml", TEMPLATE)
 PLAIN: Final = """
 - -- = .. ~ con 0 7 0-9 9-0 -1 1.5 0x10 a.b S1 S9 index one_hot coordinates anywhere first kind seeds settings
-observe phases others walk group q_learning reproduce_smoke film.webp film.txt /nowhere/film.gif /dev/null
+observe phases others walk group q_learning reproduce film.webp film.txt /nowhere/film.gif /dev/null
 math:sqrt math:pi json: :dumps nowhere:x a:b:c =1+1 $x$ a|b %s {}
 """
 WORDS: Final = (

@@ -184,7 +184,7 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     git = ["git", "-C", str(installed), "-c", "user.name=A", "-c", "user.email=a@example.org"]
     subprocess.run([*git, "init", "--quiet"], check=True)
     subprocess.run([*git, "commit", "--quiet", "--allow-empty", "-m", "Else"], check=True)
-    arguments = ["run", "reproduce_smoke", "--report", "--seeds", "0-1", "--results", "out"]
+    arguments = ["run", "reproduce", "--smoke", "--report", "--seeds", "0-1", "--results", "out"]
     done = python(installed, "-m", "benchmark", *arguments, cwd=tmp_path, extras=True)
     assert done.returncode == 0, done.stderr
     folder = tmp_path / "out" / "reproduce_smoke_seeds_0-1"
@@ -193,7 +193,7 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     for name in ("README.md", "index.html"):
         assert "very learner has the seeds 0 to 1 instead of" in (folder / name).read_text(encoding="utf-8")
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    assert manifest["command"] == "python -m benchmark run reproduce_smoke --seeds 0-1 --report"
+    assert manifest["command"] == "python -m benchmark run reproduce --smoke --seeds 0-1 --report"
     assert manifest["commits"] == [None]
 
 

@@ -13,10 +13,10 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution.store import Store
-from benchmark.experiments import schema
+from benchmark.experiments import load_experiment, schema
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
-from tests.support import ROOT, mistyped_columns
+from tests.support import ROOT, mistyped_columns, specifications
 
 PARTS = 20  # of the nine claims
 
@@ -25,7 +25,7 @@ PARTS = 20  # of the nine claims
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of the replication in miniature."""
     directory = tmp_path_factory.mktemp("results")
-    assert main(["run", "reproduce_smoke", "--results", str(directory), "--report"]) == 0
+    assert main(["run", "reproduce", "--smoke", "--results", str(directory), "--report"]) == 0
     return directory
 
 
@@ -33,25 +33,25 @@ def test_tables_agree_with_each_other(results: Path) -> None:
     folder = results / "reproduce_smoke"
     assert [path.name for path in folder.glob("*.csv") if mistyped_columns(path)] == []
     claims = pd.read_csv(folder / "claims.csv")
-    assert claims["agents"].value_counts().to_dict() == {6: PARTS, 12: PARTS}
+    assert claims["agents"].value_counts().to_dict() == {2: PARTS, 4: PARTS}
     sensitivity, sets = (pd.read_csv(folder / f"{name}.csv") for name in ("sensitivity", "claim_sets"))
     assert sets.groupby("first_seed")["last_seed"].agg(["size", "max"]).to_dict("index") == {
-        0: {"size": PARTS, "max": 5},
-        6: {"size": PARTS, "max": 11},
+        0: {"size": PARTS, "max": 1},
+        2: {"size": PARTS, "max": 3},
     }
     # The first set is that of the figures, and of the default reading among the others.
     same = ["claim", "part", "value", "low", "high", "state", "verdict"]
     first = sets.loc[sets["first_seed"] == 0, same].reset_index(drop=True)
-    for frame, rows in ((sensitivity, sensitivity["reading"] == "default"), (claims, claims["agents"] == 6)):
+    for frame, rows in ((sensitivity, sensitivity["reading"] == "default"), (claims, claims["agents"] == 2)):
         assert first.equals(frame.loc[rows, same].reset_index(drop=True))
     success, learning = (pd.read_csv(folder / f"{name}.csv") for name in ("optimal", "learning"))
-    assert success["agents"].tolist() == [6, 6, 6, 12, 12, 12]
-    assert success["success"].tolist()[:3] == learning[learning["step"] == 600]["success"].tolist()
+    assert success["agents"].tolist() == [2, 2, 2, 4, 4, 4]
+    assert success["success"].tolist()[:3] == learning[learning["step"] == 400]["success"].tolist()
 
 
 def test_results_do_not_depend_on_how_the_work_was_split(results: Path, tmp_path: Path) -> None:
-    for arguments in (["--seeds", "4-5", "--jobs", "3"], ["--seeds", "1"], ["--jobs", "1"]):
-        assert main(["run", "reproduce_smoke", "--results", str(tmp_path), *arguments]) == 0
+    for arguments in (["--seeds", "0-1", "--jobs", "3"], ["--seeds", "1"], ["--jobs", "1"]):
+        assert main(["run", "reproduce", "--smoke", "--results", str(tmp_path), *arguments]) == 0
     with Store(tmp_path / "runs.db") as store, Store(results / "runs.db") as other:
         digests = sorted(store.ended())
         assert digests == sorted(other.ended())
@@ -62,9 +62,10 @@ def test_results_do_not_depend_on_how_the_work_was_split(results: Path, tmp_path
 def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A forged record with the right checksum, an edited table and a damaged record are all found."""
     shutil.copytree(results, tmp_path, dirs_exist_ok=True)
-    command = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--jobs", "2", "--seed", "3"]
+    command = ["verify", "reproduce", "--smoke", "--results", str(tmp_path), "--jobs", "2", "--seed", "3"]
+    run, *_ = specifications(load_experiment("reproduce", smoke=True), "ties", "S3", "q_learning", "index")
     with Store(tmp_path / "runs.db") as store:
-        forged, *_ = store.get(sorted(store.ended()))
+        (forged,) = store.get([run.digest])
         arrays = dict(forged.arrays) | {"q": np.nextafter(forged.arrays["q"], 1)}
         store.add([dataclasses.replace(forged, arrays=arrays)])
     (tmp_path / "reproduce_smoke" / "optimal.csv").write_text("success\n1.0\n")
@@ -73,26 +74,26 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
         file.write_text(changed)
     (tmp_path / "reproduce_smoke" / "notes.txt").write_text("a reader's own")
     names = {path.name for path in tmp_path.iterdir()}
-    assert main([*command, "--runs", "156"]) == 1
+    assert main([*command, "--runs", "52"]) == 1
     said = capsys.readouterr()
     assert f"({forged.digest[:12]}): differs in q." in said.err
     changed = r"4 of \d+ files: README\.md, manifest\.json, optimal\.csv, sensitivity\.csv\."
     assert re.search(changed, said.err)
     assert "notes.txt" not in said.err
     assert said.out.splitlines() == [
-        "checksums: correct in all 156 records.",
-        "runs: 155 of 156 repeated runs are identical (drawn from 156 with --seed 3).",
+        "checksums: correct in all 52 records.",
+        "runs: 51 of 52 repeated runs are identical (drawn from 52 with --seed 3).",
         "problems found: 3.",  # the page cannot be made of that table
     ]
     assert names == {path.name for path in tmp_path.iterdir()}  # nothing is left aside
     execute(tmp_path / "runs.db", f"UPDATE runs SET provenance = '' WHERE digest = '{forged.digest}'")
     assert main([*command, "--runs", "2"]) == 1
     said = capsys.readouterr()
-    assert f"1 of 156 records are damaged (the first: {forged.digest[:12]})" in said.err
+    assert f"1 of 52 records are damaged (the first: {forged.digest[:12]})" in said.err
     assert "runs: 2 of 2 repeated runs are identical" in said.out
     # Running the experiment again repeats what is damaged, and nothing else.
-    assert main(["run", "reproduce_smoke", "--results", str(tmp_path)]) == 0
-    assert "1 runs done, 155 were done already" in capsys.readouterr().out
+    assert main(["run", "reproduce", "--smoke", "--results", str(tmp_path)]) == 0
+    assert "1 runs done, 51 were done already" in capsys.readouterr().out
     with Store(tmp_path / "runs.db") as store, Store(results / "runs.db") as other:
         assert arrays_of(store.get([forged.digest])) == arrays_of(other.get([forged.digest]))
 
@@ -100,7 +101,7 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
 def test_damaged_stores_are_problems_not_mistakes(results: Path, tmp_path: Path) -> None:
     """Whether it is found when the store is opened or later; having none is a mistake of the user."""
     content = (results / "runs.db").read_bytes()
-    command = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--runs", "0"]
+    command = ["verify", "reproduce", "--smoke", "--results", str(tmp_path), "--runs", "0"]
     assert main(command) == 2
     for start in range(0, 20_000, 4000):
         damaged = content[:start] + bytes(64) + content[start + 64 :]
@@ -121,7 +122,7 @@ def test_read_only_archive_is_verified(results: Path, capsys: pytest.CaptureFixt
         user = os.geteuid()
         try:
             os.seteuid(user or 65534)  # the superuser could write all the same
-            assert main(["verify", "reproduce_smoke", "--results", folder, "--runs", "1"]) == 0
+            assert main(["verify", "reproduce", "--smoke", "--results", folder, "--runs", "1"]) == 0
         finally:
             os.seteuid(user)
             for path in paths:

@@ -67,13 +67,13 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
     comparison = directory / "small.toml"
     comparison.write_text(SMALL, encoding="utf-8")
     small = {
-        "reproduce": "reproduce_smoke",
         "compare_deep": str(comparison),
         "100-199": "100-101",
         "0-29": "0-1",
         **{name: f"{directory}/{name}" for name in ("film.webp", "dqn.zip", "table.npz")},
     }
     arguments = [small.get(word, word) for word in words[1:]]
+    arguments += ["--smoke"] * ("reproduce" in arguments)
     if "watch" in arguments:
         arguments += ["--save", f"{directory}/film.webp", "--experiment", str(comparison)]
     if "--help" in arguments:

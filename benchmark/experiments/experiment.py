@@ -381,7 +381,7 @@ def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> di
     budget = max(whole.get("budget", cls.model_fields["budget"].default) // 25, 1)
     rollouts = whole.keys() & {"n_steps", "train_freq", "record_every"}
     small = {key: math.gcd(whole[key], budget) for key in rollouts} | {"budget": budget}
-    return settings | small | {key: 1 for key in settings.keys() & {"n_envs"}}
+    return settings | small | dict.fromkeys(settings.keys() & {"n_envs"}, 1)
 
 
 def _family(learner: Learner, settings: LearnerSettings) -> str:

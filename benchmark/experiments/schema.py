@@ -381,7 +381,7 @@ class Declaration(Table):
             for name, variant in self.algorithms.items()
         }
         readings = {
-            name: reading.model_copy(update={"seeds": reading.seeds and 2})
+            name: reading.model_copy(update={"seeds": reading.seeds and 4})  # twice those of others
             for name, reading in self.readings.items()
         }
         search = self.search

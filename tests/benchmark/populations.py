@@ -13,7 +13,7 @@ from envs import load_scenario
 from envs.observations import compile_seen
 from envs.scenario import ScenarioLike
 
-RUN = load_experiment("reproduce_smoke").populations[0].first
+RUN = load_experiment("reproduce", smoke=True).populations[0].first
 
 
 def population(

@@ -11,8 +11,8 @@ from benchmark.__main__ import main
 from benchmark.experiments import load_experiment
 from tests.support import small_experiment, variant
 
-MINE = """
-extends = "tuning_smoke"
+MINE = f"""
+extends = "{Path(__file__).parents[1]}/benchmark/studies/small_search.toml"
 description = "SARSA joins."
 
 [changes]
@@ -23,7 +23,7 @@ description = "SARSA joins."
 algorithm = "sarsa"
 observations = ["index"]
 seeds = 2
-search = { epsilon = { low = 0.01, high = 0.6, scale = "log", why = "As for the others." } }
+search = {{ epsilon = {{ low = 0.01, high = 0.6, scale = "log", why = "As for the others." }} }}
 """
 
 

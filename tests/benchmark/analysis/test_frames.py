@@ -90,7 +90,7 @@ def tabulated(made: Records, path: Path, *columns: str) -> pd.DataFrame:
     agents = zip(made.runs, made.agents, strict=True)
     with Store(path / "runs.db") as store:
         store.add([Record(run.digest, run.content, "done", {}, arrays) for run, arrays in agents])
-        group = Group(load_experiment("reproduce_smoke").populations[0], made.runs)
+        group = Group(load_experiment("reproduce", smoke=True).populations[0], made.runs)
         runs, _ = tables([group], store, columns)
     return runs[[*columns]]
 

@@ -16,7 +16,7 @@ from envs.model import PING
 from tests.benchmark.populations import population
 from tests.support import specifications
 
-SMOKE = load_experiment("reproduce_smoke")
+SMOKE = load_experiment("reproduce", smoke=True)
 
 
 def test_incomplete_populations_are_refused(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_missing_packages_are_named_with_what_installs_them(
 
 def stored(tmp_path: Path, n: int = 5) -> None:
     """Stores runs, the last of which has failed."""
-    runs = all_specifications(load_experiment("reproduce_smoke"))[:n]
+    runs = all_specifications(load_experiment("reproduce", smoke=True))[:n]
     records = [Record(run.digest, run.content, "done", {}, {}) for run in runs]
     failed = Record(records[-1].digest, records[-1].specification, "failed", {}, {}, "ValueError: planted")
     with Store(tmp_path / "runs.db") as store:
@@ -99,11 +99,11 @@ def test_damaged_store_is_a_problem_and_runs_are_counted_without_it(tmp_path: Pa
     stored(tmp_path, 60)
     data = (tmp_path / "runs.db").read_bytes()
     (tmp_path / "runs.db").write_bytes(data[:4096] + b"\xff" * (len(data) - 4096))
-    code, lines = examine("reproduce_smoke")
+    code, lines = examine("reproduce")
     assert code == 1
     assert any(line.startswith("problem") and "runs.db" in line for line in about("store", lines))
     assert about("runs", lines) == ["ok 156 of 156 are missing"]
-    unknown = f"ok for an unknown time: {tmp_path}/reproduce_smoke has no results of these learners"
+    unknown = f"ok for an unknown time: {tmp_path}/reproduce has no results of these learners"
     assert about("time", lines) == [unknown]
 
 

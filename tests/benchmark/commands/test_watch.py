@@ -47,7 +47,7 @@ def test_any_scenario_can_be_watched(
             assert run.digest in store.ended()
 
 
-@pytest.mark.parametrize("experiment", ["when_smoke", "tuning_smoke"])
+@pytest.mark.parametrize("experiment", ["groups", "tuning"])
 def test_curves_alone_cannot_be_watched(experiment: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch", "--experiment", experiment, "--save", "a.gif"]) == 2
     assert "its runs cannot be watched" in capsys.readouterr().err

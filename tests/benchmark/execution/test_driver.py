@@ -22,7 +22,7 @@ from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError, compile_scenario
 from tests.support import specifications
 
-SMALL = load_experiment("reproduce_smoke")
+SMALL = load_experiment("reproduce", smoke=True)
 
 
 def test_every_run_is_reported_once(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_records_hold_what_training_and_evaluation_gave(tmp_path: Path) -> None:
         assert record.arrays.keys() == expected.keys()
         for name, values in expected.items():
             assert np.array_equal(record.arrays[name], values[i]), name
-        assert record.arrays["episodes_ended"] == 600
+        assert record.arrays["episodes_ended"] == 400
         assert len(record.provenance["cpu_time_s"]) == len(runs[0].schedule.evaluation_steps)
 
 
@@ -102,7 +102,7 @@ def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: 
     with Store(tmp_path / "runs.db") as store:
         with pytest.raises(KeyboardInterrupt):
             run(runs, store, 3, interrupt)
-        assert len(executed) >= 18
+        assert len(executed) >= 12
         assert set(store.statuses()) == set(executed)
         assert len(executed) < len(runs)
 
@@ -145,5 +145,5 @@ def test_an_interrupt_does_not_hide_that_nothing_can_be_stored(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(driver, "wait", lambda futures, **_: interrupt(*map(Future.result, futures)))
-    assert main(["run", "reproduce_smoke", "--results", str(tmp_path)]) == 2
+    assert main(["run", "reproduce", "--smoke", "--results", str(tmp_path)]) == 2
     assert f"error: {tmp_path}/runs.db: it was removed" in capsys.readouterr().err

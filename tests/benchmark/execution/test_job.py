@@ -60,7 +60,7 @@ def test_recorded_probabilities_are_those_after_training() -> None:
 def test_runs_share_the_time_of_their_job(monkeypatch: pytest.MonkeyPatch) -> None:
     """A job that started at 4 s and ends at 12 s: 2 s for each of 4 runs."""
     monkeypatch.setattr(execution, "time", SimpleNamespace(perf_counter=lambda: 12.0))
-    job = load_experiment("reproduce_smoke").populations[0].runs(range(4))
+    job = load_experiment("reproduce", smoke=True).populations[0].runs(range(4))
     records = failures(job, ValueError("oh"), started=4.0)
     assert [record.provenance["wall_time_s"] for record in records] == [2, 2, 2, 2]
 

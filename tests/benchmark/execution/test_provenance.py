@@ -16,7 +16,7 @@ from envs import InputError
 from envs.sources import digest_when_loaded
 from tests.support import ROOT, git, specifications
 
-COMPARED = load_experiment("compare_deep_smoke")
+COMPARED = load_experiment("compare_deep", smoke=True)
 
 
 def test_commit_is_that_of_the_repository_that_tracks_the_code(tmp_path: Path) -> None:

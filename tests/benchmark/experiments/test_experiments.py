@@ -17,8 +17,8 @@ from envs import InputError, load_scenario
 from envs.inputs import parse, read_toml
 from tests.support import ROOT, specifications
 
-SMALL = load_experiment("reproduce_smoke")
-COMPARED = load_experiment("compare_deep_smoke")
+SMALL = load_experiment("reproduce", smoke=True)
+COMPARED = load_experiment("compare_deep", smoke=True)
 LARGE = ("groups", "tuning_map", "tuning_tables")  # with the most conditions
 
 
@@ -26,7 +26,7 @@ def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
     """Loads an extension of the miniature, written to a file; __ in a key stands for a dot."""
     lines = [f'"{key.replace("__", ".")}" = {json.dumps(value)}' for key, value in changes.items()]
     path = tmp_path / f"{name}.toml"
-    path.write_text("\n".join(['extends = "reproduce_smoke"', 'description = ""', "[changes]", *lines]))
+    path.write_text("\n".join(['extends = "reproduce"', 'description = ""', "[changes]", *lines]))
     return load_experiment(path)
 
 
@@ -97,23 +97,24 @@ def test_runs_of_a_population_share_its_identity() -> None:
 def test_identity_is_content_and_streams_have_names() -> None:
     runs = all_specifications(SMALL)
     by_digest = {run.digest: run for run in runs}
-    again = {run.digest: run for run in all_specifications(load_experiment("reproduce_smoke"), range(3))}
-    assert set(again) < set(by_digest)  # fewer seeds are the same runs, and none is a position in a list
+    again = all_specifications(load_experiment("reproduce", smoke=True), range(1))
+    assert {run.digest for run in again} < set(
+        by_digest
+    )  # fewer seeds are the same runs, and none is a position in a list
     states: dict[tuple[str, int], set[bytes]] = {}
     for run in runs:
         state = run.seed_sequence.generate_state(4, np.uint64).tobytes()
         states.setdefault((run.scenario.name, run.seed), set()).add(state)
     assert all(len(words) == 1 for words in states.values())  # readings share streams ...
-    assert len(set.union(*states.values())) == len(states) == 36  # ... scenarios and seeds do not
+    assert len(set.union(*states.values())) == len(states) == 3 * 4  # ... scenarios and seeds do not
     learners = all_specifications(COMPARED)
     assert len({str(run.seed_sequence.entropy) for run in learners}) == len(learners)  # nor do learners
 
 
 def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
-    more: dict[str, Any] = {"algorithms__q_learning__seeds": 8}
-    other = all_specifications(extended(tmp_path, "other", **more))
-    shared = all_specifications(extended(tmp_path, "shared", stream="reproduce_smoke", **more))
-    runs = all_specifications(SMALL)
+    runs = all_specifications(load_experiment("reproduce"), range(2))
+    other = all_specifications(extended(tmp_path, "other"), range(4))
+    shared = all_specifications(extended(tmp_path, "shared", stream="reproduce"), range(4))
     assert {run.digest for run in runs} < {run.digest for run in shared}
     assert {run.digest for run in runs}.isdisjoint(run.digest for run in other)
     states = [group[0].seed_sequence.generate_state(4).tolist() for group in (runs, shared, other)]
@@ -246,7 +247,7 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
     assert run.folder == f"{name}/S1/{name}_index/{condition}/seed_0"
 
 
-@pytest.mark.parametrize("stem", ["..", "a.b", "2024", "reproduce", "speed", "a_partial", "a_seeds_0-9"])
+@pytest.mark.parametrize("stem", ["..", "a.b", "2024", "reproduce", "speed", "a_smoke", "a_seeds_0-9"])
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     with pytest.raises(InputError, match="results are named after the"):
         extended(tmp_path, stem)

@@ -38,7 +38,7 @@ def analysed(few: int | None = None, n: int = 4, **arrays: Any) -> ReplicationAn
         def records(self, of: Population) -> Records:
             return population(of.scenario.name, n, **arrays)
 
-    experiment = load_experiment("reproduce_smoke")
+    experiment = load_experiment("reproduce", smoke=True)
     ((name, learner),) = experiment.learners.items()
     variant = learner.declared.model_copy(update={"seeds": few or n})
     readings = {"default": experiment.declared.readings["default"]}
@@ -272,6 +272,6 @@ def test_a_replication_takes_one_table_in_scenarios_like_the_papers(
     changes: str, expected: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text(f'extends = "reproduce_smoke"\ndescription = ""\n[changes]\n{changes}\n')
+    path.write_text(f'extends = "reproduce"\ndescription = ""\n[changes]\n{changes}\n')
     with pytest.raises(InputError, match=f"mine.toml: {expected}"):
         report_of(load_experiment(path)).check()

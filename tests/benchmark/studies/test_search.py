@@ -38,20 +38,21 @@ from envs import InputError
 from tests.benchmark.studies.conftest import experiment_of
 from tests.support import ROOT, make, mistyped_columns
 
+SEARCH = Path(__file__).with_name("small_search.toml")
 PUBLISHED = ROOT / "results" / "tuning"
-TUNING, SMALL = load_experiment("tuning"), load_experiment("tuning_smoke")
-SAME = 'extends = "tuning_smoke"\ndescription = "-"\nchanges = { stream = "tuning_smoke" }\n'
-LONGER = """
-extends = "tuning_smoke"
+TUNING, SMALL = load_experiment("tuning"), load_experiment(SEARCH)
+SAME = f'extends = "{SEARCH}"\ndescription = "-"\nchanges = {{ stream = "small_search" }}\n'
+LONGER = f"""
+extends = "{SEARCH}"
 description = "The same runs, and more."
-changes = { stream = "tuning_smoke", "search.trials" = 5 }
+changes = {{ stream = "small_search", "search.trials" = 5 }}
 """
-EARLY = """
-extends = "tuning_smoke"
+EARLY = f"""
+extends = "{SEARCH}"
 description = "How early runs learn."
 [changes]
 scenarios = ["FarCorner"]
-solved = { success = 0.5, growth = 1.3 }
+solved = {{ success = 0.5, growth = 1.3 }}
 evaluation_every = 50
 "search.trials" = 2
 "settings.budget" = 800
@@ -64,7 +65,7 @@ FRESH = [[0.1, 0.1], [0.3, 0.3], [0.4, 0.6], [0.2, 0.7]]
 def extended(path: Path, changes: dict[str, int]) -> Experiment:
     """The miniature with changes."""
     text = ", ".join(f'"{key}" = {value}' for key, value in changes.items())
-    text = f'extends = "tuning_smoke"\ndescription = "-"\nchanges = {{ {text} }}\n'
+    text = f'extends = "{SEARCH}"\ndescription = "-"\nchanges = {{ {text} }}\n'
     return experiment_of(path, text)
 
 
@@ -337,8 +338,8 @@ def test_runs_are_compared_by_how_early_they_learn(tmp_path: Path) -> None:
 
 
 def test_make_runs_a_search() -> None:
-    commands = make("--dry-run", "tune", "EXPERIMENT=tuning_smoke").stdout
-    assert re.search(r"benchmark run .*--report +tuning_smoke\b", commands)
+    commands = make("--dry-run", "tune", "EXPERIMENT=mine").stdout
+    assert re.search(r"benchmark run .*--report +mine\b", commands)
 
 
 @pytest.mark.usefixtures("small")
@@ -360,7 +361,7 @@ def test_a_search_has_its_own_seeds_and_no_part(
     ],
 )
 def test_keys_of_maps_are_refused(tmp_path: Path, change: str, expected: str) -> None:
-    text = f'extends = "tuning_smoke"\ndescription = "-"\nchanges = {{ {change} }}\n'
+    text = f'extends = "{SEARCH}"\ndescription = "-"\nchanges = {{ {change} }}\n'
     with pytest.raises(InputError, match=expected):
         report_of(experiment_of(tmp_path / "mine.toml", text)).check()
 
