@@ -74,7 +74,7 @@ fuzz: $(DEV) ## give the command line 100,000 random inputs (FUZZ="--inputs 2000
 
 clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	rm -rf $(RESULTS)/runs.db* $(RESULTS)/index.html $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/*_seeds_* $(RESULTS)/.*.making $(RESULTS)/*/.stamp
+	rm -rf $(RESULTS)/runs.db* $(RESULTS)/index.html $(RESULTS)/*_smoke $(RESULTS)/*_seeds_* $(RESULTS)/.*.making $(RESULTS)/*/.stamp
 	rm -f benchmark/experiments/*_smoke.chosen.json
 	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -43,13 +43,11 @@ examples:
   python -m benchmark list                         scenarios, algorithms, experiments
   python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
   python -m benchmark run when --cluster tcp://HOST:8786  on the machines of a Dask cluster
-  python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --learner dqn --save film.webp  a film of an agent that learns
   python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip  a trained agent, for SB3
-  python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
-  python -m benchmark doctor compare_deep          what is missing here; estimate time and disk
+  python -m benchmark assess --agent module:act --scenario S1 --observation index  score an agent exactly
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
 with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
@@ -151,15 +149,15 @@ def _parser() -> argparse.ArgumentParser:
     seeds += "EXPERIMENT_seeds_A-B"
     jobs = "number of jobs to run at a time; results do not depend on it (default: number of cores"
 
-    def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
+    def command(name: str, summary: str, *, has_results: bool = True) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         sub.set_defaults(command=name)
-        about = f"folder of results (default: {results or 'that of this project'})"
-        _add(sub, "--results", "DIR", about, Path, default=results)
+        if has_results:
+            about = "folder of results (default: results)"
+            _add(sub, "--results", "DIR", about, Path, default=Path("results"))
         return sub
 
-    about = "show scenarios, algorithms and experiments"
-    commands.add_parser("list", help=about, description=f"{about.capitalize()}.").set_defaults(command="list")
+    command("list", "show scenarios, algorithms and experiments", has_results=False)
 
     smoke = (
         "do it in miniature, to check that everything works, as EXPERIMENT_smoke; its numbers mean nothing"
@@ -174,14 +172,12 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
     about = "log runs in folders below DIR: progress.csv, which is overwritten, and events of TensorBoard"
     _add(run, "--log", "DIR", about, Path)
-    run.set_defaults(partial=False)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
     about = f"{named}; without one, only the texts of all results and the page are written"
     _add(report, "experiment", "EXPERIMENT", about, nargs="?")
     _add(report, "--seeds", "A-B", seeds)
     _add(report, "--smoke", "", smoke)
-    _add(report, "--partial", "", "draw a comparison or map though runs are missing, into EXPERIMENT_partial")
 
     summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
     verify = command("verify", summary)
@@ -210,8 +206,7 @@ def _parser() -> argparse.ArgumentParser:
     about = "a .zip for Stable-Baselines3 (only nets), or an .npz for NumPy (every learner)"
     _add(export, "file", "FILE", about, Path)
 
-    summary = "score an agent exactly, and rank it among the published learners"
-    assess = command("assess", summary, results=None)
+    assess = command("assess", "score an agent exactly", has_results=False)
     agent = assess.add_mutually_exclusive_group(required=True)
     about = "a function of the observation that returns an action, five probabilities or what predict returns"
     _add(agent, "--agent", "MODULE:FUNCTION", about)
@@ -226,17 +221,6 @@ def _parser() -> argparse.ArgumentParser:
     about += "centred; or, relative to the agent, offset, alone or followed by _one_hot, _factored and so on"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
-    about = "write results/leaderboard/NAME.toml, for the leaderboard; the options below require it"
-    _add(assess, "--submit", "FILE", about, Path)
-    _add(assess, "--learner", "TEXT", "what learned the policy")
-    _add(assess, "--training-steps", "N", "environment steps of training (0 if untrained)", int)
-    _add(assess, "--search-trials", "N", "how many settings were tried; 0 without a search", int)
-    _add(assess, "--note", "TEXT", "anything else, such as the settings or where the code is")
-
-    doctor = command("doctor", "say which packages are missing, and what this machine and the store have")
-    about = f"{named}; then its time and disk are estimated, from published results"
-    _add(doctor, "experiment", "EXPERIMENT", about, nargs="?")
-    _add(doctor, "--jobs", "N", f"{jobs})")
 
     speed = command("speed", "measure speed, relative to common alternatives in the same process")
     _add(speed, "--smoke", "", "measure very little, into speed_smoke; the numbers mean nothing")

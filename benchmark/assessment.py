@@ -1,4 +1,4 @@
-"""Assesses any agent exactly: its score, a map of where it PINGs, its rank among the published learners.
+"""Assesses any agent exactly: its score, and a map of where it PINGs.
 
 An agent is a function of the observation, or a model of Stable-Baselines3, loaded or saved. It is read as a
 table over all observations, so it has to be memoryless.
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from envs.packages import contained, needed_by
 from envs.scenario import ScenarioLike
 
 with needed_by("benchmark.assessment"):
-    import pandas as pd
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
@@ -30,27 +29,12 @@ with needed_by("benchmark.assessment"):
     from benchmark.analysis.records import anchors, check_anchors, unbounded_scores
     from benchmark.drawing.maps import draw_policy, policy_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
-    from benchmark.experiments import experiment_names
-    from benchmark.folder import SCORES, Folder, with_titles
 
 Act = Callable[[Any], object]  # from an observation to an action, or to the probability of each action
 
 HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
-RESULTS: Final = Path(__file__).parents[1] / "results"
 PICTURES: Final = (".png", ".svg")  # endings of files
 _TOLERANCE: Final = 1e-5  # for probabilities, which may be of single precision
-_RANKED: Final = ["success", "score"]  # columns, in order of precedence
-_DECIMALS: Final = 5  # compared in these columns, since files have six significant digits
-
-
-class Standing(NamedTuple):
-    """How an agent compares with the published learners in the same scenario: by success, then by score."""
-
-    rank: int  # 1 plus the number of learners with higher means
-    tied: int  # learners with the same means
-    # Best first: experiment, learner, runs, success and score (the means), and the shares of its runs that
-    # rank lower than, level with and higher than the agent.
-    learners: pd.DataFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +46,6 @@ class Assessment:
     observation: str  # the form that the agent is given
     policy: Policy  # (O, A) its action probabilities
     evaluation: Evaluation  # exact, from the scenario's starts
-    results: Path  # the folder that holds the published results
 
     @cached_property
     def unbounded_score(self) -> float:
@@ -78,12 +61,6 @@ class Assessment:
     def success(self) -> float:
         """The probability that an episode ends with a PING in the target region."""
         return float(self.evaluation.success)
-
-    @cached_property
-    def standing(self) -> Standing | None:
-        """The rank among the published learners; None if nothing is published for this scenario."""
-        published = _published(self.scenario, self.results)
-        return None if published is None else standing_of(self.success, self.score, published)
 
     def __repr__(self) -> str:
         exact, name = self.evaluation, self.model.scenario.name
@@ -102,20 +79,6 @@ class Assessment:
         lines = [f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over "]
         lines[0] += f"episodes of at most {HORIZON} steps"
         lines += [f"  {label:20} {text}" for label, text in numbers.items()]
-        if self.standing is None:
-            lines.append(f"no rank: {self.results} has no complete published results for this scenario")
-            lines.append("(all are in the folder results of a checkout: results=PATH, or --results PATH)")
-            return "\n".join(lines)
-        rank, tied, learners = self.standing
-        n, runs = len(learners), learners["runs"].sum()
-        lines += [
-            f"ranks {rank} of {n + 1} by success, then score{f', tied with {tied}' if tied else ''}: {n} "
-            f"published learners by their means, from {runs:,} runs,",
-            "and this agent, a single policy: its numbers say nothing about other runs of its training",
-            "success, score: means; lower, equal, higher: the share of runs that rank so, compared with it",
-            "",
-            learners.to_string(index=False, float_format="{:.4f}".format),
-        ]
         return "\n".join(lines)
 
     def draw(self, path: str | Path) -> None:
@@ -139,7 +102,6 @@ def assess(
     algorithm: str | None = None,
     normalization: str | Path | None = None,
     stochastic: bool = False,
-    results: str | Path = RESULTS,
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
@@ -157,7 +119,6 @@ def assess(
       normalization: The file that `VecNormalize.save` wrote when the model was saved, if it was trained with
         one. A model in memory knows its VecNormalize.
       stochastic: Whether a model draws its actions; otherwise it acts greedily.
-      results: The folder of published results among which the agent is ranked.
 
     Raises:
       InputError: The scenario, the form of observation or the model cannot be used, or a function returns
@@ -181,7 +142,7 @@ def assess(
     else:
         policy = _policy_of_function(agent, model, observation)
     check_anchors(model, HORIZON, "start")
-    return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
+    return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON))
 
 
 def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
@@ -217,29 +178,6 @@ def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
     return policy
 
 
-def standing_of(success: float, score: float, published: pd.DataFrame) -> Standing:
-    """Ranks an agent by success, then by score in [0, 1]; `published` has both, and a row per run."""
-
-    def better_by(rows: pd.DataFrame) -> NDArray[np.float64]:
-        lead = (rows[_RANKED] - (success, score)).round(_DECIMALS)
-        return np.where(lead["success"] != 0, lead["success"], lead["score"])
-
-    lead = better_by(published)
-    runs = published.assign(lower=lead < 0, equal=lead == 0, higher=lead > 0)
-    groups = runs.groupby(["experiment", "learner"], sort=False)
-    learners = groups[[*_RANKED, "lower", "equal", "higher"]].mean()
-    learners.insert(0, "runs", groups.size())
-    learners = learners.reset_index().sort_values(_RANKED, ascending=False, kind="stable", ignore_index=True)
-    lead = better_by(learners)
-    return Standing(int((lead > 0).sum()) + 1, int((lead == 0).sum()), learners)
-
-
-def saved_model(path: Path) -> Path:
-    """Returns where Stable-Baselines3 finds a saved model: the name's ending, .zip, may be missing."""
-    whole = path.with_name(f"{path.name}.zip")
-    return whole if not path.is_file() and whole.is_file() else path
-
-
 def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic: bool) -> Policy:
     """Reads the policy, (O, A), of a model of SB3, or of a saved one; `given` is for `agent_table`."""
     where = "agent" if algorithm is None else str(agent)
@@ -248,12 +186,18 @@ def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic:
     if algorithm is None:
         table, is_value = agent_table(agent, where, *given)
     else:
-        table, is_value = saved_table(saved_model(Path(where)), algorithm, *given)
+        table, is_value = saved_table(_saved_model(Path(where)), algorithm, *given)
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:
         raise InputError(f"{where}: stochastic = True: accepted only with action probabilities.")
     return table
+
+
+def _saved_model(path: Path) -> Path:
+    """Returns where Stable-Baselines3 finds a saved model: the name's ending, .zip, may be missing."""
+    whole = path.with_name(f"{path.name}.zip")
+    return whole if not path.is_file() and whole.is_file() else path
 
 
 def _row(answer: object) -> NDArray[np.float64] | None:
@@ -275,30 +219,6 @@ def _row(answer: object) -> NDArray[np.float64] | None:
 
 def _shown(answer: object) -> str:
     return shortened(" ".join(repr(answer).split()), 100)
-
-
-def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
-    """Reads the results of all published runs in a scenario: experiment, learner, success, score.
-
-    A folder counts if it is complete and has the scenario as it is now, and the same time limit; miniatures
-    and users' experiments do not. Nor do reference implementations, which have the settings of others.
-    """
-    frames = []
-    for name in experiment_names():
-        folder = Folder(results / name)
-        if SCORES not in folder or name.endswith("_smoke"):
-            continue
-        with folder.reading():
-            manifest = folder.manifest
-            is_same = manifest["scenarios"].get(scenario.name) == scenario.model_dump(mode="json")
-            is_comparable = is_same and manifest["horizon"] == HORIZON and not manifest["partial"]
-            if is_comparable and {*_RANKED} <= {*(runs := folder.frame(SCORES))}:
-                declared = manifest["algorithms"].items()
-                variants = [variant for variant, about in declared if not about["reference_for"]]
-                is_ranked = (runs["scenario"] == scenario.name) & runs["variant"].isin(variants)
-                runs = with_titles(runs[is_ranked], folder.titles)
-                frames.append(runs[[*_RANKED, "learner"]].assign(experiment=name))
-    return pd.concat(frames, ignore_index=True) if frames else None
 
 
 def draw_map(assessment: Assessment) -> Figure:

@@ -12,7 +12,6 @@ with needed_by("benchmark.frames"):
     import pandas as pd
 
     from benchmark.analysis.frames import tables
-    from benchmark.assessment import RESULTS
     from benchmark.execution.store import NoRunsError, Store
     from benchmark.experiments import Experiment, all_specifications, load_experiment
     from benchmark.folder import SCORES, Folder, with_titles
@@ -20,6 +19,7 @@ with needed_by("benchmark.frames"):
     from benchmark.studies import report_of
 
 _PUBLISHED: Final = ((SCORES, "runs.csv"), ("curves.csv", "success.csv", "learning.csv"))  # runs, curves
+_RESULTS: Final = Path(__file__).parents[1] / "results"
 Where = str | Path
 
 
@@ -57,7 +57,7 @@ def _read(experiment: Experiment, results: Where | None, source: str | None, whi
     if source not in (None, *readers):
         raise InputError(f"source = {source!r}: accepted: {', '.join(readers)}.")
     reasons = []
-    folders = [Path("results"), RESULTS] if results is None else [Path(results)]
+    folders = [Path("results"), _RESULTS] if results is None else [Path(results)]
     for folder in dict.fromkeys(path.resolve() for path in folders):
         for kind in [source] if source else [*readers][: 2 - which]:
             found = readers[kind](experiment, folder, which, source is None)

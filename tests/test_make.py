@@ -59,7 +59,7 @@ def test_what_git_ignores_is_not_checked(tmp_path: Path) -> None:
     for name in ("Makefile", "pyproject.toml", ".gitignore"):
         shutil.copy(ROOT / name, tmp_path)
     git(tmp_path, "init", "--quiet")
-    ignored = [f"results/mine_{kind}/README.md" for kind in ("partial", "smoke", "seeds_0-9")]
+    ignored = [f"results/mine_{kind}/README.md" for kind in ("smoke", "seeds_0-9")]
     ignored += ["build/lib/mine.py", "dist/mine.html", "logs/mine.py", "results/mine/mine.json", "film.webp"]
     ignored += ["results/index.html", "results/reproduce/mine/index.html", "results/runs.db"]
     for path in (tmp_path / name for name in [*ignored, "README.md", "mine.py"]):
@@ -78,7 +78,7 @@ def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
     kept = {f"{name}/mine.py" for name in ("agents", "benchmark", "envs", "tests")}
     kept |= {"results/reproduce/claims.csv"}
     removed = {"envs/__pycache__/mine.pyc", "results/runs.db", "results/index.html", "build/site/index.html"}
-    removed |= {f"results/mine_{kind}/claims.csv" for kind in ("partial", "smoke", "seeds_0-9")}
+    removed |= {f"results/mine_{kind}/claims.csv" for kind in ("smoke", "seeds_0-9")}
     for path in (tmp_path / name for name in kept | removed):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
@@ -97,7 +97,7 @@ def test_seeds_are_passed_on_or_refused(target: str) -> None:
 
 
 def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("run", "report", "verify", "watch", "assess", "doctor", "speed"):
+    for name in ("run", "report", "verify", "watch", "export", "speed"):
         with pytest.raises(SystemExit) as ended:
             main([name, "--help"])
         assert ended.value.code == 0

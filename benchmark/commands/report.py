@@ -3,11 +3,9 @@
 import argparse
 import sys
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from benchmark import leaderboard
 from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
@@ -32,9 +30,9 @@ def main(options: argparse.Namespace) -> int:
     experiment = load_experiment(options.experiment, smoke=options.smoke)
     report = report_of(experiment).check()
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
-    directory = options.results / folder_name(experiment, seeds, partial=options.partial)
+    directory = options.results / folder_name(experiment, seeds)
     with Store(options.results / "runs.db", read_only=True) as store:
-        made = draw.draw(report, store, directory, seeds, partial=options.partial)
+        made = draw.draw(report, store, directory, seeds)
         if experiment.declared.search is not None:
             analysis: SearchAnalysis = made.analysis or report.study.analyse(report.data(store))
             _write_chosen(analysis, Folder(directory))
@@ -52,15 +50,13 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _rewrite(options: argparse.Namespace) -> int:
-    if options.partial or options.seeds is not None:
-        raise InputError("--partial, --seeds: accepted only together with an experiment.")
+    if options.seeds is not None:
+        raise InputError("--seeds: accepted only together with an experiment.")
     if folders := sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}")):
         with files.alone(options.results):
             check_all(*(Folder(folder).check for folder in folders if folder.name in _OURS))
             for folder in folders:
                 _write_texts(folder)
-            for path, text in leaderboard.texts(options.results, partial(print, file=sys.stderr)).items():
-                files.write_text(path, text)
             if options.results.resolve() == sameness.REPOSITORY / "results":
                 files.write_text(sameness.REPOSITORY / "README.md", front.front(options.results))
     print(f"the page is {page.write(options.results)}.")
@@ -100,8 +96,8 @@ def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
     return None if all(each.taken(seeds) == each.seeds for each in experiment.populations) else seeds
 
 
-def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -> str:
-    """Returns the name of a report's folder; other seeds, and a partial report, have one of their own."""
-    ends = [] if seeds is None else [str(seed) for seed in dict.fromkeys((seeds[0], seeds[-1]))]
-    chosen = f"_seeds_{'-'.join(ends)}" if ends else ""
-    return f"{experiment.name}{chosen}{'_partial' if partial else ''}"
+def folder_name(experiment: Experiment, seeds: range | None) -> str:
+    """Returns the name of a report's folder; other seeds have one of their own."""
+    if seeds is None:
+        return experiment.name
+    return f"{experiment.name}_seeds_{'-'.join(str(seed) for seed in dict.fromkeys((seeds[0], seeds[-1])))}"

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark import leaderboard
 from benchmark.commands import parse_jobs
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
@@ -177,7 +176,6 @@ def rewritten(reports: Mapping[str, AnyStudy], results: Path) -> Iterator[str]:
     pages = {None if name in page.CHAPTERS else name: report for name, report in reports.items()}
     try:
         texts |= {path: text for name in pages for path, text in page.texts(results, name, pages[name])}
-        texts |= leaderboard.texts(results, problems.append) if None in pages else {}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
             texts[sameness.REPOSITORY / README] = front.front(results)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""The cores and memory that this process may use, by its control groups (version 2), and file locks."""
+"""The cores that this process may use, by its control groups (version 2), and file locks."""
 
 import fcntl
 import os
@@ -17,23 +17,6 @@ def usable_cores() -> int:
         if quota != "max":
             quotas.append(int(quota) / int(period))
     return max(1, int(min([cores, *quotas])))
-
-
-def free_memory() -> int | None:
-    """Returns how many bytes of memory this process may still allocate; None if the system does not say."""
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return None
-    amounts = dict(line.split(":") for line in lines)
-    free = [int(amounts["MemAvailable"].split()[0]) * 1024]
-    names = ("memory.max", "memory.current", "memory.stat")
-    for most, used, details in zip(*map(_control_files, names), strict=False):
-        if most != "max":
-            counts = dict(line.split() for line in details.splitlines())
-            # The cache of files gives way to programs.
-            free.append(int(most) - int(used) + int(counts.get("inactive_file", 0)))
-    return max(0, min(free))
 
 
 def lock(descriptor: int, waiting: str) -> None:

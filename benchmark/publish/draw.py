@@ -15,7 +15,6 @@ from benchmark.publish import document, files, sameness
 from benchmark.publish.manifest import manifest_of
 from benchmark.studies import AnyReport, Data, Declared
 from benchmark.studies.item import called
-from envs import InputError
 from envs.sources import digest_of_source
 
 
@@ -27,25 +26,15 @@ class Made(NamedTuple):
     analysis: Any = None  # None if it was up to date
 
 
-def draw(
-    report: AnyReport,
-    store: Store,
-    directory: Path,
-    seeds: Sequence[int] | None = None,
-    *,
-    partial: bool = False,
-) -> Made:
+def draw(report: AnyReport, store: Store, directory: Path, seeds: Sequence[int] | None = None) -> Made:
     """Writes every table, figure and text of an experiment, unless they are up to date.
 
     The folder is replaced when all files are there, so a failure leaves it as it was. If they are
     identical to the published ones, and none holds measured times, the manifest is the published one, too.
-    `seeds` replace the declared ones. Missing runs raise an InputError, unless the report is `partial`.
+    `seeds` replace the declared ones. Missing runs raise an InputError.
     """
     study = report.study
-    if partial and not study.can_be_partial:
-        what = "a report that can be drawn of some of its runs, such as a comparison or a map"
-        raise InputError(f"--partial: {report.experiment.name}: accepted: {what}.")
-    data = report.data(store, seeds, partial=partial)
+    data = report.data(store, seeds)
     inputs, name = _inputs(data, seeds), directory.name
     measured = [file for item in study.items if item.is_measured for file in item.files()]
     measured += ["README.md"] if measured else []  # it repeats measured numbers
@@ -61,7 +50,7 @@ def draw(
         for table, frame in frames.items():
             tables.write_csv(frame, aside / f"{table}.csv")
         for item in study.items:
-            item.save(analysis, frames, aside, is_partial=data.is_partial)
+            item.save(analysis, frames, aside)
         sameness.keep_published(aside, name)
         write_manifest(aside, manifest_of(data, seeds))
         document.write(aside, study)

@@ -26,8 +26,7 @@ class Data(Generic[D]):
     store: Store
     groups: Sequence[Group]  # all of whose runs are stored
     columns: Sequence[str]  # results of runs that are needed; all if it is empty
-    note: str = ""  # what readers must know of missing runs or other seeds; empty if nothing
-    is_partial: bool = False  # whether runs are missing: figures are then marked
+    note: str = ""  # what readers must know of other seeds; empty if nothing
 
     @cached_property
     def specifications(self) -> list[RunSpecification]:

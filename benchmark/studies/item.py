@@ -77,8 +77,8 @@ class Item(Generic[A]):
             raise InputError(f"item {self.name}: its function returns other rows; accepted: {accepted}.")
         return pd.DataFrame(map(expanded, rows)) if rows else None
 
-    def save(self, analysis: A, tables: Frames, directory: Path, *, is_partial: bool = False) -> None:
-        """Writes the figure, marked if runs are missing, or the other file."""
+    def save(self, analysis: A, tables: Frames, directory: Path) -> None:
+        """Writes the figure or the other file."""
         with settings():
             table = tables.get(self.name, pd.DataFrame() if self.compute is None else None)
             figure = called(self.draw, analysis, table) if self.draw and table is not None else None
@@ -86,8 +86,6 @@ class Item(Generic[A]):
                 if not isinstance(figure, Figure):
                     found = f"item {self.name}: its figure is {type(figure)}"
                     raise InputError(f"{found}; accepted: a figure of matplotlib, or None.")
-                if is_partial:
-                    figure.suptitle("PARTIAL: runs are missing", color="firebrick")
                 save_figure(figure, directory / f"{self.name}.svg")
                 plt.close(figure)  # if its author made it in pyplot
         if self.write is not None:

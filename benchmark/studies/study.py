@@ -70,7 +70,6 @@ class Study(Generic[D, A]):
     lead: str = ""  # the item whose figure stands below or beside the headline
     packages: Sequence[str] = ()  # that it needs beyond the basic ones
     reads_curves: bool = False  # whether curves alone are enough, see `Solved` in the experiments' schema
-    can_be_partial: bool = False  # whether it can be drawn if runs are missing
     columns: Sequence[str] = ()  # results that it needs of runs; by default all
 
 
@@ -114,38 +113,25 @@ class Report(Generic[D, A]):
             if driver.pending(runs_of(groups), store):
                 return
 
-    def data(self, store: Store, seeds: Sequence[int] | None = None, *, partial: bool = False) -> Data[D]:
-        """Finds what is stored of the experiment.
-
-        If it is `partial`, learners with fewer than two runs in some population are left out. Otherwise, an
-        InputError says which runs are missing, or too few.
-        """
+    def data(self, store: Store, seeds: Sequence[int] | None = None) -> Data[D]:
+        """Finds what is stored of the experiment; an InputError says which runs are missing, or too few."""
         experiment, has_stages = self.experiment, self.study.stages is not None
         name, statuses = experiment.name, store.statuses()
-        missing, stored = "", list[Group]()
+        shown = list[Group]()
         for stage, groups in enumerate(self.stages(store, seeds), start=1):
-            of_stage = f" of stage {stage}" if has_stages else ""
-            missing = missing or _missing(groups, statuses, of_stage)
-            stored += [Group(group.population, _ended(group, statuses), group.more) for group in groups]
-        if missing and not partial:
-            raise InputError(f"{name}: {missing}: run the experiment first.")
-        few = set[str]()
-        if not has_stages:
-            few = {group.population.learner.name for group in stored if len(group.runs) < 2}
-            few |= {learner.name for learner in experiment.learners.values() if learner.reference_for in few}
-        shown = [group for group in stored if group.runs and group.population.learner.name not in few]
-        if not shown or (few and not partial):
-            reason = missing or "a single run has no interval"
-            raise InputError(f"{name}: too few runs ({reason}); accepted: at least two of every learner.")
-        notes = [f"Partial: {missing}."] if missing else []
-        if few:
-            notes.append(f"Left out, since there are fewer than two runs: {', '.join(sorted(few))}.")
+            if missing := _missing(groups, statuses, f" of stage {stage}" if has_stages else ""):
+                raise InputError(f"{name}: {missing}: run the experiment first.")
+            shown += [group for group in groups if group.runs]
+        if not has_stages and min(len(group.runs) for group in shown) < 2:
+            what = "too few runs (a single run has no interval); accepted: at least two of every learner"
+            raise InputError(f"{name}: {what}.")
+        note = ""
         if seeds is not None:
             fewer = " at most" * any(each.taken(seeds) != seeds for each in experiment.populations)
             which = f"the seeds {min(seeds)} to {max(seeds)} instead of those declared"
-            notes.append(f"Every learner has{fewer} {which}.")
+            note = f"Every learner has{fewer} {which}."
         columns = () if self.declared.items else self.study.columns
-        return Data(experiment, self.declared, store, shown, columns, " ".join(notes), bool(missing))
+        return Data(experiment, self.declared, store, shown, columns, note)
 
 
 # The study of an experiment without a report, whose runs are only stored

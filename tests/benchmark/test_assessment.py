@@ -1,6 +1,5 @@
-"""Assessing an agent: how it is read, against hand-made policies, and how it is ranked, by hand."""
+"""Assessing an agent: how it is read, against hand-made policies."""
 
-import gzip
 import math
 import re
 from itertools import count
@@ -9,15 +8,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib.collections import PolyCollection, QuadMesh
 from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
-from benchmark.assessment import Act, assess, draw_map, standing_of
-from benchmark.folder import write_manifest
+from benchmark.assessment import Act, assess, draw_map
 from envs import EVENTS, InputError, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table
@@ -78,7 +75,7 @@ def test_episodes_of_the_environment_agree() -> None:
     assert steps / n == pytest.approx(float(assessment.evaluation.steps), rel=0.1)
 
 
-def test_steps_of_a_walk_around_the_person_by_hand(tmp_path: Path) -> None:
+def test_steps_of_a_walk_around_the_person_by_hand() -> None:
     """8 steps to the right, 5 down, 2 around the person, 1 into them: 3 end beside the person."""
     # The person is in row 6, column 8.
     turns = {5 * 12 + 8: LEFT, 5 * 12 + 7: DOWN, 6 * 12 + 7: RIGHT}
@@ -86,7 +83,7 @@ def test_steps_of_a_walk_around_the_person_by_hand(tmp_path: Path) -> None:
     def act(cell: int) -> int:
         return turns.get(cell, RIGHT if cell < 8 else DOWN)
 
-    assessment = assess(act, scenario="S1", observation="index", results=tmp_path)
+    assessment = assess(act, scenario="S1", observation="index")
     numbers = dict(re.findall(r"^  (\D+?)  +(\S+)", str(assessment), re.MULTILINE))
     assert (numbers["steps"], numbers["uncomfortable steps"]) == ("16", "3")
 
@@ -184,99 +181,6 @@ def test_offset_is_enough_for_the_optimum_where_the_issuer_is_seen() -> None:
 
     other = assess(by_coordinates, scenario="Anywhere", observation="offset_coordinates")
     assert (other.policy == by_number.policy).all()
-
-
-# Rank
-
-
-def runs(success: float = 1.0, **scores: list[float]) -> pd.DataFrame:
-    rows = [("e", learner, success, score) for learner, values in scores.items() for score in values]
-    return pd.DataFrame(rows, columns=["experiment", "learner", "success", "score"])
-
-
-def test_standing_by_hand() -> None:
-    published = runs(a=[1.0, 1.0], b=[0.5, 0.5, 0.2], c=[0.0, 0.8], d=[0.0, 0.1])
-    standing = standing_of(1.0, 0.4, published)  # as the means of b and c
-    assert (standing.rank, standing.tied) == (2, 2)
-    learners = standing.learners.set_index("learner")
-    assert learners["score"].is_monotonic_decreasing
-    learners = learners.loc[["a", "b", "c", "d"]]
-    assert learners["runs"].tolist() == [2, 3, 2, 2]
-    assert learners["score"].tolist() == pytest.approx([1, 0.4, 0.4, 0.05])
-    assert learners["lower"].tolist() == pytest.approx([0, 1 / 3, 0.5, 1])
-    assert learners["equal"].tolist() == [0, 0, 0, 0]
-    assert learners["higher"].tolist() == pytest.approx([1, 2 / 3, 0.5, 0])
-    # Scores within the rounding of files are equal.
-    third = 0.978097834
-    standing = standing_of(1.0, third, runs(a=[float(f"{third:.6g}")], b=[0.97809], c=[0.97811]))
-    assert (standing.rank, standing.tied) == (2, 1)
-    # Success counts first, whatever the score.
-    low, high = runs(0.1, a=[0.9, 0.9]), runs(0.3, b=[0.0], c=[0.8])
-    standing = standing_of(0.3, 0.5, pd.concat([low, high]))
-    assert (standing.rank, standing.tied, [*standing.learners["learner"]]) == (2, 0, ["c", "b", "a"])
-
-
-def publish(folder: Path, scores: str, **changes: Any) -> None:
-    """Writes a folder of results like a published one."""
-    manifest = {
-        "experiment": folder.name,
-        "report": {"kind": "comparison"},
-        "horizon": 200,
-        "partial": "",
-        "scenarios": {"S1": load_scenario("S1").model_dump(mode="json")},
-        "algorithms": {
-            variant: {"reference_for": of, "family": family, "title": title, "settings": dict.fromkeys(forms)}
-            for variant, of, family, title, *forms in (
-                ("table", "", "tabular", "Q-learning table", "index"),
-                ("net", "", "deep", "", "one_hot", "coordinates"),
-                ("same", "net", "deep", "", "one_hot"),
-            )
-        },
-    }
-    folder.mkdir()
-    (folder / "scores.csv.gz").write_bytes(gzip.compress(scores.encode()))
-    write_manifest(folder, manifest | changes)
-
-
-SCORES = """scenario,variant,observation,success,score
-S1,table,index,1.0,1.0
-S1,table,index,0.0,0.0
-S1,net,one_hot,0.0,0.25
-S1,net,coordinates,0.0,0.0
-S1,same,one_hot,1.0,1.0
-S2,table,index,1.0,1.0
-"""
-
-
-def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> None:
-    def standing(scenario: str = "S1") -> Any:
-        return assess(lambda _: 0, scenario=scenario, observation="index", results=tmp_path).standing
-
-    assert standing() is None
-    publish(tmp_path / "sb3", SCORES)
-    expected = [
-        ["Q-learning table", 2, 0.5],
-        ["net on one-hot cells", 1, 0.25],
-        ["net on coordinates", 1, 0.0],
-    ]
-    assert standing().learners[["learner", "runs", "score"]].to_numpy().tolist() == expected
-    publish(tmp_path / "sb3_seeds_0-9", SCORES, experiment="sb3")
-    publish(tmp_path / "sb3_smoke", SCORES)
-    publish(tmp_path / "mine", SCORES)  # an experiment that is not the project's
-    publish(tmp_path / "equivalence", SCORES, partial="Partial: a run is missing.")
-    publish(tmp_path / "when", SCORES, horizon=201)
-    publish(tmp_path / "tuning", SCORES.replace("score", "area"))
-    changed = load_scenario("S1", {"rewards.other": -0.2}).model_dump(mode="json")
-    publish(tmp_path / "compare_deep_long", SCORES, scenarios={"S1": changed})
-    assert set(standing().learners["experiment"]) == {"sb3"}
-    publish(tmp_path / "reproduce", SCORES)
-    assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
-    assert standing("S2") is None
-    whole = (tmp_path / "sb3" / "scores.csv.gz").read_bytes()
-    for content in (gzip.compress(b"variant,success,score\ntable,1.0,1.0\n"), whole[:-12]):
-        (tmp_path / "sb3" / "scores.csv.gz").write_bytes(content)
-        with pytest.raises(InputError, match=r"scores\.csv\.gz: damaged"):
-            standing()
 
 
 # Map

@@ -22,7 +22,6 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 
 from agents import load_algorithm
 from agents.sb3.tables import agent_table, saved_table
-from benchmark.__main__ import main
 from benchmark.assessment import Assessment, assess
 from envs import InputError, ProxemicEnv, compile_scenario, load_scenario
 from envs.inputs import parse
@@ -196,14 +195,6 @@ def test_normalised_models_are_scored_as_they_predict(cls: Any, settings: Any, t
             scored(tmp_path / "model", **given | {"normalization": path})
     with pytest.raises(InputError, match=r"model.zip: its last observation .* as normalization, or a"):
         scored(tmp_path / "model", **file)
-    submission = tmp_path / "board" / "mine.toml"
-    options = ["--observation", "coordinates", "--model", str(tmp_path / "model"), "--learner", "l"]
-    options += ["--algorithm", file["algorithm"], "--training-steps", "128", "--search-trials", "0"]
-    assert main(["assess", *options, "--submit", str(submission)]) == 2
-    assert not submission.parent.exists()
-    options += ["--normalization", str(given["normalization"]), "--submit", str(submission)]
-    assert main(["assess", *options]) == 0
-    assert "model.zip, SHA-256" in submission.read_text("utf-8")
 
 
 class Shifted(gymnasium.Wrapper[Any, Any, Any, Any]):

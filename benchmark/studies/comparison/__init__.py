@@ -36,5 +36,4 @@ STUDY: Final = Study(
     headline=tables.headline,
     lead="curves",
     packages=("rliable",),
-    can_be_partial=True,
 )

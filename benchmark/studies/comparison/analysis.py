@@ -182,7 +182,7 @@ class ComparisonAnalysis:
             equivalent = holm([test.p_equivalent for test in tests])
             for case, row, test, p, q in zip(cases, rows, tests, different, equivalent, strict=True):
                 decided, (x, y) = verdict(test.difference, p, q), case.means(endpoint)
-                if self.data.is_partial or row["n"] < FEWEST_RUNS:
+                if row["n"] < FEWEST_RUNS:
                     decided = "no verdict"
                 elif decided in _OF_LEARNERS[endpoint] and min(row["p_random_x"], row["p_random_y"]) > ALPHA:
                     decided = "neither learned"

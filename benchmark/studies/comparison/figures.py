@@ -86,8 +86,6 @@ def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | 
     learners = [
         name for name in frame["learner"].unique() if name in {*analysis.plan.drawn, *analysis.plan.curves}
     ]
-    if not learners:  # of a partial report
-        return None
     values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
     scenarios = [*frame["scenario"].unique()]
     if len(scenarios) > FEW:  # the highest first
@@ -150,8 +148,6 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
     if frame["scenario"].nunique() > FEW:
         return None
     frame = frame[(frame["step"] > 0) & frame["learner"].isin(analysis.plan.curves)]
-    if frame.empty:  # of a partial report
-        return None
     runs = labelled(analysis.curves[[*analysis.names, "seed", "step", "success"]])
     panels = [*frame.groupby("scenario", sort=False)]
     feedback = {

@@ -60,5 +60,4 @@ STUDY: Final = Study[MapDeclared, MapAnalysis](
     headline=headline,
     lead="answer",
     reads_curves=True,
-    can_be_partial=True,
 )

@@ -11,23 +11,16 @@ from tests.support import small_experiment, variant
 
 
 @pytest.mark.parametrize(
-    ("given", "partial", "name"),
-    [
-        (None, False, "mine"),
-        ("0-99", False, "mine"),
-        ("100-199", False, "mine_seeds_100-199"),
-        ("7", False, "mine_seeds_7"),
-        ("0-99", True, "mine_partial"),
-        ("0-9", True, "mine_seeds_0-9_partial"),
-    ],
+    ("given", "name"),
+    [(None, "mine"), ("0-99", "mine"), ("100-199", "mine_seeds_100-199"), ("7", "mine_seeds_7")],
 )
 def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
-    given: str | None, partial: bool, name: str, tmp_path: Path
+    given: str | None, name: str, tmp_path: Path
 ) -> None:
     text = small_experiment(algorithms={"table": variant(seeds=100)})
     experiment = experiment_of(tmp_path / "mine.toml", text)
     seeds = other_seeds(experiment, parse_seeds(given))
-    assert folder_name(experiment, seeds, partial=partial) == name
+    assert folder_name(experiment, seeds) == name
 
 
 def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_variant(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def draw_all(folder: Path) -> None:
         items = [item for item in load_study(name).items if item.draw and item.name != "policies"]
         tables = {item.name: frame for item in items if (frame := item.tabulate(analysis)) is not None}
         for item in items:
-            item.save(analysis, tables, folder, is_partial=True)
+            item.save(analysis, tables, folder)
     of_pyplot = drawing("pyplot", "", "")(lambda *_: cast(Any, plt.subplots()[0]))
     of_pyplot.save(None, {}, folder)
 

@@ -83,16 +83,14 @@ def analysis_of(
     contrasts: Sequence[tuple[str, str]] = (),
     baseline: Sequence[str] = (),
     *,
-    is_partial: bool = False,
-    missing: Sequence[str] = (),
     random: float | None = None,
     records: Mapping[str, Records] = MappingProxyType({}),
     **report: Any,
 ) -> ComparisonAnalysis:
     """Returns a comparison of cells.
 
-    Sides of contrasts name learners without their observation. Learners that are missing have no runs, and
-    records are those of a scenario, whoever is asked for. Further keys are those of `[report]`.
+    Sides of contrasts name learners without their observation. Records are those of a scenario, whoever is
+    asked for. Further keys are those of `[report]`.
     """
     learners = {f"{cell.name}, {cell.observation}": _learner(cell) for cell in cells}
 
@@ -129,12 +127,8 @@ def analysis_of(
         experiment=Experiment(declared, Path("made.toml"), learners, scenarios, populations),
         declared=ComparisonDeclared(kind="comparison", **report),
         records=lambda population: records[population.scenario.name],
-        is_partial=is_partial,
     )
-    data.runs, data.curves = (
-        frame[~frame["learner"].isin(missing)]
-        for frame in (pd.concat(rows, ignore_index=True) for rows in (runs, curves))
-    )
+    data.runs, data.curves = (pd.concat(rows, ignore_index=True) for rows in (runs, curves))
     return analyse(data)
 
 

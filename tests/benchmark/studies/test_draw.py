@@ -50,9 +50,9 @@ def omitting_all_but(*names: str) -> list[str]:
     return [item.name for item in load_study("comparison").items if item.name not in names]
 
 
-def analysis_of(experiment: Experiment, store: Store, *, partial: bool = False) -> ComparisonAnalysis:
+def analysis_of(experiment: Experiment, store: Store) -> ComparisonAnalysis:
     report = report_of(experiment)
-    found: ComparisonAnalysis = report.study.analyse(report.data(store, partial=partial))
+    found: ComparisonAnalysis = report.study.analyse(report.data(store))
     return found
 
 
@@ -175,25 +175,6 @@ def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> Non
         assert f"3 of {len(runs)} runs are missing, 1 of them failed" in str(caught.value)
         assert "net, one_hot in S1 has 11 of 12; ppo, one_hot in S3 has 0 of 2" in str(caught.value)
         assert not (tmp_path / "whole").exists()
-        draw.draw(report, other, tmp_path / "partial", partial=True)
-    assert "**Partial: 3 of " in (tmp_path / "partial" / "README.md").read_text()
-    shown = pd.read_csv(tmp_path / "partial" / "summary.csv")
-    assert set(shown["variant"]) == {"table", "check", "net"}  # ppo has no run in S3
-
-
-def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_path: Path) -> None:
-    lost = {("table", "S1", seed) for seed in range(11)}
-    runs = [
-        run
-        for run in all_specifications(drawn.experiment)
-        if (run.variant, run.scenario.name, run.seed) not in lost
-    ]
-    with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
-        other.add(store.get([run.digest for run in runs]))
-        found = analysis_of(drawn.experiment, other, partial=True)
-        assert {*found.runs["variant"]} == {"sarsa", "ppo", "net"}
-        assert "check, index, table, index" in found.data.note
-        assert found.outcomes == [{"outcome": "no verdict"}]
 
 
 def test_divergence_is_shown(tmp_path: Path) -> None:

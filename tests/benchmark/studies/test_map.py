@@ -185,19 +185,6 @@ def test_the_document(made: Path) -> None:
     assert "at most 5 %" in (made / "README.md").read_text(encoding="utf-8")
 
 
-def test_a_map_can_be_analysed_while_runs_are_missing(made: Path, tmp_path: Path) -> None:
-    experiment = load_experiment(made.parent / "small.toml")
-    sixth, report = experiment.populations[0].runs()[5].digest, report_of(experiment)
-    with Store(made.parent / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
-        other.add(store.get(sorted(store.ended() - {sixth})))
-        with pytest.raises(InputError, match=r"1 of .* runs of stage 1 are missing"):
-            report.data(other)
-        analysis = analyse(report.data(other, partial=True))
-    cells, contrasts = tabulated(tables.cells, analysis), tabulated(tables.contrasts, analysis)
-    assert cells["n"].iloc[0] == 5  # those before the missing one
-    assert "places 1" not in {*contrasts.loc[contrasts["grid"] == "places", "point"]}
-
-
 NET = """
 [algorithms.net]
 algorithm = "compiled_dqn"

@@ -343,9 +343,7 @@ def test_make_runs_a_search() -> None:
 
 
 @pytest.mark.usefixtures("small")
-@pytest.mark.parametrize(
-    "command", [["report", "--seeds=0-3"], ["report", "--partial"], ["run", "--seeds=0-3"]]
-)
+@pytest.mark.parametrize("command", [["report", "--seeds=0-3"], ["run", "--seeds=0-3"]])
 def test_a_search_has_its_own_seeds_and_no_part(
     command: list[str], results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -270,15 +270,6 @@ def test_conditions_have_outcomes_of_their_own() -> None:
         assert found == {"default/noise=low": "does not earn", "default/noise=high": "earns"}
 
 
-def test_missing_runs_and_learners_leave_no_verdict() -> None:
-    learners = {"table": WEAK, "net": WINNER, "other": WINNER}
-    partial = compared(learners, baseline=["table"], is_partial=True)
-    assert {row["success_verdict"] for row in partial.contrasts} == {"no verdict"}
-    for missing in (["other, index"], ["net, index", "other, index"]):
-        left = compared(learners, baseline=["table"], pool="none", is_partial=True, missing=missing)
-        assert outcomes(left) == ["no verdict"] * 3
-
-
 # The answer in a sentence
 
 

@@ -83,5 +83,4 @@ STUDY = Study(
     document=Path(__file__).parent / "made.md.jinja",
     headline=_headline,
     lead="curves",
-    can_be_partial=True,
 )
