@@ -8,8 +8,8 @@ import difflib
 import json
 import re
 import tomllib
-import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Set
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, NoReturn, Self, TypeVar, get_args
 
@@ -27,14 +27,6 @@ _NAME_RULE: Final = (
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 # Names that pandas or R would read as numbers, booleans or missing values.
 _VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
-# A key of many parts: the parser's time grows with the square of their number.
-_LONG_KEY: Final = re.compile(r"""(?<![\w-])((?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")
-# Control characters, among them line separators and those of writing direction.
-_CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-# Characters that look blank, besides those of the category Cf, which `seen` removes.
-_BLANK: Final = re.compile(
-    r"[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\ufe00-\ufe0f\U000e0100-\U000e01ef]"
-)
 
 
 class InputError(ValueError):
@@ -139,34 +131,25 @@ def accepted_if(is_accepted: Callable[[str], bool], accepted: str) -> AfterValid
     return AfterValidator(validate)
 
 
-def seen(text: str) -> str:
-    """Returns a text as readers see it: no invisible characters, plain letters and single spaces."""
-    normal = _BLANK.sub("", unicodedata.normalize("NFKC", text))
-    return " ".join("".join(c for c in normal if unicodedata.category(c) != "Cf").split())
-
-
 def distinct(values: ValuesT, where: str = "") -> ValuesT:
-    """Returns the values; raises a ValueError if two of them look the same to readers, see `seen`."""
-    known = set[str]()
-    for text in (seen(str(value)) for value in values):
-        require(text not in known, f"{where}{shortened(text)} is named twice", "each once")
-        known.add(text)
+    """Returns the values; raises a ValueError if one of them comes twice."""
+    for value in values:
+        found = f"{where}{shortened(str(value))} is named twice"
+        require(values.count(value) == 1, found, "each once")
     return values
 
 
-_VISIBLE: Final = accepted_if(
-    lambda text: bool(seen(text) or not text) and not _CONTROL.search(" ".join(text.split())),
-    "visible text, without control characters",
-)
-_IN_ONE_LINE: Final = accepted_if(
-    lambda text: not _CONTROL.search(text), "text in one line, without tabs and other control characters"
-)
 Name = Annotated[str, accepted_if(is_name, _NAME_RULE)]
 Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
+_IN_ONE_LINE: Final = accepted_if(str.isprintable, "text in one line, without control characters")
 Line = Annotated[str, _IN_ONE_LINE]
 # What readers see: something that labels, and paragraphs. Empty ones say that there is none.
-Label = Annotated[str, Field(max_length=200), _IN_ONE_LINE, _VISIBLE]
-Text = Annotated[str, Field(max_length=10_000), _VISIBLE]
+Label = Annotated[str, Field(max_length=200), _IN_ONE_LINE]
+Text = Annotated[
+    str,
+    Field(max_length=10_000),
+    accepted_if(lambda text: "".join(text.split()).isprintable(), "text without control characters"),
+]
 
 
 def check_file_name(path: Path, what: str) -> None:
@@ -175,14 +158,10 @@ def check_file_name(path: Path, what: str) -> None:
         raise InputError(f"{path}: {what} named after the file; accepted: {_NAME_RULE}.")
 
 
-def read_toml(path: Path, largest: int = 20_000_000) -> dict[str, Any]:
-    """Reads a TOML file of at most `largest` bytes; one that cannot be read raises an InputError."""
+def read_toml(path: Path) -> dict[str, Any]:
+    """Reads a TOML file; one that cannot be read raises an InputError."""
     try:
-        if path.stat().st_size > largest or not path.is_file():
-            raise OSError(0, f"accepted: a file of at most {largest:,} bytes")
-        if _LONG_KEY.search(text := path.read_text(encoding="utf-8")):
-            raise ValueError("a key has more than 50 parts")
-        data = tomllib.loads(text)
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
         json.dumps(data, default=str)  # as `parse` does
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
@@ -238,15 +217,8 @@ def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: o
         # From JSON, because the strict validation of Python objects refuses a list in place of a tuple.
         return cls.model_validate_json(json.dumps({**data, **given}, default=str))
     except ValidationError as error:
-        errors = error.errors()
-        misspelt = [details["loc"][:-1] for details in errors if details["type"] == "extra_forbidden"]
-        lines = [
-            line
-            for details in errors
-            if not (details["type"] == "missing" and details["loc"][:-1] in misspelt)
-            for line in _lines(cls, details, source, given)
-        ]
-        raise InputError(*lines) from None
+        lines = (_lines(cls, details, source, given) for details in error.errors())
+        raise InputError(*chain.from_iterable(lines)) from None
     except RecursionError:  # after an `override`
         raise InputError(f"{source}: nested too deeply.") from None
 
@@ -261,7 +233,8 @@ def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[s
     if error["type"] == "missing":
         return [f"{source}: the key {key} is missing."]
     where = f"{key} = {shortened(json.dumps(error['input'], default=str))}: " if key else ""
-    return [f"{source}: {where}{reason}." for reason in _reasons(error)]
+    reasons = [*error["ctx"]["error"].args] if error["type"] == "value_error" else [error["msg"]]
+    return [f"{source}: {where}{reason[:1].lower()}{reason[1:]}." for reason in reasons]
 
 
 def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> NoReturn:
@@ -282,21 +255,6 @@ def guess(name: str, accepted: Iterable[str]) -> str:
     lower = {other.lower(): other for other in accepted}
     nearest = difflib.get_close_matches(name[:_MAX_NAME].lower(), lower, n=1, cutoff=0.6)
     return f" (did you mean {lower[nearest[0]]}?)" if nearest else ""
-
-
-def _reasons(error: ErrorDetails) -> list[str]:
-    match error["type"]:
-        case "union_tag_not_found":
-            return ["accepted: a table with a key kind"]
-        case "model_type" | "model_attributes_type" | "dict_type":
-            return ["accepted: a table"]
-        case "value_error":
-            messages = [*error["ctx"]["error"].args]
-        case "union_tag_invalid":
-            messages = [f"unknown kind; accepted: {error['ctx']['expected_tags']}"]
-        case _:
-            messages = [error["msg"]]
-    return [f"{message[:1].lower()}{message[1:]}" for message in messages]
 
 
 def _accepted(cls: type[BaseModel], location: Iterable[int | str]) -> set[str]:

@@ -111,16 +111,6 @@ def _kind(value: Any) -> Any:
     return "module:attribute" if isinstance(kind, str) and ":" in kind else kind
 
 
-Feedback = Annotated[
-    Annotated[PlainFeedback, Tag("none")]
-    | Annotated[BoundedFeedback, Tag("uniform")]
-    | Annotated[PlainFeedback, Tag("distance")]
-    | Annotated[NoisyFeedback, Tag("noisy")]
-    | Annotated[PlainFeedback, Tag("delayed")]
-    | Annotated[BoundedFeedback, Tag("binary")]
-    | Annotated[OwnFeedback, Tag("module:attribute")],
-    Discriminator(_kind),
-]
 FEEDBACK: Final = {  # in words, by kind
     "none": "no feedback",
     "uniform": "random feedback",
@@ -129,6 +119,17 @@ FEEDBACK: Final = {  # in words, by kind
     "delayed": "delayed feedback by distance",
     "binary": "binary feedback",
 }
+_ACCEPTED: Final = f"accepted: a table whose kind is {', '.join(FEEDBACK)} or module:attribute"
+Feedback = Annotated[
+    Annotated[PlainFeedback, Tag("none")]
+    | Annotated[BoundedFeedback, Tag("uniform")]
+    | Annotated[PlainFeedback, Tag("distance")]
+    | Annotated[NoisyFeedback, Tag("noisy")]
+    | Annotated[PlainFeedback, Tag("delayed")]
+    | Annotated[BoundedFeedback, Tag("binary")]
+    | Annotated[OwnFeedback, Tag("module:attribute")],
+    Discriminator(_kind, "kind", _ACCEPTED),
+]
 
 
 class Walk(Table):

@@ -37,7 +37,6 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     ("text", "expected"),
     [
         (f"a = {'[' * 500}{']' * 500}", "not valid TOML: maximum recursion depth"),
-        (f"{'.'.join('a' * 3000)} = 1", "not valid TOML: a key has more than 50 parts"),
         (small_experiment(horizon=int("9" * 4000)), "horizon = 9999"),
         (
             small_experiment(grids={"all": {"axes": AXES}}),
@@ -105,9 +104,13 @@ def test_all_mistakes_of_a_file_are_reported_at_once(
         return [line.removeprefix(f"error: {tmp_path}/mine.toml: ") for line in lines]
 
     text = EXPERIMENT.replace("horizon = 200", "horizont = 200\nstream = 7").replace(", seeds = 2", "")
-    stream, missing, unknown = errors(text)
-    assert unknown.startswith("unknown key horizont (did you mean horizon?)")
-    assert (stream.split(":")[0], missing) == ("stream = 7", "the key algorithms.table.seeds is missing.")
+    found = errors(text)
+    for expected in (
+        "unknown key horizont (did you mean horizon?)",
+        "stream = 7",
+        "the key algorithms.table.seeds is missing.",
+    ):
+        assert any(line.startswith(expected) for line in found), expected
     compared = (EXPERIMENT_DIRECTORY / "compare_deep.toml").read_text(encoding="utf-8")
     found = errors(
         compared.replace("budget = 10000", "budget = 9999").replace("first_seed = 400", "first_seed = 0")

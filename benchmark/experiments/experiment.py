@@ -18,7 +18,7 @@ from benchmark.experiments import choices, schema
 from benchmark.experiments.run import RunSpecification
 from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
-from envs.inputs import check_all, override, parse, seen, unknown_name
+from envs.inputs import check_all, override, parse, unknown_name
 from envs.observations import ENCODINGS, SPARSE, check_sparse, seen_as
 from envs.sources import digest_of_source
 from envs.tiles import check_tiles
@@ -369,7 +369,7 @@ def _check_scenarios(declared: schema.Declaration, path: Path) -> None:
 def _check_titles(learners: Iterable[Learner], where: str) -> None:
     first: dict[str, str] = {}
     for learner in learners:
-        other = first.setdefault(seen(learner.title), learner.name)
+        other = first.setdefault(learner.title, learner.name)
         if other != learner.name:
             found = f'"{learner.title}" is the name of {other} and of {learner.name}'
             raise InputError(f"{where}: algorithms: {found}; accepted: titles that differ.")
