@@ -9,8 +9,6 @@ SMOKE ?=
 TESTS ?=
 CHECKED ?= .
 SPEED ?=
-CHAOS ?=
-FUZZ ?=
 
 # Files that mark what is installed. To use a Python that already has it, leave them empty: make reproduce PY=python BASE=
 BASE ?= $(VENV)/.base
@@ -25,7 +23,7 @@ RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SMOKE),--smoke
 
 PYTEST = $(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help reproduce tune compare-deep sb3 when groups report test test-slow check speed chaos fuzz clean
+.PHONY: help reproduce tune compare-deep sb3 when groups report test test-slow check speed clean
 
 help: ## list these commands
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -65,12 +63,6 @@ check: $(DEV) ## format, lint, types, spelling
 
 speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
 	OPENBLAS_NUM_THREADS=1 $(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
-
-chaos: $(DEV) ## kill drivers and workers 200 times, fill disks, and compare every run (CHAOS="--kills 20": 20 times)
-	$(PY) -m tests.chaos $(CHAOS)
-
-fuzz: $(DEV) ## give the command line 100,000 random inputs (FUZZ="--inputs 2000": fewer)
-	$(PY) -m tests.fuzz $(FUZZ)
 
 clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

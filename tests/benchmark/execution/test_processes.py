@@ -3,7 +3,6 @@
 import fcntl
 import multiprocessing
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -153,36 +152,6 @@ def until(is_true: Callable[[], object]) -> None:
     while not is_true():
         assert time.monotonic() < deadline, "too slow"
         time.sleep(0.05)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
-def test_stopped_driver_loses_only_the_runs_in_flight(
-    experiment: Path,
-    runs: list[RunSpecification],
-    expected: dict[str, dict[str, bytes]],
-    tmp_path: Path,
-    number: signal.Signals,
-) -> None:
-    process = start(experiment, tmp_path)
-    workers = children(process.pid)
-    python = [pid for pid in workers if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()]
-    assert len(python) == 1
-    for pid in python:  # none of them hears the terminal's interrupt
-        blocked = int(Path(f"/proc/{pid}/status").read_text().split("SigBlk:")[1].split()[0], 16)
-        assert blocked >> (signal.SIGINT - 1) & 1
-    os.killpg(process.pid, number) if number == signal.SIGINT else process.kill()
-    _, stderr = process.communicate(timeout=60)
-    until(lambda: not any(Path(f"/proc/{pid}/stat").exists() for pid in workers))
-    assert process.returncode == (130 if number == signal.SIGINT else -number)
-    assert "Traceback" not in stderr
-    done = list[str]()
-    with Store(tmp_path / "runs.db") as store:
-        stored = store.ended()
-        assert 1 <= len(stored) < len(expected)
-        assert run(runs, store, 1, lambda digests, _: done.extend(digests), Threads(1)) == []
-        assert {*done} == expected.keys() - stored
-        assert arrays_of(store.get(sorted(store.statuses()))) == expected
 
 
 def test_second_driver_waits_for_the_first_and_repeats_nothing(

@@ -1,0 +1,123 @@
+"""Whenever a command is killed or interrupted, or its disk is full: no run is lost, repeated or different."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmark.execution.driver import run
+from benchmark.execution.executors import Threads
+from benchmark.execution.store import Store
+from benchmark.experiments import RunSpecification, all_specifications, load_experiment
+from tests.benchmark.execution.test_processes import EXPERIMENT, arrays_of, n_stored, until
+from tests.support import ROOT
+
+Arrays = dict[str, dict[str, bytes]]
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("experiment") / "stopped.toml"
+    path.write_text(EXPERIMENT, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def runs(experiment: Path) -> list[RunSpecification]:
+    return all_specifications(load_experiment(experiment))
+
+
+@pytest.fixture(scope="module")
+def expected(runs: list[RunSpecification], tmp_path_factory: pytest.TempPathFactory) -> Arrays:
+    """The arrays of all its runs by digest, each executed in this process."""
+    with Store(tmp_path_factory.mktemp("expected") / "runs.db") as store:
+        assert run(runs, store, 1, executor=Threads(1)) == []
+        return arrays_of(store.get(sorted(store.ended())))
+
+
+def start(experiment: Path, results: Path, **more: Any) -> subprocess.Popen[str]:
+    """Starts a driver in a session of its own, so that an interrupt reaches it as from a terminal."""
+    options = ["--results", str(results), "--jobs", "1"]
+    return subprocess.Popen(
+        [sys.executable, "-m", "benchmark", "run", str(experiment), *options],
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+        **more,
+    )
+
+
+def resume(runs: list[RunSpecification], results: Path, expected: Arrays) -> int:
+    """Executes what is missing, and nothing else; returns how many runs were stored."""
+    done = list[str]()
+    with Store(results / "runs.db") as store:
+        stored = store.ended()
+        assert arrays_of(store.get(sorted(stored))).items() <= expected.items()
+        assert run(runs, store, 1, lambda digests, _: done.extend(digests), Threads(1)) == []
+        assert sorted(done) == sorted(expected.keys() - stored)
+        assert arrays_of(store.get(sorted(store.statuses()))) == expected
+    return len(stored)
+
+
+def children(pid: int) -> list[int]:
+    tasks = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for task in tasks for child in task.read_text().split()]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+def test_stopped_driver_loses_only_the_runs_in_flight(
+    experiment: Path, runs: list[RunSpecification], expected: Arrays, tmp_path: Path, number: signal.Signals
+) -> None:
+    process = start(experiment, tmp_path)
+    until(lambda: n_stored(tmp_path) > 0)
+    workers = children(process.pid)
+    assert workers
+    os.killpg(process.pid, number) if number == signal.SIGINT else process.kill()
+    _, stderr = process.communicate(timeout=60)
+    until(lambda: not any(Path(f"/proc/{pid}/stat").exists() for pid in workers))
+    assert process.returncode == (130 if number == signal.SIGINT else -number)
+    assert "Traceback" not in stderr
+    assert 1 <= resume(runs, tmp_path, expected) < len(expected)
+
+
+@pytest.mark.slow
+def test_driver_that_is_killed_again_and_again(
+    experiment: Path, runs: list[RunSpecification], expected: Arrays, tmp_path: Path
+) -> None:
+    rng, n_before = np.random.default_rng(0), 0
+    for _ in range(4):
+        process = start(experiment, tmp_path)
+        time.sleep(rng.uniform(0.5, 3.0))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=60)
+        assert n_stored(tmp_path) >= n_before
+        n_before = n_stored(tmp_path)
+    assert resume(runs, tmp_path, expected) == n_before
+
+
+@pytest.mark.slow
+def test_full_disk_is_one_line_and_keeps_what_is_stored(
+    experiment: Path, runs: list[RunSpecification], expected: Arrays, tmp_path: Path
+) -> None:
+    """A file may not become larger than so many bytes: one that is too few for all runs."""
+    with Store(tmp_path / "runs.db") as store:
+        assert run(runs[:3], store, 1, executor=Threads(1)) == []
+    limit = (tmp_path / "runs.db").stat().st_size + 2000
+    limited = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
+    process = start(experiment, tmp_path, preexec_fn=limited)
+    _, stderr = process.communicate(timeout=120)
+    assert process.returncode == 2
+    assert stderr.splitlines()[-1].startswith(f"error: {tmp_path / 'runs.db'}: ")
+    assert "Traceback" not in stderr
+    assert 3 <= resume(runs, tmp_path, expected) < len(expected)
