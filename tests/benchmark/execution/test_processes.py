@@ -21,7 +21,7 @@ from benchmark.execution.executors import Threads
 from benchmark.execution.executors.cluster import refusal
 from benchmark.execution.job import execute_job
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import RunSpecification, all_specifications, load_experiment
+from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
 from tests.support import ROOT
 
@@ -37,24 +37,6 @@ algorithms.plain = { algorithm = "tests.agents.plain:Q_LEARNING", observations =
 """
 
 
-@pytest.fixture(scope="module")
-def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("experiment") / "stopped.toml"
-    path.write_text(EXPERIMENT, encoding="utf-8")
-    return path
-
-
-@pytest.fixture(scope="module")
-def runs(experiment: Path) -> list[RunSpecification]:
-    return all_specifications(load_experiment(experiment))
-
-
-@pytest.fixture(scope="module")
-def expected(runs: list[RunSpecification]) -> dict[str, dict[str, bytes]]:
-    """The arrays of all its runs by digest, each executed in this process."""
-    return arrays_of([record for job in runs for record in execute_job([job])])
-
-
 def arrays_of(records: Sequence[Record]) -> dict[str, dict[str, bytes]]:
     return {
         record.digest: {name: values.tobytes() for name, values in record.arrays.items()}
@@ -62,12 +44,13 @@ def arrays_of(records: Sequence[Record]) -> dict[str, dict[str, bytes]]:
     }
 
 
-def test_killed_worker_costs_its_run_alone_and_is_tried_again(
-    runs: list[RunSpecification], tmp_path: Path
-) -> None:
+def test_killed_worker_costs_its_run_alone_and_is_tried_again(tmp_path: Path) -> None:
     def kill() -> None:
         until(multiprocessing.active_children)
         multiprocessing.active_children()[0].kill()
+
+    (tmp_path / "mine.toml").write_text(EXPERIMENT, encoding="utf-8")
+    runs = all_specifications(load_experiment(tmp_path / "mine.toml"))
 
     with Store(tmp_path / "runs.db") as store:
         killer = threading.Thread(target=kill)
@@ -88,11 +71,13 @@ import os
 from agents import SequentialAlgorithm
 from agents.tabular.learner import Settings
 
+NAMES = "MKL_CBWR", "ATEN_CPU_CAPABILITY"
+
 class Asking(SequentialAlgorithm):
     settings = Settings
 
     def train_agent(self, *_):
-        raise ValueError([os.environ.get(name) for name in ("MKL_CBWR", "ATEN_CPU_CAPABILITY")])
+        raise ValueError([os.environ.get(name) for name in NAMES])
 
 ASKING = Asking()
 """
@@ -115,28 +100,6 @@ def test_workers_alone_set_what_agents_of_sb3_depend_on(
     worker: Any = SimpleNamespace(address="", state=SimpleNamespace(nthreads=1))
     assert refusal({}, worker, ()) is None
     assert os.environ["MKL_CBWR"] == "AVX2"
-
-
-# A driver that is killed or interrupted
-
-
-def children(pid: int) -> list[int]:
-    tasks = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for task in tasks for child in task.read_text().split()]
-
-
-def start(experiment: Path, results: Path) -> subprocess.Popen[str]:
-    arguments = ["run", str(experiment), "--results", str(results), "--jobs", "1"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "benchmark", *arguments],
-        cwd=ROOT,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        start_new_session=True,  # so that an interrupt reaches it and its workers, as from a terminal
-    )
-    until(lambda: n_stored(results) > 0)
-    return process
 
 
 def n_stored(results: Path) -> int:
