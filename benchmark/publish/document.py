@@ -2,12 +2,11 @@
 
 The template of a kind of report can use the functions `show` and `fold`, which place an item by its name
 (README has the figure of a folded one, and a link to its table), `has`, which says whether there is such an
-item, and `others`, which places the items that an experiment adds, as well as `manifest`, `folder`,
-`document`, and the filter `text`, which makes a user's text inert. Documents are made from published files
+item, and `others`, which places the items that an experiment adds, as well as `manifest`, `folder`
+and `document`. Documents are made from published files
 alone, so texts can be corrected without a single run.
 """
 
-import html
 import inspect
 import json
 import re
@@ -104,7 +103,7 @@ class Document:
         known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
         with _naming_mistakes(template):
             text = templates_in(template.parent).get_template(template.name).render(**known, **more)
-        return tables.local_only(re.sub(r"\n{3,}", "\n\n", text).strip("\n"))
+        return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
 
     def readme(self) -> str:
         """Returns README of the folder; raises an InputError if it cannot be made, or a file was changed."""
@@ -116,7 +115,6 @@ class Document:
             if is_folded and table in self.folder:
                 parts.append(f"[{table}]({table}): {item.description}.")
             elif not frame.empty:
-                frame = frame.map(lambda text: html.unescape(tables.plain(text)))  # `to_markdown` escapes it
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)
 
@@ -179,7 +177,7 @@ class Measurements(Document):
             nets = frame[frame["name"].str.fullmatch("net_(dqn|ppo)_(one_hot|coordinates)")]
             nets = nets.sort_values("ratio")
             rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
-            q_learning, low, high = (entry(row, "ratio", SPEED) for row in rows)
+            q_learning, low, high = (entry(row, "ratio") for row in rows)
         return (
             f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN "
             f"and PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
@@ -188,7 +186,7 @@ class Measurements(Document):
 
 def _shown(frame: pd.DataFrame) -> pd.DataFrame:
     rows = [row for _, row in frame.iterrows()]
-    return pd.DataFrame({name: [entry(row, str(name), SPEED) for row in rows] for name in frame})
+    return pd.DataFrame({name: [entry(row, str(name)) for row in rows] for name in frame})
 
 
 _ABOUT: Final = "rates of this project and of common alternatives, from the same run"

@@ -42,7 +42,7 @@ def front(results: Path) -> str:
 
     for name in PUBLISHED:
         prose.written(Folder(results / name))  # also of those that README does not cite
-    lookups = {name: prose.Lookups(Folder(results / name)) for name in PUBLISHED}
+    lookups = {name: Tables(Folder(results / name)) for name in PUBLISHED}
     with Folder(results / next(iter(PUBLISHED))).reading():
         names = {**_compared(lookups["compare_deep"]), **_beyond(lookups)}
         template = templates_in(_TEMPLATE.parent).get_template(_TEMPLATE.name)

@@ -42,8 +42,7 @@ def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"text": tables.paragraph, "number": tables.show, "plain": tables.plain}
-    environment.filters["wrapped"] = _wrapped
+    environment.filters |= {"number": tables.show, "wrapped": _wrapped}
     return environment
 
 

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.style import save_figure, settings
-from benchmark.drawing.tables import decimals_of, inert, link, show
+from benchmark.drawing.tables import decimals_of, show
 from envs import InputError
 
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
@@ -96,7 +96,7 @@ class Item(Generic[A]):
         return (self.file,) if self.file else (f"{self.name}.csv", f"{self.name}.svg")
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
-        """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
+        """Returns the table as readers see it: numbers with their intervals."""
         if self.show is not None:
             return self.show(frame)
         if self.where is not None:
@@ -105,7 +105,7 @@ class Item(Generic[A]):
         columns = self.columns.split() or [str(name) for name in frame if name not in hidden]
         decimals = {key: decimals_of(frame, key) for key in columns if key in frame}
         rows = [row for _, row in self._sorted(frame).iterrows()]
-        shown = {key: [entry(row, key, self.name, n) for row in rows] for key, n in decimals.items()}
+        shown = {key: [entry(row, key, n) for row in rows] for key, n in decimals.items()}
         return pd.DataFrame(shown).rename(columns=lambda key: self.labels.get(key, key.replace("_", " ")))
 
     def _sorted(self, frame: pd.DataFrame) -> pd.DataFrame:
@@ -160,15 +160,15 @@ def expanded(row: Mapping[str, object]) -> dict[str, object]:
     return flat
 
 
-def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> str:
-    """Returns an entry of a table as Markdown: a text, or a number with its interval and a link.
+def entry(row: pd.Series, key: str, decimals: int | None = None) -> str:
+    """Returns an entry of a table as Markdown: a text, or a number with its interval.
 
-    >>> entry(pd.Series({"steps": math.inf}, name=3), "steps", "cost")
-    '[never](cost.csv#row=5)'
+    >>> entry(pd.Series({"score": 0.5, "score_low": 0.25, "score_high": 1.0}), "score")
+    '0.5 [0.25, 1]'
     """
     value = row[key]
     if isinstance(value, str):
-        return inert(value)
+        return value
     if pd.isna(value):
         return "-"
     text = f"{value:,}" if isinstance(value, int) else show(value, decimals)
@@ -177,4 +177,4 @@ def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> 
     low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
     is_open = low is None or high is None or math.isnan(low) or math.isinf(low)
     ends = "" if is_open else f" [{show(low, decimals)}, {show(high, decimals)}]"
-    return link(text, table, row) + ends
+    return text + ends

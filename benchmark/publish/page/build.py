@@ -1,17 +1,15 @@
 """Writes the page: one HTML file with every report and the explorer, made of published files.
 
 Nothing is computed here, so no run is needed. A report has the same document as its README, with a figure or
-a sortable table in the place of every item. Every number is an entry of a CSV file beside the page, and links
-to its row, numbered as in RFC 7111.
+a sortable table in the place of every item. Links lead to files beside the page, which needs none of them.
 """
 
 import base64
-import fnmatch
 import gzip
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -25,10 +23,9 @@ from markupsafe import Markup
 
 from benchmark import __version__
 from benchmark.drawing.maps import shipped
-from benchmark.drawing.style import in_dark, learner_style, svg
-from benchmark.drawing.tables import inert, local_only, plain
-from benchmark.experiments import PUBLISHED
-from benchmark.folder import MANIFEST, Folder
+from benchmark.drawing.style import svg
+from benchmark.experiments import DEFAULT_CONDITION, PUBLISHED
+from benchmark.folder import Folder
 from benchmark.publish import files, sameness
 from benchmark.publish.document import SPEED, Document, document_of, templates_in
 from benchmark.studies import AnyItem, AnyStudy, explorer
@@ -39,8 +36,7 @@ SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # in an SVG
 _ESCAPED: Final = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
-_MAX_ROWS: Final = 60  # in a table; for longer ones, the page shows the CSV file on demand
-_MAX_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
+_MAX_ROWS: Final = 60  # in a table; of longer ones, there is a link to the CSV file
 _MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _TABLE: Final = re.compile("<table>.*?</table>", re.DOTALL)  # which a document has as Markdown
@@ -48,8 +44,11 @@ _BOX: Final = r'<div class="scroll" role="group" tabindex="0" aria-label="Table"
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
-_IMPORT: Final = re.compile(r'^import (?:\{[^}]*\} from )?"\./(\w+\.js)";\n', re.MULTILINE)
-_EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
+# The page's script: these share one scope, in this order.
+_SCRIPTS: Final = ("elements", "room", "agent", "scene", "walk", "panel", "main")
+
+_DOCUMENTS: Final = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
+_TEXTS: Final = MarkdownIt("commonmark", {"html": False}).disable(["image", "link", "autolink"])
 
 
 def published(results: Path) -> list[Path]:
@@ -105,7 +104,7 @@ def texts(
     yield page, _render(parts)
     if listed := published(results):
         template = templates_in(_TEMPLATES).get_template("index.md.jinja")
-        documents = {part.name: part.document for part in parts}
+        documents = {part.folder.path.name: part.document for part in parts}
         findings = {folder.name: _finding(folder, documents.get(folder.name)) for folder in listed}
         has = {"page": bool(chapters(results)), "leaderboard": any(results.glob("leaderboard/README.md"))}
         yield results / "README.md", template.render(findings=findings, has=has)
@@ -125,23 +124,16 @@ class _Part:
         self.document = document_of(path, study)
         self.document.folder.check()
         self.folder = self.document.folder
-        self.name = path.name
         self.prefix = prefix
-        self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether the page has its whole document."""
-        return not self.prefix or self.name in (*CHAPTERS, SPEED)
+        # Whether the page has its whole document
+        self.is_whole = not prefix or path.name in (*CHAPTERS, SPEED)
 
     def report(self, templates: jinja2.Environment) -> dict[str, object]:
         """Returns what the page shows of the report, by the page's templates."""
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
-        headline = (document.headline or "").split("\n\n")
         drawn = [item for item in document.items if self.folder.figure(item.name)]
-        drawn.sort(key=lambda item: item.name != document.lead)
-        lead = drawn[0] if drawn else None
+        lead = next((item for item in drawn if item.name == document.lead), drawn[0] if drawn else None)
 
         def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
@@ -155,48 +147,21 @@ class _Part:
 
         place = f"\n\n{_MARK}%s{_MARK}\n\n"
         markdown = document.render(lambda item, is_folded: place % f"{'FOLD ' * is_folded}{item.name}")
-        report = {
-            "name": self.name,
-            "id": f"report-{self.name}",  # no other part has an id that begins so
+        return {
+            "id": f"report-{self.folder.path.name}",  # no other part has an id that begins so
             "question": document.question,
-            "headline": [self.inline(text) for text in headline if text],
-            "map": self._map(),
+            "headline": [self.inline(text) for text in (document.headline or "").split("\n\n") if text],
             "lead": self._figure(lead) if lead is not None else None,
-            "description": self.inline(inert(manifest["description"])),
-            "note": self.inline(inert(manifest.get("note", ""))),
+            "description": self.inline(manifest["description"]),
+            "note": self.inline(manifest.get("note", "")),
             "body": self._body(markdown, content) if self.is_whole else "",
-            "readme": f"{self.prefix}README.md",
+            "folder": self.prefix,
             "made": manifest,
-            "manifest": f"{self.prefix}{MANIFEST}",
-            "partial": self.inline(manifest.get("partial") or ""),
-            "year": manifest.get("last_started_at", "")[:4],
         }
-        return report | {"making": Markup(templates.get_template("made.html").render(report=report))}
-
-    def _map(self) -> dict[str, object] | None:
-        """Returns what the page's map needs besides tables; None if this is no map of a single scene."""
-        report = self.folder.manifest["report"]
-        panels = report.get("panels", ())
-        is_plain = all(not panel.get("grid") and panel.get("shows", "steps") == "steps" for panel in panels)
-        if report["kind"] != "map" or not is_plain:
-            return None
-        looks, variants = {}, self.folder.manifest["algorithms"]
-        colours = {name: variant.get("colour") for name, variant in variants.items()}
-        for learner, title in self.folder.titles.items():
-            variant, observation = learner.split(", ")
-            if variants[variant]["reference_for"]:
-                continue
-            style = learner_style(variant, observation, colours, variants[variant]["family"])
-            looks[learner] = {
-                "name": title,
-                "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
-                "dash": "" if style["ls"] == "-" else " ".join(f"{4 * n:g}" for n in style["ls"][1]),
-            }
-        return {"folder": self.prefix, "looks": looks}
 
     def inline(self, text: str) -> Markup:
-        """Returns a text in Markdown as HTML within a paragraph; HTML in the text itself is escaped."""
-        return self._html(self._parser.parseInline(local_only(text)))
+        """Returns a text in Markdown as HTML within a paragraph; its own HTML and links are inert."""
+        return self._html(_TEXTS.parseInline(text))
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links that lead from the page to files of the folder."""
@@ -204,23 +169,21 @@ class _Part:
             target = str(token.attrGet("href") or "")
             if target and ":" not in target and not target.startswith(("#", "/")):
                 token.attrSet("href", f"{self.prefix}{target}")
-                if ".csv" in target:
-                    token.attrSet("class", "n" if "#row=" in target else "file")
             if token.type == "text":
                 token.content = _MINUS.sub("−", token.content)
-        return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
+        return Markup(_DOCUMENTS.renderer.render(tokens, _DOCUMENTS.options, {}))
 
     def _body(self, markdown: str, content: Callable[[re.Match[str]], str]) -> Markup:
         """Returns a document as HTML, with the content of marked items."""
-        tokens = self._parser.parse(markdown)
+        tokens = _DOCUMENTS.parse(markdown)
         for token in tokens:
             token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
         return Markup(_MARKED.sub(content, _TABLE.sub(_BOX, str(self._html(tokens)))))
 
     def _table(self, item: AnyItem) -> dict[str, object] | None:
-        """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show.
+        """Returns an item's table: its columns, the class of each, and its rows; None without rows to show.
 
-        A long one, which is shown on demand, has its number of rows alone.
+        Of a long one, there is the number of rows alone.
         """
         shown = self.document.shown(item)
         if shown.empty:
@@ -228,14 +191,11 @@ class _Part:
         if len(shown) > _MAX_ROWS:
             return {"n_rows": len(shown)}
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
-        kinds = []  # the class of each column's cells: names have none
-        for name, column in zip(shown, zip(*cells, strict=True), strict=True):
-            is_number = all(_NUMBER.fullmatch(cell.striptags()) for cell in column)
-            kinds.append("number" if is_number else "verdict" if str(name).startswith("verdict") else "")
-        n_keys = next((i for i, kind in enumerate(kinds[:_MAX_KEYS]) if kind), min(len(kinds), _MAX_KEYS))
-        kinds[1:n_keys] = ["key"] * (n_keys - 1)
+        are_numbers = [
+            all(_NUMBER.fullmatch(cell.striptags()) for cell in column) for column in zip(*cells, strict=True)
+        ]
         columns = [self.inline(str(name)) for name in shown]
-        return {"columns": columns, "kinds": kinds, "rows": cells, "n_rows": len(cells), "n_keys": n_keys}
+        return {"columns": columns, "are_numbers": are_numbers, "rows": cells, "n_rows": len(cells)}
 
     def _figure(self, item: AnyItem) -> dict[str, object]:
         """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
@@ -245,41 +205,57 @@ class _Part:
         texts = {"caption": self.inline(item.caption), "alt": item.caption}
         return {**texts, "address": address, "width": width, "height": height}
 
+    def agents(self) -> str:
+        """Returns what the explorer shows of the folder, compressed; empty if there is nothing."""
+        if explorer.FILE not in self.folder:
+            return ""
+        shown = json.loads(gzip.decompress(self.folder.content(explorer.FILE)))
+        for agent in shown["agents"]:
+            learner = f"{agent['variant']}, {agent['observation']}"
+            agent["learner"] = self.folder.title(learner)
+            agent["family"] = self.folder.manifest["algorithms"][agent["variant"]]["family"]
+            agent["experiment"] = self.folder.path.name
+            agent["curve"] = self._curve(agent)
+        return _base64(explorer.compressed(shown))
 
-def _slug(text: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+    def _curve(self, agent: Mapping[str, object]) -> dict[str, list[float]] | None:
+        """Returns the mean score of all runs of an agent's learner over training; None if no table has it."""
+        name = next((name for name in ("curves", "learning") if f"{name}.csv" in self.folder), None)
+        if name is None:
+            return None
+        rows = self.folder.frame(name)
+        wanted = {"condition": DEFAULT_CONDITION, **agent}
+        for key in {"scenario", "condition", "variant", "observation"} & {*rows}:
+            rows = rows[rows[key] == wanted[key]]
+        rows = rows.dropna(subset="score")
+        return {key: rows[key].tolist() for key in ("step", "score", "score_low", "score_high")}
 
 
 def _render(parts: Sequence[_Part]) -> str:
     templates = templates_in(_TEMPLATES, is_html=True)
-    templates.filters["slug"] = _slug
     templates.filters["sha256"] = lambda text: _base64(hashlib.sha256(text.encode()).digest())
-    reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
-    templates.globals |= {"inside": tables, "root": "results/" if parts[0].prefix else ""}
+    reports, agents, scenarios = [], [], dict[str, Markup]()
     for part in parts:
         with part.folder.reading():
-            for file in fnmatch.filter(part.folder.manifest["files"], "*.csv"):
-                tables[f"{part.prefix}{file}"] = part.folder.content(file).decode()
             reports.append(part.report(templates))
-            if explorer.FILE in part.folder:
-                explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
+            agents.append(part.agents())
             for name, declared in part.folder.manifest["scenarios"].items() if part.is_whole else ():
-                scenarios[name] = part.inline(inert(declared["description"]))
-    first = parts[0].folder.manifest
+                scenarios[name] = part.inline(declared["description"])
     horizons = {part.folder.manifest.get("horizon") for part in parts} - {None}
+    manifests = [part.folder.manifest for part in parts]
+    scripts = [(_TEMPLATES / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS]
     with parts[0].folder.reading():
         return templates.get_template("page.html").render(
             reports=reports,
             is_own=not parts[0].prefix,
             scenarios=scenarios,
             horizon=horizons.pop() if len(horizons) == 1 else None,
-            agents=explored,
-            command="make report" if len(parts) > 1 else first["command"],
+            agents=[packed for packed in agents if packed],
+            command="make report" if len(parts) > 1 else manifests[0]["command"],
             version=__version__,
-            year=max(str(report["year"]) for report in reports),
+            year=max(manifest.get("last_started_at", "")[:4] for manifest in manifests),
             css=Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
-            js=Markup("\n".join(_scripts("main.js").values())),
-            data=_base64(explorer.compressed(tables)),
+            js=Markup("\n".join(scripts)),
         )
 
 
@@ -287,30 +263,9 @@ def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
 
 
-def _agents(folder: Folder) -> bytes:
-    shown = json.loads(gzip.decompress(folder.content(explorer.FILE)))
-    for agent in shown["agents"]:
-        variant = agent["variant"]
-        agent["label"] = folder.title(f"{variant}, {agent['observation']}")
-        agent["family"] = folder.manifest["algorithms"][variant]["family"]
-    return explorer.compressed(shown)
-
-
-def _scripts(name: str) -> dict[str, str]:
-    """Returns a module of the script after those that it imports, since the page can import no files.
-
-    All share one scope, so their top-level names must differ.
-    """
-    text = (_TEMPLATES / "script" / name).read_text(encoding="utf-8")
-    texts: dict[str, str] = {}
-    for needed in _IMPORT.findall(text):
-        texts |= _scripts(needed)
-    return texts | {name: _EXPORT.sub("", _IMPORT.sub("", text))}
-
-
 def _finding(path: Path, document: Document | None) -> str:
     folder = Folder(path)
     with suppress(InputError), folder.reading():  # it may be damaged
-        headline = (document or document_of(path)).headline or inert(folder.manifest["description"])
-        return local_only(plain(headline.partition("\n\n")[0]))
+        headline = (document or document_of(path)).headline or folder.manifest["description"]
+        return str(headline).partition("\n\n")[0]
     return ""

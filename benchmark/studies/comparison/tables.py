@@ -16,7 +16,7 @@ from benchmark.analysis.frames import KEYS, Floats, by_population, by_step, lear
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.analysis.records import anchors, unbounded_scores
 from benchmark.drawing.maps import in_words
-from benchmark.drawing.tables import link, write_csv
+from benchmark.drawing.tables import write_csv
 from benchmark.execution.store import evaluated
 from benchmark.folder import SCORES, Folder
 from benchmark.studies import explorer
@@ -314,5 +314,5 @@ def headline(folder: Folder) -> str | None:
     table, parts = folder.frame(name), []
     for ending, text in (OUTCOMES if has_outcomes else WORDS).items():
         if len(rows := table[table[column] == ending]):
-            parts.append(f"{text} ({link(str(len(rows)), name, rows)} of {len(table)})")
+            parts.append(f"{text} ({len(rows)} of {len(table)})")
     return f"{start}: {'; '.join(parts)}."

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Final
 
-from benchmark.drawing.tables import inert, link
 from benchmark.folder import Folder
 from benchmark.studies.map import figures, tables
 from benchmark.studies.map.analysis import MapAnalysis, analyse
@@ -24,8 +23,8 @@ def headline(folder: Folder) -> str:
             words = {
                 verdict: _WORDS.get(verdict, verdict) if unit != "steps" else verdict for verdict in VERDICTS
             }
-            counts = [f"{words[v]} at {link(str(row[v]), 'verdicts', row)}" for v in VERDICTS if row[v]]
-            sides = " compared with ".join(inert(folder.phrase(row[side])) for side in "xy")
+            counts = [f"{words[v]} at {row[v]}" for v in VERDICTS if row[v]]
+            sides = " compared with ".join(folder.phrase(row[side]) for side in "xy")
             parts.append(f"{sides}: {', '.join(counts)}")
         sentences.append(f"In {unit}, {'; '.join(parts)}.")
     until = f"until they have learned (success at or above {level}), in the grid `{grid}`"

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Final
 
-from benchmark.drawing.tables import link
 from benchmark.experiments import Experiment
 from benchmark.folder import Folder
 from benchmark.studies import explorer
@@ -58,7 +57,7 @@ def headline(folder: Folder) -> str | None:
     n_agents = frame["agents"].max()
     rows = weakest(frame[frame["agents"] == n_agents])
     parts = [(name, rows[rows["verdict"] == name]) for name in VERDICTS]
-    counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
+    counts = [f"{len(judged)} × {name}" for name, judged in parts if len(judged)]
     like = f"{len(rows)} claims like the paper's, in scenes or with settings that may not be the paper's"
     is_the_papers = folder.manifest["experiment"] == "reproduce"  # a name that no other experiment can have
     scope = f"the paper's {len(rows)} claims" if is_the_papers else like

@@ -18,11 +18,11 @@ _IN_SETS: Final = ["first_seed", "last_seed", "claim", "part", "value", "low", "
 
 
 def _shown(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns numbers with their intervals, and with links to their rows."""
+    """Returns numbers with their intervals."""
     frame = frame.rename(columns={"low": "value_low", "high": "value_high", "sets_agreeing": "agreeing"})
     names = "claim agents verdict sets agreeing part right_side threshold value state drawn"
     keys = [key for key in names.split() if key in frame]  # without a value, none is in the file
-    rows = [{key: entry(row, key, "claims") for key in keys} for _, row in frame.iterrows()]
+    rows = [{key: entry(row, key) for key in keys} for _, row in frame.iterrows()]
     return pd.DataFrame(rows).rename(columns=lambda key: key.replace("_", " "))
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from benchmark.drawing.tables import inert, link, show
+from benchmark.drawing.tables import show
 from benchmark.experiments import Experiment
 from benchmark.folder import Folder
 from benchmark.studies.search import tables
@@ -26,14 +26,14 @@ def headline(folder: Folder) -> str:
     """Says what the best learner gains by chosen settings, if a gain is shown."""
     table = folder.frame("chosen")
     best = table.iloc[int(table["chosen"].argmax())]
-    default, chosen = (link(show(best[key]), "chosen", best) for key in ("default", "chosen"))
+    default, chosen = (show(best[key]) for key in ("default", "chosen"))
     share = "the share of the logarithm of the budget that is saved"
     measure = share if folder.manifest["solved"] else "success averaged over training"
     n_trials = folder.manifest["search"]["trials"]
     searched = f"the best of the declared settings and {n_trials:,} trial{'s' * (n_trials != 1)}"
     if best["chosen"] == 0:
         return f"No learner has learned in the search: with {searched}, {measure} is {chosen} for all."
-    learner = inert(folder.phrase(f"{best['variant']}, {best['observation']}"))
+    learner = folder.phrase(f"{best['variant']}, {best['observation']}")
     is_alone = (table["chosen"] == best["chosen"]).sum() == 1 < len(table)
     who = f"the best learner, {learner}" if is_alone else learner
     if best["gain_low"] > 0:

@@ -14,7 +14,6 @@ from scipy import stats
 
 from agents.dynamic_programming import from_starts, solve
 from benchmark.analysis.records import Records, anchors
-from benchmark.drawing.tables import plain
 from benchmark.studies.comparison.contrasts import VERDICTS
 from benchmark.studies.comparison.figures import draw_curves
 from envs import compile_scenario, load_scenario
@@ -153,7 +152,7 @@ def test_readers_see_the_best_first_and_one_precision() -> None:
         for scenario, share in by_scenario.items()
     ]
     frame = table("summary", analysis_of(cells))
-    shown = item("summary").display(frame).map(plain)
+    shown = item("summary").display(frame)
     assert shown["scenario"].tolist() == ["S2"] * 3 + ["S1"] * 3
     success = shown["success probability"].str.extract(r"^(\S+) \[(\S+), (\S+)\]$")
     assert success[0].tolist() == ["0.50", "0.25", "0.00", "1.00", "0.50", "0.12"]

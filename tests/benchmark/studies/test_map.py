@@ -27,7 +27,6 @@ from benchmark.studies.map.ceilings import ceilings
 from benchmark.studies.map.looks import until_learned
 from envs import InputError, compile_scenario, load_scenario
 from envs.observations import compile_seen
-from tests.benchmark.publish.sentences import check_links
 from tests.benchmark.studies.conftest import experiment_of
 from tests.support import mistyped_columns
 
@@ -177,7 +176,6 @@ def test_runs_of_a_seed_have_the_same_places_and_permuting_is_nothing_to_a_table
 
 def test_the_document(made: Path) -> None:
     document = Document(made)
-    check_links(document, fewest=2)
     headline = document.headline or ""
     for unit, verdict in (("steps", "faster"), ("wrong PINGs", "fewer")):
         assert f"In {unit}, the shared table of offsets compared with the table: {verdict} at " in headline

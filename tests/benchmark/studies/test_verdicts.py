@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from benchmark.drawing.tables import plain
 from benchmark.folder import Folder
 from benchmark.studies import comparison
 from benchmark.studies.comparison.analysis import FEWEST_RUNS, ComparisonAnalysis
@@ -34,7 +33,7 @@ class Tables(dict[str, pd.DataFrame]):
 def headline(analysis: ComparisonAnalysis) -> str:
     names = ["contrasts"] + ["outcomes"] * bool(analysis.outcomes)
     folder = Tables({f"{name}.csv": table(name, analysis) for name in names})
-    return plain(comparison.STUDY.headline(cast(Folder, folder)) or "")
+    return comparison.STUDY.headline(cast(Folder, folder)) or ""
 
 
 CASES: list[tuple[dict[str, Made], str]] = [

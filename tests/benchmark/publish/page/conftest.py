@@ -1,10 +1,8 @@
 """A page made of a small experiment, opened in a browser."""
 
-import csv
 import json
 import re
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -26,10 +24,7 @@ from tests.support import ROOT, reseal
 
 STUDIES["made"] = "tests.benchmark.publish.page.made:STUDY"  # as if it were this project's
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = (
-    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-)  # fmt: skip
+FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
 EXPERIMENT = f"""
 description = {json.dumps(TEXT)}
 note = {json.dumps(TEXT)}
@@ -54,19 +49,14 @@ observations = ["one_hot"]
 seeds = 2
 settings = {{ budget = 2048 }}
 """
-TABLE, NET, POLICY = ("a-table_b", "index"), ("dqn", "coordinates"), ("ppo", "one_hot")
-Learners = dict[tuple[str, str, str], Records]
-LABELS: dict[tuple[str, ...], str] = {
-    TABLE: "a-table_b",
-    NET: "dqn on coordinates",
-    POLICY: "ppo on one-hot cells",
-}
+TABLE, NET, POLICY = "a-table_b", "dqn on coordinates", "ppo on one-hot cells"
+Learners = dict[tuple[str, str], Records]
 
 
 class Opened:
     """A page in a browser, with its messages and requests."""
 
-    def __init__(self, browser: Browser, folder: Path, fragment: str, **options: Any) -> None:
+    def __init__(self, browser: Browser, folder: Path, **options: Any) -> None:
         self.page: Page = browser.new_page(**({"viewport": {"width": 1280, "height": 900}} | options))
         self.page.set_default_timeout(60_000)  # ms; on a loaded machine
         self.messages: list[str] = []
@@ -74,50 +64,28 @@ class Opened:
         self.page.on("console", lambda message: self.messages.append(message.text))
         self.page.on("pageerror", lambda error: self.messages.append(str(error)))
         self.page.on("request", lambda request: self.requested.append(request.url))
-        self.page.goto((folder / "index.html").as_uri() + fragment)
+        self.page.goto((folder / "index.html").as_uri())
         if options.get("java_script_enabled", True) and self.page.locator("#explore").count():
             self.page.wait_for_selector("#explore:not([hidden])")
 
     def panel(self, side: str, part: str = "") -> Locator:
         return self.page.locator(f".panel[data-side={side}] {part}")
 
-    def choose(self, side: str, scenario: str, *learner: str) -> None:
-        for menu, value in (("scenario", scenario), ("learner", LABELS.get(learner, learner[0]))):
-            self.panel(side, f"select[name={menu}]").select_option(value)
-
-    def choose_both(self, *names: str) -> None:
+    def choose(self, scenario: str, learner: str = "") -> None:
+        """Chooses an agent on both sides."""
         for side in ("left", "right"):
-            self.choose(side, *names)
+            self.panel(side, "select[name=scenario]").select_option(scenario)
+            if learner:
+                self.panel(side, "select[name=learner]").select_option(learner)
 
-    def to_map(self, place: int) -> None:
-        self.page.locator("#step").fill(str(place))
+    def cells(self, side: str) -> Locator:
+        return self.panel(side, ".map svg > g:not([pointer-events])")
 
-    def cell(self, side: str, row: int, column: int) -> Locator:
-        """Returns a cell of a map of `room`, which has seven columns, or of S2."""
-        cells = self.panel(side, ".map svg > g:first-child > g")
-        return cells.nth(row * (7 if cells.count() == 35 else 12) + column)
-
-    def unfold(self, which: str = "details") -> None:
-        self.page.locator(which).evaluate_all("all => all.forEach((details) => { details.open = true })")
-
-    def wait_until(self, condition: str) -> None:
-        """Waits for a condition in JavaScript, where the page's policy forbids `wait_for_function`."""
-        end = time.monotonic() + 60
-        while not self.page.evaluate(condition):
-            assert time.monotonic() < end, condition
-            self.page.wait_for_timeout(50)
-
-    def walk(self, n_steps: int) -> None:
-        self.page.locator("#walk-one").evaluate("(button, n) => { while (n--) button.click(); }", n_steps)
+    def unfold(self) -> None:
+        self.page.locator("details").evaluate_all("all => all.forEach((each) => { each.open = true })")
 
 
 Open = Callable[..., Opened]
-
-
-def rows_of(path: Path) -> list[list[str]]:
-    """Returns the lines of a CSV file as they are written."""
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.reader(file))
 
 
 @pytest.fixture(scope="session")
@@ -138,11 +106,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def learners(made: Path) -> Learners:
-    """The stored runs of the experiment, by scenario, algorithm and observation."""
+    """The stored runs of the experiment, by scenario and variant."""
     with Store(made.parent / "runs.db", read_only=True) as store:
         data = report_of(load_experiment(made.parent / "mine.toml")).data(store)
         records = [data.records(population) for population in data.experiment.populations]
-    return {(each.scenario, each.run.variant, each.run.observation): each for each in records}
+    return {(each.scenario, each.run.variant): each for each in records}
 
 
 @pytest.fixture(scope="session")
@@ -155,16 +123,6 @@ def results(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         reseal(results / name, experiment=name)
         document.write(results / name)
     assert build.write(results) == results / "index.html"
-    return results
-
-
-@pytest.fixture(scope="session")
-def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results in the repository, with the page that today's code makes of them."""
-    results = tmp_path_factory.mktemp("published") / "results"
-    ignored = shutil.ignore_patterns("runs.db*", "*_smoke", "*_partial", ".*", "index.html")
-    shutil.copytree(ROOT / "results", results, ignore=ignored)
-    build.write(results)
     return results
 
 
@@ -183,8 +141,8 @@ def open_page(browser: Browser, results: Path) -> Iterator[Open]:
     """Opens pages; in the end they must have said nothing, and asked for nothing but themselves."""
     with ExitStack() as stack:
 
-        def open_one(folder: Path = results, fragment: str = "", **options: Any) -> Opened:
-            opened = Opened(browser, folder, fragment, **options)
+        def open_one(folder: Path = results, **options: Any) -> Opened:
+            opened = Opened(browser, folder, **options)
             stack.callback(opened.page.close)
             pages.append(opened)
             return opened
@@ -194,7 +152,6 @@ def open_page(browser: Browser, results: Path) -> Iterator[Open]:
         for opened in pages:
             assert opened.messages == []
             assert [url for url in opened.requested if not url.startswith("data:")] == opened.requested[:1]
-            assert opened.requested[0].startswith("file:")
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from benchmark.drawing.style import figure_of
-from benchmark.drawing.tables import inert, link, show
+from benchmark.drawing.tables import show
 from benchmark.folder import Folder
 from benchmark.studies import Data, Declared, Study, explorer
 from benchmark.studies.item import Estimate, drawing, item
@@ -63,8 +63,8 @@ def highest(analysis: Data[Declared], _: pd.DataFrame) -> Figure:
 def _headline(folder: Folder) -> str:
     table = folder.frame("summary")
     worst = table.iloc[int(table["score"].argmin())]
-    finding = f"The worst score is {link(show(worst['score']), 'summary', worst)}. {inert(TEXT)}"
-    return f"{finding}\n\nThe mean score of all is {link(show(table['score'].mean()), 'summary', table)}."
+    finding = f"The worst score is {show(worst['score'])}. {' '.join(TEXT.split())}"
+    return f"{finding}\n\nThe mean score of all is {show(table['score'].mean())}."
 
 
 @explorer.explorer_item

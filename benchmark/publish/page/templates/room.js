@@ -2,20 +2,20 @@
 //
 // A state's number combines place, tick of the clock, whether feedback is to come, wrong PINGs and the agent's
 // cell, in this order. A block is all states that differ by the cell alone: what one map shows.
-export class Room {
+class Room {
   constructor(packed) {
     Object.assign(this, packed);
     this.nCells = this.rows * this.columns;
     this.nActions = this.kinds.event.length / this.kinds.over.length;
     this.nOutcomes = this.kinds.change.length / this.kinds.event.length;
     this.optima = new Map();
-    // The cells of the issuer and its group, by place; if they walk, also by phase.
-    this.places = [...new Map(this.views.map((view) => [String(this.groupOn(view)), this.groupOn(view)])).values()].sort((a, b) => a[0] - b[0]);
-    // A person who walks is in another phase in every cell, and each cell of a map tells which.
-    this.hasNamedPhases = this.phases.length > 1 && this.views.length > this.places.length;
   }
-  groupOn(view) {
-    return view.glyphs.slice(0, this.group ?? 1).map(({ cell }) => cell);
+  cellName(cell) {
+    return `row ${Math.floor(cell / this.columns)}, column ${cell % this.columns}`;
+  }
+  // The cells of the person and their group.
+  peopleIn(block) {
+    return this.viewOf(block).glyphs.slice(0, this.group ?? 1).map(({ cell }) => cell);
   }
   partsOf(block) {
     const [, nTicks, nDelayed, nPings] = this.shape;
@@ -32,36 +32,13 @@ export class Room {
   viewOf(block) {
     return this.views[this.partsOf(block).place * this.phases.length + this.phaseOf(block)];
   }
-  // The block with a person in a cell, the group in its cells, a phase or a number of wrong PINGs, and little else
-  // changed; null if there is none.
-  changed(block, { person, group, phase, pings }) {
-    const [now, before] = [this.partsOf(block), this.groupOn(this.viewOf(block))];
-    let [found, least] = [null, Infinity];
-    for (let place = 0; place < this.shape[0]; place++) {
-      for (let tick = 0; tick < this.ticks.length; tick++) {
-        const other = this.blockWith({ place, tick, pings: pings ?? now.pings });
-        const cells = this.groupOn(this.viewOf(other));
-        const cost = cells.filter((cell) => !before.includes(cell)).length + (tick !== now.tick);
-        const fits = (person === undefined || cells.includes(person))
-          && (group === undefined || String(cells) === group)
-          && (phase === undefined || this.phaseOf(other) === phase);
-        if (fits && cost < least) [found, least] = [other, cost];
-      }
-    }
-    return found;
+  blockOf(state) {
+    return Math.floor(state / this.nCells);
   }
   // The state of a block with the agent in a cell in which episodes start, there if any do.
   startOf(block) {
-    const { place, tick } = this.partsOf(block);
-    const near = (state) => {
-      const start = this.partsOf(this.blockOf(state));
-      return 2 * (start.place === place) + (start.tick === tick);
-    };
-    const best = this.starts.reduce((found, state) => (near(state) > near(found) ? state : found));
-    return block * this.nCells + (best % this.nCells);
-  }
-  blockOf(state) {
-    return Math.floor(state / this.nCells);
+    const start = this.starts.find((state) => this.partsOf(this.blockOf(state)).place === this.partsOf(block).place);
+    return block * this.nCells + ((start ?? this.starts[0]) % this.nCells);
   }
   isOver(state) {
     return Boolean(this.kinds.over[this.kind[state]]);
@@ -70,11 +47,10 @@ export class Room {
   effect(state, action) {
     const effect = this.kind[state] * this.nActions + action;
     const { change, probability, event, grid_reward, issuer_reward, terminated } = this.kinds;
-    const outcomes = Array.from({ length: this.nOutcomes }, (_, k) => effect * this.nOutcomes + k);
+    const outcomes = range(this.nOutcomes).map((k) => effect * this.nOutcomes + k);
     return {
       event: event[effect],
-      grid: grid_reward[effect],
-      issuer: issuer_reward[effect],
+      reward: grid_reward[effect] + issuer_reward[effect],
       isEnd: Boolean(terminated[effect]),
       next: outcomes.map((outcome) => state + change[outcome]),
       probability: outcomes.map((outcome) => probability[outcome]),
@@ -83,16 +59,15 @@ export class Room {
   // The optimal values of a state's actions, if the state is known; within a horizon if undiscounted.
   optimumAt(state, discount, horizon) {
     const nStates = this.kind.length / this.shape[0]; // of a place, which an episode never leaves
-    const place = Math.floor(state / nStates);
-    const key = `${place} ${discount} ${horizon}`;
-    if (!this.optima.has(key)) this.optima.set(key, this.solved(place * nStates, nStates, discount, discount < 1 ? Infinity : horizon));
-    const first = (state - place * nStates) * this.nActions;
-    return this.optima.get(key).subarray(first, first + this.nActions);
+    const first = Math.floor(state / nStates) * nStates;
+    const key = `${first} ${discount} ${horizon}`;
+    if (!this.optima.has(key)) this.optima.set(key, this.solved(first, nStates, discount, discount < 1 ? Infinity : horizon));
+    return this.optima.get(key).subarray((state - first) * this.nActions, (state - first + 1) * this.nActions);
   }
   // Iterates the Bellman optimality operator, as `agents/dynamic_programming.py` does.
   solved(first, nStates, discount, horizon) {
     const { nActions, nOutcomes, kind } = this;
-    const [change, ended] = [Int32Array, Uint8Array].map((type, i) => type.from(this.kinds[["change", "terminated"][i]]));
+    const [change, ended] = [Int32Array.from(this.kinds.change), Uint8Array.from(this.kinds.terminated)];
     const probability = Float64Array.from(this.kinds.probability);
     const reward = Float64Array.from(this.kinds.grid_reward, (grid, i) => grid + this.kinds.issuer_reward[i]);
     const q = new Float64Array(nStates * nActions);
