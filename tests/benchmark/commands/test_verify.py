@@ -17,6 +17,7 @@ from benchmark.commands import verify
 from benchmark.execution import driver
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
+from benchmark.experiments.finding import Tables
 from benchmark.experiments.search import chosen_file
 from benchmark.folder import MANIFEST, Folder
 from benchmark.publish import prose
@@ -219,7 +220,7 @@ def test_data_never_runs(
 def test_templates_reach_neither_files_nor_code(expression: str, tmp_path: Path) -> None:
     file, template = tmp_path / "written", tmp_path / "mine.md.jinja"
     template.write_text(f"One.\n\n{{{{ {expression.replace('FILE', str(file))} }}}}", encoding="utf-8")
-    lookups = prose.Lookups(Folder(ROOT / "results" / NAME))
+    lookups = Tables(Folder(ROOT / "results" / NAME))
     frame = lookups.rows("summary").assign(a=1.0)
     with pytest.raises(InputError, match=r"mine\.md\.jinja, line 3: .*(unsafe|undefined|not callable)"):
         rendered(template, {"frame": frame, "lookups": lookups})
