@@ -253,17 +253,12 @@ def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float6
 
 def connected(cells: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Returns which free cells are connected with one of `cells`; all are (grids, rows, columns)."""
-    is_first = free & ~np.pad(free, ((0, 0), (0, 0), (1, 0)))[:, :, :-1]  # of a run of free cells in a row
-    run = np.cumsum(is_first, dtype=np.int32).reshape(free.shape)  # 1 for the first
-    # Where two runs meet, one of them begins.
-    meet = free[:, 1:] & free[:, :-1] & (is_first[:, 1:] | is_first[:, :-1])
-    above, below = run[:, :-1][meet], run[:, 1:][meet]
-    part = np.arange(1 + np.count_nonzero(is_first))  # the first run that each is known to be joined with
-    while (part[above] != part[below]).any():
-        pair = part[above], part[below]
-        np.minimum.at(part, np.maximum(*pair), np.minimum(*pair))
-        part = part[part]
-    return free & np.isin(part, part[run[cells]])[run]
+    reached, before = cells & free, np.zeros_like(free)
+    while (reached != before).any():
+        before, padded = reached, np.pad(reached, ((0, 0), (1, 1), (1, 1)))
+        beside = padded[:, 2:, 1:-1] | padded[:, :-2, 1:-1] | padded[:, 1:-1, 2:] | padded[:, 1:-1, :-2]
+        reached = (reached | beside) & free
+    return reached
 
 
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:

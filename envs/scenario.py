@@ -7,7 +7,8 @@ term of the paper a value has.
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Set
+from collections import Counter
+from collections.abc import Mapping, Set
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
@@ -123,28 +124,6 @@ class Scenario(Table):
         return seen
 
     @property
-    def hidden(self) -> tuple[str, ...]:
-        """What observations do not determine: other components, "clock" and "feedback to come"."""
-        layout = self.layout
-        n_places, n_phases, n_people = layout.standing.shape
-        _, place = np.unique(layout.standing.reshape(-1, n_people), axis=0, return_inverse=True)
-        contexts = np.column_stack([place.ravel(), np.tile(np.arange(n_phases), n_places)])
-        seen = [i for i, name in enumerate(("issuer", "phase")) if name in self.observe]
-        is_relative = "agent" not in self.observe
-
-        def n_values(*parts: int) -> int:
-            return len(np.unique(contexts[:, parts], axis=0)) if parts else 1
-
-        is_hidden = {
-            "agent's cell" if is_relative else "issuer": n_values(*seen, 0) > n_values(*seen),
-            "phase": n_values(*seen, 1) > n_values(*seen),
-            "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
-            "clock": len(layout.ticks) > n_phases > 1,
-            "feedback to come": self.is_delayed,
-        }
-        return tuple(name for name in is_hidden if is_hidden[name])
-
-    @property
     def n_people(self) -> int:
         """How many people are drawn, the issuer included."""
         return self.group.people if self.group else 1
@@ -250,125 +229,96 @@ class Scenario(Table):
             require(total <= 1 + 1e-9, f"{where}.next: the sum {total:g}", "at most 1")
 
     def _check_walks(self) -> None:
-        walking = walkers(self.issuer, self.others)
+        walking, position = walkers(self.issuer, self.others), self.issuer.position
         require(not walking or not self.phases, f"{next(iter(walking), '')}.walk and phases", "one of them")
         is_moved = self.issuer.walk or any(phase.position is not None for phase in self.phases)
         if is_moved:
             moved_by = "issuer.walk" if self.issuer.walk else "phases with positions"
-            require(self.group is None, f"{moved_by} and group", "one of them")
-            where = f"{moved_by} with issuer.position = {json.dumps(self.issuer.position)}"
-            require(isinstance(self.issuer.position[0], int), where, "a cell")
-        for key, (position, walk) in walking.items():
-            self._check_inside(f"{key}.position", position)
-            for first, last in pairwise([position, *walk.corners, position]):
-                self._check_inside(f"{key}.walk.corners", last)
+            is_alone = isinstance(position[0], int) and not self.group and not self.onlookers
+            accepted = "a cell as issuer.position, and neither group nor onlookers"
+            require(is_alone, f"{moved_by} with issuer.position = {json.dumps(position)}", accepted)
+        for key, (first_cell, walk) in walking.items():
+            for first, last in pairwise([first_cell, *walk.corners, first_cell]):
                 is_straight = (first[0] == last[0]) != (first[1] == last[1])
                 where = f"{key}.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
                 require(is_straight, where, "another cell of the same row or column, also on the way back")
-        if self.onlookers:
-            require(not is_moved, "onlookers and a person who moves", "one of them")
+                self._check_floor(f"{key}.walk.corners", last)
         if is_moved or walking:
             where = 'feedback.kind = "delayed" with someone who moves'
             require(not self.is_delayed, where, "any other kind")
         if walking:
             n = math.lcm(*(walk.steps * len(walk.route(at)) for at, walk in walking.values()))
-            whose = ", ".join(f"{key}.walk" for key in walking)
-            where = f"{whose}: it takes {n:,} steps until everybody is back"
+            where = f"{', '.join(walking)}: it takes {n:,} steps until everybody is back"
             most = _MAX_STATES_OF_PLACE // (len(self.grid.position) * self.ping_limit)
             require(n <= most, where, f"at most {most:,}, with so many cells and so large a ping_limit")
 
     def _check_cells(self) -> None:
-        others, walking = self.others, walkers(self.issuer, self.others)
-        stages, others_at = timeline(self.issuer, others, self.phases)
-        first, still = ({it.position for it in others if not (is_still and it.walk)} for is_still in (0, 1))
-        at_some_time = {person.position for people in others_at for person in people}
-        self._check_floor("issuer.position", listed(self.issuer.position), at_some_time)
-        self._check_floor("grid.start", listed(self.grid.start), first)
-        for i, person in enumerate(others):
-            occupied = {other.position for other in others if other is not person}
-            self._check_floor(f"others.{i}.position", [person.position], occupied)
-        for i, phase in enumerate(self.phases):
-            self._check_floor(f"phases.{i}.position", listed(phase.position), first)
-        for key, (position, walk) in walking.items():
-            self._check_floor(f"{key}.walk.corners", [cell for cell, _ in walk.route(position)], still)
-        for stage, people in zip(stages, others_at, strict=True):
-            own = listed(stage.position or self.issuer.position)
-            cells = [*(own if len(own) == 1 else ()), *(person.position for person in people)]
+        spots = {"issuer.position": listed(self.issuer.position), "grid.start": listed(self.grid.start)}
+        spots |= {f"others.{i}.position": [person.position] for i, person in enumerate(self.others)}
+        spots |= {f"phases.{i}.position": listed(phase.position) for i, phase in enumerate(self.phases)}
+        for key, (position, walk) in walkers(self.issuer, self.others).items():
+            spots[f"{key}.walk.corners"] = [cell for cell, _ in walk.route(position)]
+        for key, cells in spots.items():
             for cell in cells:
-                where = f"{', '.join(walking) or 'others'}: two people at once in {json.dumps(cell)}"
-                require(cells.count(cell) == 1, where, "another position or walk")
+                self._check_floor(key, cell)
+        for stage, people in zip(*timeline(self.issuer, self.others, self.phases), strict=True):
+            own = listed(stage.position or self.issuer.position)
+            n_people = Counter([*own, *(person.position for person in people)])
+            for cell, n in n_people.items():
+                require(n == 1, f"two people at once in {json.dumps(cell)}", "other positions or walks")
 
-    def _check_floor(self, key: str, cells: Iterable[Cell], occupied: Set[Cell]) -> None:
-        """Refuses cells off the grid, in a wall or taken by others."""
-        for cell in cells:
-            self._check_inside(key, cell)
-            where = f"{key} = {json.dumps(cell)}"
-            require(not self.grid.is_wall[self.grid.index(cell)], f"{where} is a wall", "another cell")
-            require(cell not in occupied, f"{where} is taken by another person", "another cell")
-
-    def _check_inside(self, key: str, cell: Cell) -> None:
+    def _check_floor(self, key: str, cell: Cell) -> None:
         (row, column), (rows, columns) = cell, self.grid.size
-        accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
-        is_inside = 0 <= row < rows and 0 <= column < columns
-        require(is_inside, f"{key} = {json.dumps(cell)} is off the grid", accepted)
+        where, accepted = f"{key} = {json.dumps(cell)}", f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+        require(0 <= row < rows and 0 <= column < columns, f"{where} is off the grid", accepted)
+        require(not self.grid.is_wall[self.grid.index(cell)], f"{where} is a wall", "another cell")
 
     def _check_sizes(self) -> None:
-        issuer, whose = self.issuer, "the group" if self.group else "the person"
+        issuer, crowd = self.issuer, self.onlookers
         stages, others_at = timeline(issuer, self.others, self.phases)
         n_ticks = sum(stage.steps or 1 for stage in stages)
         n_states = len(self.grid.position) * self.ping_limit * n_ticks * (1 + self.is_delayed)
-        twice = " x 2 for delayed feedback" * self.is_delayed
-        where = f"cells x ping_limit x ticks of the phases{twice} = {n_states} states for each position"
-        require(n_states <= _MAX_STATES_OF_PLACE, f"{where} of {whose}", f"at most {_MAX_STATES_OF_PLACE}")
-        n_positions = len(self.grid.cells_of(issuer.position))
+        what = "cells x ping_limit x ticks of the phases"
+        where = f"{what} = {n_states} states for each position of the person"
+        require(n_states <= _MAX_STATES_OF_PLACE, where, f"at most {_MAX_STATES_OF_PLACE}")
+        n_places = len(self.grid.cells_of(issuer.position))
         if self.group is not None:
-            n_positions = int(self._every_way.has_start.sum())
+            n_places = int(self._every_way.has_start.sum())
         if issuer.places is not None:
-            n_positions = min(n_positions, issuer.places + issuer.unseen)
-        if crowd := self.onlookers:
+            n_places = min(n_places, issuer.places + issuer.unseen)
+        if crowd:
             occupied = {person.position for people in others_at for person in people}
             most = int((~self.grid.is_wall).sum()) - len(occupied) - self.n_people
             where = f"onlookers.people = {crowd.people}"
             require(crowd.people <= most, where, f"at most {most}, a free cell for each")
-            n_seen = max(n_positions - issuer.unseen, 1)
-            n_positions = max(crowd.ways, n_seen) + issuer.unseen * -(-crowd.ways // n_seen)
-            whose += " and ways of onlookers"
+            n_seen = max(n_places - issuer.unseen, 1)
+            n_places = max(crowd.ways, n_seen) + issuer.unseen * -(-crowd.ways // n_seen)
         n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
-        times = f" x {n_outcomes} phases that may follow" * (n_outcomes > 1)
-        where = f"cells x ping_limit x positions of {whose} x ticks of the phases{twice}{times}"
-        n = n_states * n_positions * n_outcomes
-        require(n <= MAX_STATES, f"{where} = {n} states", f"at most {MAX_STATES}")
+        n = n_states * n_places * n_outcomes
+        where = f"{what} x places x phases that may follow = {n} states"
+        require(n <= MAX_STATES, where, f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
-        every, group, position = self._every_way, self.group, json.dumps(self.issuer.position)
+        every, group, position = self._every_way, self.group, self.issuer.position
         if group is not None:
             where = f"group: nowhere do {group.people} people stand {list(group.apart)} apart"
             require(len(every.ways) > 0, where, "another range of group.apart, or more cells")
-        own = [] if group else listed(self.issuer.position)
-        has_target = (every.zone == ZONES.index("target")).any(axis=(1, 2)).tolist()  # in some phase
-        without = [place for place, has in zip(own, has_target, strict=False) if not has]
-        where = f"with the person at {json.dumps(without[0])}" if without else "wherever people stand"
-        where = f"regions: {where}, the agent can enter no target region"
-        accepted = "a target shape that reaches beyond the uncomfortable one"
-        require(any(has_target) and not without, where, accepted)
-        whose = f"the person at {position}{' or another person' * bool(self.others)}"
         for cell in listed(self.grid.start):
-            where, index = f"grid.start = {json.dumps(cell)}", self.grid.index(cell)
-            is_outside = bool((every.zone[:, every.first_phases, index] == ZONES.index("outside")).any())
-            require(is_outside, f"{where} lies inside a region of {whose}", "a cell outside every region")
-            accepted = "a cell that walls and people do not cut off"
-            is_start = bool(every.is_start[:, :, index].any())
-            require(is_start, f"{where}: no way leads from there to a target region", accepted)
+            is_start = bool(every.is_start[:, :, self.grid.index(cell)].any())
+            accepted = "a cell outside every region, from which a way leads to a target region"
+            require(is_start, f"grid.start = {json.dumps(cell)}", accepted)
+        own = [] if group else listed(position)
         unused = [place for place, free in zip(own, every.has_start.tolist(), strict=False) if not free]
-        where = f"issuer.position = {json.dumps(unused[0] if unused else self.issuer.position)}"
+        where = f"issuer.position = {json.dumps(unused[0] if unused else position)}"
         where += " leaves no start that is outside every region and has a way to a target region"
         accepted = "other cells, smaller regions, fewer walls, or another grid.start"
         require(bool(every.has_start.any()) and not unused, where, accepted)
         n, unseen, most = self.issuer.places, self.issuer.unseen, int(every.has_start.sum())
         require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
         where = f"issuer.places = {n} with issuer.unseen = {unseen}"
-        can = "the group can stand in so many ways" if group else "the person can stand in so many cells"
-        require((n or 0) + unseen <= most, where, f"at most {most} together: {can}")
+        require(
+            (n or 0) + unseen <= most, where, f"at most {most} together, the ways in which people can stand"
+        )
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, object]

@@ -182,7 +182,7 @@ def test_with_one_person_all_structures_are_the_same() -> None:
                 "issuer.unseen": 0,
                 "issuer.walk": {"corners": [[0, 3]]},
             },
-            "onlookers and a person who moves: accepted: one of them.",
+            "accepted: a cell as issuer.position, and neither group nor onlookers.",
         ),
     ],
 )

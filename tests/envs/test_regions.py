@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from envs import ZONES, Scenario, load_scenario
 from envs.inputs import parse
-from envs.regions import Cell, Grid, Heading, Regions, connected, outlines, target_distance, zones
+from envs.regions import Cell, Grid, Heading, Regions, outlines, target_distance, zones
 
 SIGNS = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
 
@@ -144,14 +144,3 @@ def test_metres_are_cells_of_the_given_width() -> None:
     narrow = ROOM.model_copy(update={"metres_per_cell": 0.3})
     zone = zones(parse(Regions, border | {"unit": "metres"}, "by hand"), "up", (3, 3), narrow)
     assert drawn(zone, 7)[3] == "+++I+++"
-
-
-@given(arrays(np.int8, (2, 6, 5), elements=st.integers(0, 5)))
-def test_connected_cells_are_those_that_steps_reach(drawn: NDArray[np.int8]) -> None:
-    free, reached = drawn > 1, drawn == 5
-    found = connected(reached, free)
-    for _ in range(30):
-        padded = np.pad(reached, ((0, 0), (1, 1), (1, 1)))
-        beside = padded[:, 2:, 1:-1] | padded[:, :-2, 1:-1] | padded[:, 1:-1, 2:] | padded[:, 1:-1, :-2]
-        reached |= beside & free
-    np.testing.assert_array_equal(found, reached)

@@ -49,83 +49,57 @@ def bystander(position: list[int], *corners: list[int], steps: int = 1) -> dict[
 
 # Changes of S1, and what the message names.
 MISTAKES: list[tuple[dict[str, Any], str]] = [
-    ({"grid.start": [5, 7]}, "grid.start = [5, 7]"),
-    ({"issuer.position": [6, 12]}, "issuer.position = [6, 12]"),
-    ({"regions.target_radius": 1}, "target_radius = 1"),
+    ({"grid.start": [5, 7]}, "grid.start = [5, 7]: accepted: a cell outside every region"),
+    ({"issuer.position": [6, 12]}, "issuer.position = [6, 12] is off the grid"),
     ({"grid.depth": 3}, "[grid]: unknown key depth; accepted: columns, metres_per_cell, rows, start, walls."),
     ({"rewards.target_ping": float("nan")}, "rewards.target_ping"),
     ({"issuer.feedback": {"kind": "loud"}}, "accepted: a table whose kind is none, uniform,"),
     ({"issuer.feedback": {"kind": "uniform", "low": 1.0, "high": 1.0}}, "high"),
-    ({"grid.rows": 1000, "grid.columns": 1000}, "rows x columns = 1000 x 1000"),
-    ({"ping_limit": 10**6}, "120000000 states"),
-    (ANYWHERE | {"ping_limit": 139, "issuer.feedback": {"kind": "delayed"}}, "4003200 states"),
-    (OBSERVING, "4800000 observations"),
     ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
     ({"name": "other"}, "unknown key name"),
+    ({"observe": ["phase", "agent"]}, "observe = ['phase', 'agent']"),
+    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: agent or offset, and"),
     # Walls
     ({"grid.walls": FLOOR.replace(".", "x")}, "walls"),
     ({"grid.walls": "#" + FLOOR[1:]}, "grid.start = [0, 0] is a wall"),
-    ({"grid.walls": ".#" + FLOOR[2:13] + "#" + FLOOR[14:]}, "grid.start = [0, 0]: no way leads from there"),
-    ({"grid.walls": WALL, "grid.start": [[0, 11], [0, 0]]}, "grid.start = [0, 0]: no way leads from there"),
+    ({"grid.walls": WALL, "grid.start": [[0, 11], [0, 0]]}, "grid.start = [0, 0]: accepted: a cell outside"),
     ({"grid.walls": WALL, "issuer.position": [[6, 0], [6, 8]]}, "issuer.position = [6, 8] leaves no start"),
-    # Places
-    ({"grid.start": []}, "grid.start = []"),
-    ({"issuer.position": [[6, 8], [1, 1]]}, "issuer.position = [1, 1]"),
-    (ANYWHERE | {"grid.start": "anywhere", "regions.target_radius": 11}, 'issuer.position = "anywhere"'),
     # Regions
+    ({"regions.target_radius": 1}, "target_radius = 1"),
     ({"regions.target": CIRCLE}, "uncomfortable_radius"),
-    ({"regions": shapes(CIRCLE, CIRCLE)}, "regions: with the person at [6, 8]"),
     ({"regions": shapes(CIRCLE, {"kind": "circle"})}, "the key regions.target.circle.radius is missing"),
-    ({"regions.unit": "metres"}, 'unit = "metres"'),
     ({"regions": shapes(CIRCLE, CIRCLE | {"radius": 2}) | {"unit": "metres"}}, "grid.metres_per_cell"),
-    # Observation
-    ({"observe": ["phase", "agent"]}, "observe = ['phase', 'agent']"),
-    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: agent or offset, and"),
-    # Phases
-    ({"phases": [phase()]}, "phases.0 (a)"),
+    ({"regions": shapes(CIRCLE, RING)}, 'target.kind = "ring": accepted: a ring around a [group]'),
+    # Phases and walks
     ({"phases": [phase(steps=1), phase("b", next={"a": 0.5})]}, "phases.1 (b)"),
     ({"phases": [phase(steps=1)] * 2}, "phases: name a is named twice"),
     ({"phases": [phase(stepps=3)]}, "[phases.0]: unknown key stepps (did you mean steps?)"),
     ({"phases": [phase(next={"c": 0.5}), phase("b", next={})]}, "phases.0.next: c"),
     ({"phases": [phase(n, next={o: 0.6 for o in "abc" if o != n}) for n in "abc"]}, "phases.0.next"),
-    (ANYWHERE | {"phases": [phase(steps=1, position=[6, 8])]}, "phases with positions"),
-    # Walks
+    ({"phases": [phase("\x1b]0;x", steps=1)]}, 'phases.0.name = "\\u001b]0;x"'),
     ({"issuer.walk": {"corners": [[3, 3]]}}, "issuer.walk.corners: from [6, 8] to [3, 3]"),
-    ({"issuer.walk": {"corners": [[6, 30]]}}, "issuer.walk.corners = [6, 30]"),
+    ({"issuer.walk": {"corners": [[6, 10**9]]}}, "issuer.walk.corners = [6, 1000000000] is off the grid"),
     (WALK | {"phases": [phase(steps=1)]}, "issuer.walk and phases"),
     (WALK | {"issuer.feedback": {"kind": "delayed"}}, 'feedback.kind = "delayed"'),
-    (WALK | {"others": [person([6, 5])]}, "corners = [6, 5]"),
-    ({"issuer.walk": {"corners": [[6, 10**9]]}}, "issuer.walk.corners = [6, 1000000000] is off the grid"),
-    # Other people
-    ({"others": [person([6, 8])]}, "issuer.position = [6, 8]"),
-    ({"others": [person([2, 8])] * 2}, "others.0.position = [2, 8]"),
-    ({"others": [person([0, 1])]}, "another person"),
-    ({"others": [bystander([2, 2]), bystander([2, 2])]}, "others.0.position = [2, 2] is taken by another"),
-    ({"others": [bystander([2, 2], [2, 6]), bystander([2, 6])]}, "others.0.walk.corners = [2, 6] is taken"),
-    (PAIR | WALK | {"issuer.position": [6, 8]}, "issuer.walk and group: accepted: one of them"),
-    (
-        PAIR | {"ping_limit": 1, "first_phase": "any", "phases": [phase("a", steps=800)]},
-        "2 of the 2 people of the group can stand in",
-    ),
-    # After two steps, both are in [2, 4].
-    ({"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]}, "two people at once in [2, 4]"),
-    ({"others": [bystander([6, 2], [6, 9])]}, "issuer.position = [6, 8] is taken by another person"),
-    ({"others": [bystander([2, 2], [2, 3])], "phases": [phase(steps=1)]}, "others.0.walk and phases"),
+    (ANYWHERE | WALK, 'issuer.walk with issuer.position = "anywhere": accepted: a cell'),
     # Rounds of 2 * 71 and 2 * 73 steps: 2 * 71 * 73 together.
     (
         {"others": [bystander([0, 1], [0, 2], steps=71), bystander([1, 1], [1, 2], steps=73)]},
-        "others.0.walk, others.1.walk: it takes 10,366 steps until everybody is back: accepted: at most",
+        "others.0, others.1: it takes 10,366 steps until everybody is back: accepted: at most",
     ),
-    ({"others": [bystander([2, 2], [2, 3])], "issuer.feedback": {"kind": "delayed"}}, "someone who moves"),
-    ({"others": [bystander([2, 2]) | {"regions": person([2, 2])["regions"]}]}, "both, or neither"),
+    # Other people. After two steps, both walkers are in [2, 4].
+    ({"others": [person([6, 8])]}, "two people at once in [6, 8]"),
+    ({"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]}, "two people at once in [2, 4]"),
     ({"others": [bystander([2, 2]) | {"feedback": {"kind": "none"}}]}, "both, or neither (a bystander)"),
-    ({"others": [person([2, 2]) | {"regions": shapes(CIRCLE, RING)}]}, 'regions.target.kind = "ring"'),
     # Groups
     (PAIR | {"group.apart": [15, 16]}, "group: nowhere do 2 people stand [15.0, 16.0] apart"),
-    (PAIR | {"issuer.position": [6, 8]}, "group: nowhere do 2 people stand [2.0, 4.0] apart"),
     (PAIR | {"group.apart": [4, 2]}, "apart = [4.0, 2.0]: accepted: the smallest distance first"),
+    # At most 4 + 1/2 cells from the centre, the ring lies within the circles.
+    (PAIR | {"regions": shapes(CIRCLE | {"radius": 5}, RING)}, "grid.start = [0, 0]: accepted: a cell"),
+    # Sizes
+    ({"grid.rows": 1000, "grid.columns": 1000}, "rows x columns = 1000 x 1000"),
+    (OBSERVING, "4800000 observations"),
     (PAIR | {"group.people": 6, "group.apart": [0, 20]}, "of the 6 people of the group can stand in"),
-    (ANYWHERE | {"grid.rows": 300, "grid.columns": 300, "issuer.places": 1, "ping_limit": 1}, "90,000 ways"),
     ({"ping_limit": 834}, "100080 states for each position of the person: accepted: at most 100000"),
     # 120 cells x 5 wrong PINGs x 21 phases x 20 positions = 252,000 states.
     (
@@ -133,21 +107,8 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
             "issuer.position": [[r, c] for r in (3, 5, 7, 9) for c in (3, 5, 7, 9, 11)],
             "phases": [phase(n, next={o: 0.05 for o in NAMES if o != n}) for n in NAMES],
         },
-        " x 21 phases that may follow = 5292000 states",
+        " x phases that may follow = 5292000 states",
     ),
-    (PAIR | {"ping_limit": 50}, "positions of the group x ticks of the phases = "),
-    ({"regions": shapes(CIRCLE, RING)}, 'target.kind = "ring": accepted: a ring around a [group]'),
-    (PAIR | {"regions": shapes(RING, RING)}, 'uncomfortable.kind = "ring": accepted: square, circle or egg'),
-    # At most 4 + 1/2 cells from the centre, the ring lies within the circles.
-    (PAIR | {"regions": shapes(CIRCLE | {"radius": 5}, RING)}, "the agent can enter no target region"),
-    ({"description": "x" * 10_001}, "description = "),
-    ({"regions.target_radius": 10**30}, "regions.target_radius = 1000000000000000000000000000000: input"),
-    ({"regions": shapes(CIRCLE, {"kind": "egg", "front": 5e-324})}, "regions.target.egg.front = 5e-324"),
-    ({"phases": [phase("\u200b\u3164", steps=1)]}, "phases.0.name"),
-    # Texts that could take over a terminal
-    ({"phases": [phase("\x1b]0;x", steps=1)]}, 'phases.0.name = "\\u001b]0;x"'),
-    ({"phases": [phase("a\nb", steps=1)]}, 'phases.0.name = "a\\nb"'),
-    ({"phases": [phase("a\u202eb\x9b1m", steps=1)]}, 'phases.0.name = "a\\u202eb\\u009b1m"'),
 ]
 
 
@@ -168,17 +129,16 @@ SHIPPED = (SCENARIO_DIRECTORY / "S1.toml").read_text()
     ("name", "text", "expected"),
     [
         ("nothing.toml", None, "No such file"),
-        ("broken.toml", b"grid = [", "not valid TOML"),
-        ("bytes.toml", b"\xff\xfe", "not valid TOML: 'utf-8' codec"),
-        ("mine.toml", SHIPPED.replace("ping_limit = 5", "").encode(), "ping_limit is missing"),
-        ("my scene.toml", SHIPPED.encode(), "named after the file"),
+        ("broken.toml", "grid = [", "not valid TOML"),
+        ("mine.toml", SHIPPED.replace("ping_limit = 5", ""), "ping_limit is missing"),
+        ("my scene.toml", SHIPPED, "named after the file"),
     ],
 )
 def test_files_that_cannot_be_used_get_one_sentence(
-    tmp_path: Path, name: str, text: bytes | None, expected: str
+    tmp_path: Path, name: str, text: str | None, expected: str
 ) -> None:
     if text is not None:
-        (tmp_path / name).write_bytes(text)
+        (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=rf"{name}: .*{expected}"):
         load_scenario(tmp_path / name)
 
@@ -190,11 +150,7 @@ def test_mapping_and_file_are_accepted_and_checked(tmp_path: Path) -> None:
     scenario = load_scenario("S2", {"ping_limit": 3})
     assert load_scenario(scenario.model_dump()) == scenario
     assert load_scenario(S1, {"grid.rows": 20}) == load_scenario("S1", {"grid.rows": 20})
-    with pytest.raises(InputError, match=r'^my scene: name = "my scene"'):
-        load_scenario(S1 | {"name": "my scene"})
     with pytest.raises(InputError, match=r"^S1: grid.rows = 0"):
         load_scenario(S1, {"grid.rows": 0})
-    with pytest.raises(InputError, match=r"^scenario: the key name is missing"):
-        load_scenario({key: value for key, value in S1.items() if key != "name"})
     with pytest.raises(InputError, match="unknown scenario s1"):
         load_scenario("s1")

@@ -45,25 +45,6 @@ def test_scenes_that_are_compared_differ_in_one_thing(pairs: str, differing: set
         assert keys - {"name", "description"} == differing, pair
 
 
-def test_hidden_is_what_does_not_follow_from_the_observed() -> None:
-    hidden = {name: load_scenario(name).hidden for name in scenario_names()}
-    assert hidden == dict.fromkeys(scenario_names(), ("wrong_pings",)) | {
-        "Counted": (),
-        "AnywhereHidden": ("issuer", "wrong_pings"),
-        "MoodyHidden": ("phase", "wrong_pings"),
-        "TurningHidden": ("phase", "wrong_pings", "clock"),
-        "Turning": ("wrong_pings", "clock"),
-        "Walking": ("wrong_pings", "clock"),  # the phase follows from the issuer's cell
-        "Delayed": ("wrong_pings", "feedback to come"),
-    }
-    by_offset = {name: load_scenario(name, {"observe": ["offset"]}).hidden for name in ("S1", "Anywhere")}
-    assert by_offset == {"S1": ("wrong_pings",), "Anywhere": ("agent's cell", "wrong_pings")}
-    three = load_scenario("ThreeTalking", few_places("ThreeTalking"))
-    assert three.seen_by_offset().hidden == ("agent's cell", "wrong_pings")
-    bystander = {"others": [{"position": [2, 2], "walk": {"corners": [[2, 5]]}}]}
-    assert load_scenario("S1", bystander).hidden == ("phase", "wrong_pings")
-
-
 def test_walls_stop_the_agent() -> None:
     model = compile_scenario(load_scenario("Walls"))
     assert model.next_state[cell(6, 3), RIGHT, 0] == cell(6, 3)

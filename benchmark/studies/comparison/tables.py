@@ -218,7 +218,7 @@ def cost(analysis: ComparisonAnalysis) -> Iterator[Row]:
 @_item(
     "scenarios",
     "what each scenario is, and what is possible in it",
-    "scenario description observed hidden cells states observations random_return random_success "
+    "scenario description observed cells states observations random_return random_success "
     "optimal_return memoryless_return memoryless_success",
 )
 def scenarios(analysis: ComparisonAnalysis) -> Iterator[Row]:
@@ -238,7 +238,6 @@ def scenarios(analysis: ComparisonAnalysis) -> Iterator[Row]:
             "states": len(model.observation),
             "observations": model.n_observations,
             "observed": in_words(model.scenario.observe),
-            "hidden": in_words(model.scenario.hidden) or "nothing",
             "random_return": random,
             "random_success": own["random_success"].iloc[0],
             "optimal_return": optimal,
