@@ -24,7 +24,6 @@ from envs.sources import digest_of_source
 from envs.tiles import check_tiles
 
 MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
-MAX_RECORD: Final = 100_000_000  # bytes, before compression
 
 
 @dataclass(frozen=True)
@@ -193,7 +192,9 @@ class _Loading:
     def experiment(self) -> Experiment:
         """Returns the experiment; raises an InputError with all mistakes at once."""
         declared, variants = self.declared, self.declared.algorithms
-        check_number(declared.most_runs, str(self.path))
+        if declared.most_runs > MAX_RUNS:
+            found = f"up to {declared.most_runs:,} runs"
+            raise InputError(f"{self.path}: {found}; accepted: at most {MAX_RUNS:,}.")
         check_all(  # everything else depends on these
             *(partial(_check_observations, declared, name, self.path) for name in variants),
             *(partial(choices.check_source, declared, name, self.path) for name in variants),
@@ -268,13 +269,13 @@ class _Loading:
         """Returns a population; its size, and whether its scenario is one of a search, is checked."""
         declared, variant = self.declared, learner.declared
         seeds, settings = declared.seeds_of(learner.variant, condition), picks[0]
-        evaluation_every, map_every = declared.schedule(learner.variant)
+        evaluation_every, map_every = declared.evaluation_every, declared.map_every
         if declared.is_miniature:
             evaluation_every = max(settings.budget // 4, 1)
             map_every = 2 * evaluation_every
         solved = None
         if declared.solved is not None:  # the version is that of what is recorded
-            solved = declared.solved.model_dump(mode="json", exclude={"levels"})
+            solved = declared.solved.model_dump(mode="json")
             solved |= {"policy": variant.policy, "version": 2}
         run = RunSpecification(
             stream=declared.stream or declared.name,
@@ -342,7 +343,7 @@ class _Loading:
         parts += ["[settings]"] * bool(self.declared.settings)
         parts += [f"tuned_by = {learner.declared.tuned_by}"] * (learner.chosen is not None)
         parts += [f"{table}.settings" for table, change in condition.changes.items() if change.settings]
-        parts += [f"search ({condition.name.rpartition('/')[2]})"] * bool(condition.of_variants)
+        parts += [f"search ({condition.name})"] * bool(condition.of_variants)
         return " with ".join(parts)
 
 
@@ -405,38 +406,22 @@ def check_size(run: RunSpecification) -> None:
         for key in sorted({"n_tilings", "parts", "tile_width"} & run.settings.model_fields_set):
             found = f"{key} = {getattr(run.settings, key)} with {run.observation}, which has its own features"
             raise InputError(f"{found}; accepted: no {key}, or a form of coordinates.")
-    if run.record_size > MAX_RECORD:
-        found = f"evaluation_every = {run.evaluation_every} and map_every = {run.map_every} with "
-        found += f"budget = {run.settings.budget} and {scenario.n_observations:,} observations in "
-        found += f"{scenario.name}: records of {run.record_size / 1e6:,.0f} MB"
-        raise InputError(f"{found}; accepted: at most {MAX_RECORD / 1e6:,.0f} MB.")
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
     """Lists every run of an experiment once, see `interleaved`; with stages, only those of the first."""
     populations = experiment.populations
-    n_runs = sum(len(population.taken(seeds)) for population in populations)
-    check_number(n_runs, experiment.argument)
     return interleaved([(population, population.runs(population.taken(seeds))) for population in populations])
-
-
-def check_number(n_runs: int, where: str) -> None:
-    """Refuses, by an InputError that begins with `where`, more runs than an experiment may have."""
-    if n_runs > MAX_RUNS:
-        found = f"up to {n_runs:,} runs, which take {n_runs / 86_400:,.1f} days at a second each"
-        raise InputError(f"{where}: {found}; accepted: at most {MAX_RUNS:,}.")
 
 
 def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]]) -> list[RunSpecification]:
     """Lists runs of populations once: the first run of each, then the second of each, and so on.
 
-    An interrupted experiment therefore has runs of every population. Conditions of the default reading come
-    first. A condition that changes nothing in a scenario has the same runs there as an earlier condition.
+    An interrupted experiment therefore has runs of every population. A condition that changes nothing in a
+    scenario has the same runs there as an earlier condition.
     """
-    default = schema.DEFAULT_CONDITION
-    by_reading = sorted(listed, key=lambda pair: pair[0].condition.axes["reading"] != default)
     first: dict[str, RunSpecification] = {}
-    for run in chain.from_iterable(zip_longest(*(runs for _, runs in by_reading))):
+    for run in chain.from_iterable(zip_longest(*(runs for _, runs in listed))):
         if run is not None:
             first.setdefault(run.digest, run)
     return [*first.values()]

@@ -1,18 +1,17 @@
 """The tables of an experiment, as read from TOML.
 
 An experiment is a product: conditions x scenarios x learners x seeds. A learner is a variant, that is an
-algorithm with settings, together with one observation. A condition changes values of scenarios and settings.
-The readings of the paper are conditions. Grids add axes, and each point of their product is a condition.
+algorithm with settings, together with one observation. A condition changes values of scenarios and settings:
+it is a reading of the paper, a point of a grid or a trial of a search.
 """
 
 import json
-import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Set
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Set
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
-from itertools import chain, product
+from itertools import product
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal, Self
@@ -26,16 +25,6 @@ from envs.sources import find_modules_in
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
-MAX_POINTS: Final = 10_000  # of a grid
-
-# Columns of the tables of runs, see `benchmark.analysis.frames`; there, an axis is a further one.
-_COLUMN: Final = re.compile(
-    "scenario|condition|reading|grid|trial|variant|observation|learner|seed|policy|budget|step|stage|setting|"
-    "value|success|score|unbounded_score|steps|wrong_pings|uncomfortable_steps|area|earliness|greedy_success|"
-    "random_success|target_cells_marked|cells_marked|region_overlap|training_wrong_pings|diverged_at|updates|"
-    "parameters|cpu_time_s|peak_memory_mb|(every_cell|unseen)_.*"
-)
-
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = ("speed", "*_smoke", "*_seeds_*")
 _MINIATURE: Final = "_smoke"  # how its name ends
@@ -69,10 +58,6 @@ class Variant(Table):
     """Runs per scenario and condition."""
     first_seed: Annotated[int, Field(ge=0, le=900_000)] = 0
     """The first seed; the others follow it."""
-    evaluation_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
-    """As in the experiment, for this variant; by default the experiment's."""
-    map_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
-    """As in the experiment, for this variant; by default the experiment's."""
     policy: Literal["greedy", "stochastic"] = "greedy"
     """The policy that a comparison evaluates."""
     settings: dict[str, object] = Field(default_factory=dict)
@@ -102,11 +87,6 @@ class Changes(Table):
     settings: dict[str, object] = Field(default_factory=dict)
     """Changes of the settings of every variant, as dotted keys."""
 
-    @property
-    def keys(self) -> list[str]:
-        """What it changes, such as "settings.epsilon"."""
-        return [*(f"scenario.{key}" for key in self.scenario), *(f"settings.{key}" for key in self.settings)]
-
 
 class Reading(Changes):
     """One way to read the paper, or a control."""
@@ -125,33 +105,14 @@ class Reading(Changes):
     """Runs per scenario and learner; by default the variant's."""
 
 
-_BY_DEFAULT: Final = Reading(question="How is the paper read?", answer="as it is by default")
 # A float distinguishes numbers of at most fifteen digits.
-_NUMBER: Final = re.compile(r"(?=.{1,15}$)[0-9]+(\.[0-9]+)?(x[0-9]+)?")
-
-
-def is_number(value: str) -> bool:
-    """Returns whether a value of an axis is a number, or two joined by "x", such as 0.5 or 5x6."""
-    return _NUMBER.fullmatch(value) is not None
-
-
 Value = Annotated[
     str,
     inputs.accepted_if(
-        lambda value: inputs.is_name(value) or is_number(value),
-        "a name or a number of at most 15 characters, such as high, 0.5 or 5x6",
+        lambda value: re.fullmatch(r"(?=.{1,15}$)[0-9]+(\.[0-9]+)?(x[0-9]+)?", value) is not None,
+        'a number of at most 15 characters, or two joined by "x", such as 4, 0.5 or 5x6',
     ),
 ]
-
-
-def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
-    """Returns the points of a product of axes by name; each has a value of every axis.
-
-    >>> _points_of({"room": ["5x6"], "places": ["4", "8"]}).keys()
-    dict_keys(['room=5x6/places=4', 'room=5x6/places=8'])
-    """
-    points = (dict(zip(axes, values, strict=True)) for values in product(*axes.values()))
-    return {"/".join(f"{axis}={value}" for axis, value in point.items()): point for point in points}
 
 
 class Grid(Changes):
@@ -163,36 +124,20 @@ class Grid(Changes):
     """Names of learners, or of variants with all their observations; all by default. A learner that no grid
     names is in all grids."""
     axes: Annotated[dict[Name, Annotated[dict[Value, Changes], Field(min_length=1)]], Field(min_length=1)]
-    """Changes at each value of an axis, as `axes.AXIS.VALUE`. A value is a name or a number; in a map, a
-    number, or two joined by "x"."""
+    """Changes at each value of an axis, as `axes.AXIS.VALUE`. A value is a number, or two joined by "x"."""
     is_compared: bool = True
     """Whether a map decides contrasts at its points."""
-    without: tuple[str, ...] = ()
-    """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
-    @cached_property
+    @property
     def points(self) -> dict[str, dict[str, str]]:
-        """The value of each axis, at every point that is not left out, by the point's name."""
-        return {name: point for name, point in _points_of(self.axes).items() if name not in self.without}
+        """The value of each axis at every point of their product, by the point's name.
 
-    @model_validator(mode="after")
-    def _is_sound(self) -> Self:
-        axis_of_key: dict[str, str] = {}
-        for axis, values in self.axes.items():
-            is_column = _COLUMN.fullmatch(axis) is not None
-            require(not is_column, f"axes.{axis}, a column of the tables of runs", "another name")
-            numbers = ([*map(float, value.split("x"))] for value in values if is_number(value))
-            inputs.distinct(tuple(numbers), f"axes.{axis}, as numbers: ")
-            for key in chain(*(changes.keys for changes in values.values())):
-                other = axis_of_key.setdefault(key, axis)
-                require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
-        n_points, few = math.prod(map(len, self.axes.values())), f"{MAX_POINTS:,} points"
-        require(n_points <= MAX_POINTS, f"axes: more than {few}", f"at most {few}")
-        names = [*_points_of(self.axes)]
-        for name in self.without:
-            require(name in names, f"without: {name}", f"points such as {names[0]}")
-        require(bool(self.points), "without", "at least one point not listed")
-        return self
+        >>> axes = {"room": {"5x6": Changes()}, "places": {"4": Changes(), "8": Changes()}}
+        >>> Grid(axes=axes).points.keys()
+        dict_keys(['room=5x6/places=4', 'room=5x6/places=8'])
+        """
+        points = (dict(zip(self.axes, values, strict=True)) for values in product(*self.axes.values()))
+        return {"/".join(f"{axis}={value}" for axis, value in point.items()): point for point in points}
 
 
 class Solved(Table):
@@ -203,7 +148,7 @@ class Solved(Table):
     run ends once that is certain. Only curves are recorded.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"given_up_after", "levels"}
+    omitted_at_default: ClassVar[Set[str]] = {"given_up_after"}
 
     success: Annotated[float, Field(gt=0, le=1)] = 0.9
     """The level."""
@@ -212,39 +157,22 @@ class Solved(Table):
     given_up_after: Annotated[float, Field(gt=0, lt=1)] | None = None
     """Share of the budget after which a run is given up, at the next evaluation, if success has never reached
     half of the level. From then on its curves stay constant, so it never learns; it ends there if it can."""
-    levels: tuple[Annotated[float, Field(gt=0)], ...] = ()
-    """Further levels, at most `success`, at which a map decides its contrasts, too; runs stay the same."""
-
-    @model_validator(mode="after")
-    def _has_levels(self) -> Self:
-        accepted = f"numbers up to success = {self.success:g}, above which runs may have ended"
-        require(max(self.levels, default=0.0) <= self.success, f"levels = {[*self.levels]}", accepted)
-        inputs.distinct(tuple(f"{level:g}" for level in self.levels), "levels: ")  # as tables name them
-        is_known = self.given_up_after is None or min(self.levels, default=1.0) >= self.success / 2
-        accepted = f"numbers from {self.success / 2:g}, below which runs may have been given up"
-        require(is_known, f"levels = {[*self.levels]}", accepted)
-        return self
-
-    @property
-    def further(self) -> list[float]:
-        """The levels but `success`, rising."""
-        return sorted({*self.levels} - {self.success})
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A named change of scenarios and settings: a point in the product of all axes."""
+    """A named change of scenarios and settings: a reading, a point of a grid, or a trial of a search."""
 
     name: str
-    """The reading, followed by /GRID and by /AXIS=VALUE for each axis."""
-    axes: Mapping[str, str]
-    """The value of every axis; the reading is one."""
-    changes: Mapping[str, Changes]
+    """The name of the reading; GRID/AXIS=VALUE for all axes, or trial=NUMBER."""
+    changes: Mapping[str, Changes] = field(default_factory=dict)
     """What it changes, in this order, by the tables of the file."""
+    axes: Mapping[str, str] = field(default_factory=dict)
+    """Of a point, its grid and the value of every axis; of a trial, its number."""
     learners: tuple[str, ...] = ()
     """Names of the learners, or of their variants, that run under it; all if it is empty."""
     of_variants: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
-    """Further changes of settings, by variant: those of a trial."""
+    """Of a trial, changes of settings by variant."""
 
     def has(self, variant: str, observation: str) -> bool:
         """Returns whether a learner runs under it."""
@@ -291,41 +219,48 @@ class Declaration(Table):
     """The variants, by name."""
     search: Search | None = None
     """A search for the settings of every variant that has a table `search`."""
-    readings: dict[Name, Reading] = Field(default_factory=lambda: {DEFAULT_CONDITION: _BY_DEFAULT})
+    readings: dict[Name, Reading] = Field(default_factory=dict)
     """Readings of the paper and controls, by name; one is called "default"."""
     grids: dict[Name, Grid] = Field(default_factory=dict)
-    """Further conditions, by name: products of axes."""
+    """Products of axes, by name."""
     solved: Solved | None = None
     """With this table, runs are measured until they solve their scenario; a search compares how early."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        inputs.check_all(self._check_schedules, self._check_search, self._check_grids, self._check_report)
+        inputs.check_all(self._check_conditions, self._check_schedules, self._check_search)
         return self
+
+    def _check_conditions(self) -> None:
+        tables = {"readings": self.readings, "grids": self.grids, "search": self.search}
+        given = [name for name, table in tables.items() if table]
+        require(len(given) < 2, " and ".join(given), "one of readings, grids and search")
+        is_named = not self.readings or DEFAULT_CONDITION in self.readings
+        require(is_named, "readings", f"one named {DEFAULT_CONDITION} among them")
+        known = {*self.algorithms, *self._learners}
+        for name, grid in self.grids.items():
+            for learner in grid.learners:
+                where = f"grids.{name}.learners: {learner}"
+                require(learner in known, where, ", ".join(f'"{each}"' for each in sorted(known)))
 
     def _check_schedules(self) -> None:
         starts = f"evaluated_from = {list(self.evaluated_from)}"
         require("start" in self.evaluated_from, starts, '"start" among them')
-        schedules = {"": (self.evaluation_every, self.map_every)}
-        schedules |= {f'algorithms."{name}": ': self.schedule(name) for name in self.algorithms}
-        for where, (evaluation_every, map_every) in schedules.items():
-            accepted = f"a multiple of evaluation_every = {evaluation_every}"
-            require(map_every % evaluation_every == 0, f"{where}map_every = {map_every}", accepted)
+        accepted = f"a multiple of evaluation_every = {self.evaluation_every}"
+        require(self.map_every % self.evaluation_every == 0, f"map_every = {self.map_every}", accepted)
+        inputs.distinct(tuple(Path(name).stem for name in self.scenarios), "scenarios: ")
 
     def _check_search(self) -> None:
         if self.search is None:
             for name, variant in self.algorithms.items():
                 require(not variant.search, f"algorithms.{name}.search", "a table [search] beside it")
             return
-        is_changed = any(reading.scenario or reading.settings for reading in self.readings.values())
-        is_alone = not (self.grids or is_changed or len(self.readings) > 1)
-        require(is_alone, "search", "no grids or readings in the same experiment")
         efforts = [
-            (variant.seeds, *self.schedule(name), (self.settings | variant.settings).get("budget"))
-            for name, variant in self.algorithms.items()
+            (variant.seeds, (self.settings | variant.settings).get("budget"))
+            for variant in self.algorithms.values()
         ]
         is_fair = all(effort == efforts[0] for effort in efforts)
-        require(is_fair, "algorithms", "the same seeds, schedule and budget for all in a search")
+        require(is_fair, "algorithms", "the same seeds and budget for all in a search")
         inputs.check_all(*(partial(self._check_searched, name) for name in self.algorithms))
 
     def _check_searched(self, name: str) -> None:
@@ -337,21 +272,6 @@ class Declaration(Table):
         seeds, fresh = self.seeds_of_search(name)
         accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its finalists use"
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
-
-    def _check_grids(self) -> None:
-        n = len(self.readings) * sum(len(grid.points) for grid in self.grids.values())
-        require(n <= 10 * MAX_POINTS, f"grids: {n:,} conditions", f"at most {10 * MAX_POINTS:,}")
-        known = {*self.algorithms, *self._learners}
-        for name, grid in self.grids.items():
-            for learner in grid.learners:
-                where = f"grids.{name}.learners: {learner}"
-                require(learner in known, where, ", ".join(f'"{each}"' for each in sorted(known)))
-
-    def _check_report(self) -> None:
-        """Refuses labels that readers see as the same."""
-        inputs.distinct(tuple(Path(name).stem for name in self.scenarios), "scenarios: ")
-        inputs.distinct(tuple(each.title or name for name, each in self.readings.items()), "readings: title ")
-        inputs.distinct(tuple(each.question or name for name, each in self.grids.items()), "grids: question ")
 
     @property
     def _learners(self) -> dict[str, str]:
@@ -395,15 +315,10 @@ class Declaration(Table):
         changed = {"algorithms": variants, "readings": readings, "search": search, "report": report}
         return self.model_copy(update=changed | {"name": f"{self.name}{_MINIATURE}", "note": note})
 
-    def schedule(self, variant: str) -> tuple[int, int]:
-        """Returns the steps between a variant's evaluations, and between records of its values."""
-        declared = self.algorithms[variant]
-        return declared.evaluation_every or self.evaluation_every, declared.map_every or self.map_every
-
     def seeds_of(self, variant: str, condition: Condition) -> range:
         """Returns the seeds of a variant's runs under a condition."""
-        declared = self.algorithms[variant]
-        n_seeds = self.readings[condition.axes["reading"]].seeds or declared.seeds
+        declared, reading = self.algorithms[variant], self.readings.get(condition.name)
+        n_seeds = (reading and reading.seeds) or declared.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
 
     def seeds_of_search(self, variant: str) -> tuple[range, range]:
@@ -426,38 +341,32 @@ class Declaration(Table):
 
     @cached_property
     def conditions(self) -> dict[str, Condition]:
-        """All conditions by name: each reading with each point of grids, or of a search."""
-        points = [*self._points()]
-        conditions = {}
-        for reading, changes in self.readings.items():
-            for point in points:
-                name = f"{reading}/{point.name}".rstrip("/")
-                axes = {"reading": reading, **point.axes}
-                tables = {f"readings.{reading}": changes, **point.changes}
-                conditions[name] = replace(point, name=name, axes=axes, changes=tables)
-        return conditions
+        """All conditions by name: readings, the default one first, points of grids, or trials."""
+        made = self._points() if self.grids else self._readings()
+        conditions = made if self.search is None else self._trials(self.search)
+        return {condition.name: condition for condition in conditions}
+
+    def _readings(self) -> Iterator[Condition]:
+        for name in dict.fromkeys((DEFAULT_CONDITION, *self.readings)):
+            yield Condition(name, {f"readings.{name}": self.readings.get(name, Changes())})
 
     def _points(self) -> Iterator[Condition]:
-        """Yields the points of grids, or of a search, as conditions without a reading."""
-        if self.search is not None:
-            n, parts = self.search.trials, self.search.parts
-            drawn = {name: trials(name, it.search, n, parts) for name, it in self.algorithms.items()}
-            for t in range(n + 1):
-                of_variants = {name: settings[t] for name, settings in drawn.items()}
-                yield Condition(f"trial={t}", {"trial": str(t)}, {}, of_variants=of_variants)
-        elif self.grids:
-            named = {name for grid in self.grids.values() for name in grid.learners}
-            unnamed = [name for name, variant in self._learners.items() if named.isdisjoint((name, variant))]
-            for grid_name, grid in self.grids.items():
-                table, learners = f"grids.{grid_name}", grid.learners and (*grid.learners, *unnamed)
-                for name, point in grid.points.items():
-                    changes: dict[str, Changes] = {table: grid}
-                    for axis, value in point.items():
-                        changes[f"{table}.axes.{axis}.{value}"] = grid.axes[axis][value]
-                    axes = {"grid": grid_name, **point}
-                    yield Condition(f"{grid_name}/{name}", axes, changes, learners)
-        else:
-            yield Condition("", {}, {})
+        named = {name for grid in self.grids.values() for name in grid.learners}
+        unnamed = [name for name, variant in self._learners.items() if named.isdisjoint((name, variant))]
+        for grid_name, grid in self.grids.items():
+            table, learners = f"grids.{grid_name}", grid.learners and (*grid.learners, *unnamed)
+            for name, point in grid.points.items():
+                changes: dict[str, Changes] = {table: grid}
+                for axis, value in point.items():
+                    changes[f"{table}.axes.{axis}.{value}"] = grid.axes[axis][value]
+                yield Condition(f"{grid_name}/{name}", changes, {"grid": grid_name, **point}, learners)
+
+    def _trials(self, search: Search) -> Iterator[Condition]:
+        n, parts = search.trials, search.parts
+        drawn = {name: trials(name, it.search, n, parts) for name, it in self.algorithms.items()}
+        for t in range(n + 1):
+            of_variants = {name: settings[t] for name, settings in drawn.items()}
+            yield Condition(f"trial={t}", axes={"trial": str(t)}, of_variants=of_variants)
 
 
 class Extension(Table):
@@ -468,8 +377,7 @@ class Extension(Table):
     description: str
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key. The base's `note` and `report.question` are dropped, and so is the title of
-    a variant whose `algorithm` changes."""
+    """New values, by dotted key. The base's `note` and `report.question` are dropped."""
 
 
 def overlap(a: range, b: range) -> bool:
@@ -493,8 +401,6 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
         accepted = f"any name but {', '.join(_RESERVED)}"
         raise InputError(f"{path}: results are named after the file; accepted: {accepted}.")
     read = inputs.parse(Declaration, _with_references(_read(path), str(path)), str(path), name=path.stem)
-    if DEFAULT_CONDITION not in read.readings:
-        raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     # The path of a scenario is one from the current folder, or else from that of the experiment.
     scenarios = [
         beside if isfile(beside := join(path.parent, name)) and not isfile(name) else name  # noqa: PTH113, PTH118
@@ -536,10 +442,8 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         if base in (path, *extended_by):
             raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
         data = _read(base, (path, *extended_by))
-        # Texts about the base's runs, question and algorithms may be false of this one.
+        # These may be false of this one.
         texts = ["note", *(["report.question"] if "report" in data else [])]
-        replaced = [key for key in extension.changes if re.match(r"algorithms\..*\.algorithm$", key)]
-        texts += [f"{key[:-9]}title" for key in replaced]
         changes = dict.fromkeys(texts, "") | {"description": extension.description} | extension.changes
         data = inputs.override(data, changes, str(path))
     if isinstance(data.get("report"), str):

@@ -19,9 +19,7 @@ def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, 
     largest = max(sizes, key=lambda population: sizes[population])
     # One run of each learner in each scenario, by default or else under the first condition that has it.
     first: dict[tuple[str, str], Population] = {}
-    populations = [group.population for group in data.groups]
-    populations.sort(key=lambda population: population.condition.axes["reading"] != DEFAULT_CONDITION)
-    for population in populations:
+    for population in (group.population for group in data.groups):
         first.setdefault((population.scenario.name, population.learner.name), population)
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
     return {

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
-from itertools import chain, filterfalse
+from itertools import chain
 from math import prod
 from typing import Annotated, Literal, Self
 
@@ -12,8 +12,6 @@ from agents.dynamic_programming import evaluate, largest_success
 from agents.policy import uniform_policy
 from benchmark.experiments import Experiment, Population
 from benchmark.experiments.choices import check_seeds
-from benchmark.experiments.experiment import check_number
-from benchmark.experiments.schema import is_number
 from benchmark.studies.study import Declared
 from envs import InputError, Scenario, compile_scenario
 from envs.inputs import Label, Names, Table, distinct, require
@@ -103,7 +101,7 @@ class MapDeclared(Declared):
 
 def name_of(population: Population) -> dict[str, str]:
     """Returns the columns that name a population's point: its grid, and its name there."""
-    _, grid, *values = population.condition.name.split("/")
+    grid, *values = population.condition.name.split("/")
     return {"grid": grid, "point": ", ".join(values).replace("=", " ")}
 
 
@@ -172,7 +170,6 @@ def check(experiment: Experiment, declared: MapDeclared) -> None:
     _refuse(experiment, *_of_grids(experiment))
     runs = [*_of_contrasts(experiment, declared), *_of_budgets(experiment)]
     _refuse(experiment, *runs, *_of_panels(experiment, declared), *_of_answer(experiment, declared))
-    check_number(most_runs(experiment, declared), str(experiment.path))
     for variant in experiment.declared.algorithms:
         check_seeds(experiment.declared, variant, experiment.path, declared.looks[-1])
     _refuse(experiment, *_unreachable(experiment, declared))
@@ -188,7 +185,7 @@ def _of_grids(experiment: Experiment) -> Iterator[str]:
     for key, value in {"[grids]": declared.grids, "[solved]": declared.solved}.items():
         if not value:
             yield f"{key} is missing; this report needs it."
-    for key, names in {"scenarios": experiment.scenarios, "readings": declared.readings}.items():
+    for key, names in {"scenarios": experiment.scenarios}.items():
         if len(names) > 1:
             yield f"{key}: {len(names)}: accepted: exactly one."
     if declared.grids and not curve_grids(experiment):
@@ -197,9 +194,6 @@ def _of_grids(experiment: Experiment) -> Iterator[str]:
     for name, grid in declared.grids.items():
         if not grid.question:
             yield f"grids.{name}.question is missing; this report needs it."
-        for axis, values in grid.axes.items():
-            for text in filterfalse(is_number, values):
-                yield f'grids.{name}.axes.{axis}: {text}: accepted: a number, or two joined by "x".'
 
 
 def _of_contrasts(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
@@ -223,7 +217,7 @@ def _of_contrasts(experiment: Experiment, declared: MapDeclared) -> Iterator[str
 def _of_budgets(experiment: Experiment) -> Iterator[str]:
     budgets = dict[str, int]()
     for population in experiment.populations:
-        budget, where = population.first.settings.budget, population.condition.name.partition("/")[2]
+        budget, where = population.first.settings.budget, population.condition.name
         if not population.learner.reference_for and budget != budgets.setdefault(where, budget):
             accepted = f"accepted: {budgets[where]}, as others have there"
             yield f"algorithms.{population.learner.variant}: budget = {budget} at {where}: {accepted}."
@@ -267,7 +261,7 @@ def _unreachable(experiment: Experiment, declared: MapDeclared) -> Iterator[str]
         yield f"report.contrasts: {' and '.join(contrast)}: accepted: two in one compared grid."
     for population in {x.condition.name: x for x, _ in pairs}.values():
         random, most = _success_range(population.first.drawn_scenario, experiment.declared.horizon)
-        where = f"in {population.scenario.name} at {population.condition.name.partition('/')[2]}"
+        where = f"in {population.scenario.name} at {population.condition.name}"
         level = f"solved.success = {solved.success:g}: {where}"
         if most < solved.success:
             yield f"{level} no policy succeeds more often than {most:.3g}; accepted: at most that."

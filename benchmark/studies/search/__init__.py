@@ -14,12 +14,9 @@ from envs import InputError
 
 
 def check(experiment: Experiment, _: Declared) -> None:
-    """Raises an InputError if an experiment has no search, or has further levels of success."""
+    """Raises an InputError if an experiment has no search."""
     if experiment.declared.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
-    if experiment.declared.solved is not None and experiment.declared.solved.levels:
-        found = "solved.levels with report.kind = search"
-        raise InputError(f"{experiment.argument}: {found}: accepted: kind = map.")
 
 
 def headline(folder: Folder) -> str:

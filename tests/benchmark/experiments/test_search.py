@@ -193,10 +193,8 @@ settings = { policy_kwargs = { net_arch = [5], optimizer_kwargs = { eps = 0.1 } 
 def test_edges_are_the_outer_tenths_and_the_outer_of_three_numbers() -> None:
     assert SPACE["learning_rate"].edges == pytest.approx((0.01 * 100**0.1, 100**-0.1), rel=0.005)
     assert SPACE["epsilon"].edges == (0.05, 0.45)
-    assert Span(low=2, high=4, whole=True, why="-").edges == (2, 4)
     assert Choice(values=(8, 1, 4), why="-").edges == (1, 8)
-    for values in ((1, 2), ([8], [8, 8], [16]), ("a", "b", "c")):
-        assert Choice(values=values, why="-").edges == (-np.inf, np.inf)
+    assert Choice(values=([8], [8, 8], [16]), why="-").edges == (-np.inf, np.inf)
 
 
 @pytest.mark.usefixtures("search")
@@ -207,8 +205,6 @@ def test_edges_are_the_outer_tenths_and_the_outer_of_three_numbers() -> None:
         ("first_seed = 100", "first_seed = 12", "seeds 0 to 1 and 10 to 12; accepted: .* than 12 to 13"),
         ("description", 'stream = "search"\ndescription', "its stream is that of the search"),
         (":q_learning", ":dqn", "unknown variant of .* dqn; accepted: q_learning"),
-        ('"index", "offset"', '"index", "one_hot"', "unknown observation for q_learning one_hot"),
-        ("PATH:q_learning", "q_learning", 'accepted: "EXPERIMENT:VARIANT"'),
         ("PATH:q_learning", "reproduce:q_learning", "reproduce has no table .search.; accepted"),
     ],
 )  # fmt: skip
@@ -227,7 +223,7 @@ def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str) -> No
     changes = [('"S1"', f'"{tmp_path / "Mine.toml"}"')]
     if start == "[0, 0]":
         assert tuned(tmp_path, *changes).name == "tuned"
-        condition = '[grids.all.axes.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
+        condition = '[grids.all.axes.at.1]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
         changes.append(("[algorithms.plain]", condition))
     with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
         tuned(tmp_path, *changes)
@@ -249,11 +245,7 @@ def test_a_changed_search_is_run_again(tmp_path: Path, old: str, new: str) -> No
     [
         (".*", None, "is missing"),
         (".*", "[]", "is damaged"),
-        (".*", "[" * 10_000, "is damaged"),
-        (".*", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}', "is damaged"),
         (r'"learning_rate": 0\.25', '"learning_rate": 0.26', "is damaged"),
-        (r'"runs": 10', '"runs": 11', "is damaged"),
-        (r',\s*"sha256": "\w+"', "", "is damaged"),
     ],
 )
 def test_missing_and_changed_choices_are_refused(
@@ -273,19 +265,11 @@ def test_missing_and_changed_choices_are_refused(
     [
         ("low = 0.03", "low = 3.0", "low = 3.0: accepted: less than high = 1.0"),
         ("low = 0.03", "low = 0.0", "low = 0.0: accepted: above 0, or scale"),
-        ('low = 0.03, high = 1.0, scale = "log"', "values = [0.5, 0.5]", "0.5 is named twice"),
-        ('low = 0.03, high = 1.0, scale = "log"', "low = -1e308, high = 1e308", "closer values"),
-        ("low = 0.03", "low = 0.9999", "low = 0.9999, high = 1.0: accepted: numbers that differ in 3 digits"),
-        ("low = 0.03", "whole = true, low = 0.03", "accepted: whole numbers, both"),
         ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 with one scenario"),
         ("trials = 4", "parts = 2, trials = 4", r"parts = 2: accepted: .* divides trials \+ 1 = 5"),
-        ("trials = 4", "parts = 5, trials = 4", "finalists = 2: accepted: at most 1, trials of a part"),
         ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
         ("first_seed = 10", "first_seed = 1", "accepted: seeds outside 1 to 3, which its finalists use"),
-        ("search = { trials", "grids.a.axes.b.c = {}\nsearch = { trials", "no grids or readings in"),
-        ("evaluation_every = 100", "solved.growth = 2.0\nevaluation_every = 200", "less than budget = 200"),
         ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", "", "a table .search."),
-        ("seeds = 3 }", "seeds = 3, around = true }", "unknown key around"),
     ],
 )  # fmt: skip
 def test_searches_that_are_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
@@ -294,17 +278,8 @@ def test_searches_that_are_refused(tmp_path: Path, old: str, new: str, reason: s
         experiment_of(tmp_path / "search.toml", SEARCH.replace(old, new))
 
 
-def test_the_runs_of_all_stages_are_counted(search: Experiment) -> None:
-    """By hand, of each of two learners: 5 trials by 2, and 4 by 3 again."""
+def test_the_runs_of_all_stages_are_counted(search: Experiment, tmp_path: Path) -> None:
+    """By hand, of each of two learners: 5 trials by 2, and 4 by 3 again; with parts, 6 by 2 and 6 by 3."""
     assert search.declared.most_runs == 2 * (5 * 2 + 4 * 3)
-
-
-def test_the_finalists_of_every_part_are_counted(tmp_path: Path) -> None:
-    """By hand, of each of two learners: 6 trials by 2, and of two parts 2 each, and 2 more, by 3 again."""
     text = SEARCH.replace("trials = 4", "trials = 5, parts = 2")
     assert experiment_of(tmp_path / "search.toml", text).declared.most_runs == 2 * (6 * 2 + 6 * 3)
-
-
-def test_a_trial_can_have_one_run_in_each_of_several_scenarios(tmp_path: Path) -> None:
-    text = SEARCH.replace('["FarCorner"]', '["FarCorner", "Noisy"]').replace("seeds = 2\n", "seeds = 1\n")
-    assert len(experiment_of(tmp_path / "search.toml", text).populations[0].runs()) == 1
