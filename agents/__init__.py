@@ -1,4 +1,4 @@
-"""Learners, planners and evaluation. `ALGORITHMS` maps a name to an algorithm.
+"""Learners and evaluation. `ALGORITHMS` maps a name to an algorithm.
 
 An algorithm is imported when it is loaded. Those in `ALGORITHMS` import torch only when an agent of
 Stable-Baselines3 is trained, so that other runs do not wait for it.
@@ -38,7 +38,6 @@ ALGORITHMS: Final = {
     "expected_sarsa": "agents.tabular.learner:EXPECTED_SARSA",
     "linear_q_lambda": "agents.linear.learner:Q_LAMBDA",
     "linear_sarsa_lambda": "agents.linear.learner:SARSA_LAMBDA",
-    "memoryless": "agents.memoryless:SEARCH",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
     "sarsa": "agents.tabular.learner:SARSA",
     "sb3_dqn": "agents.sb3.algorithms:DQN",

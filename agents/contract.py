@@ -18,7 +18,7 @@ from envs import ACTIONS, Model
 from envs.inputs import Table
 from envs.observations import INDICES
 
-Family = Literal["tabular", "linear", "deep", "planner", "other"]
+Family = Literal["tabular", "linear", "deep", "other"]
 
 
 class LearnerSettings(Table):
@@ -96,7 +96,7 @@ class Algorithm(ABC):
 
     settings: type[LearnerSettings]
     family: Family = "other"
-    """What kind of learner it is; a planner knows the model. Baselines are tables or linear by default."""
+    """What kind of learner it is. Baselines are tables or linear by default."""
     version: int = 1
     """Part of every run's identity; raised when a change alters what is learned."""
     observations: tuple[str, ...] = INDICES

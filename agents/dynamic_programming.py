@@ -204,8 +204,8 @@ def solve(
 ) -> Solution:
     """Computes the optimal values of a model for an agent that knows its state, by value iteration.
 
-    They are upper bounds for an agent from which something is hidden; see also `agents.memoryless`. Without
-    `issuer_rewards`, the grid's rewards count alone. A horizon of None means no time limit; the discount must
+    They are upper bounds for an agent from which something is hidden. Without `issuer_rewards`, the
+    grid's rewards count alone. A horizon of None means no time limit; the discount must
     then be below 1, else a ValueError is raised.
     """
     if horizon is None and not 0 <= discount < 1:

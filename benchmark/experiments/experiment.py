@@ -74,7 +74,7 @@ _OBSERVED: Final = {
     "offset_centred": " on centred offset coordinates",
     "planes": " on images of the room",
 }
-# A table has a row for each observation, in whatever form it is given; so has a planner.
+# A table has a row for each observation, in whatever form it is given.
 _ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets"}
 
 

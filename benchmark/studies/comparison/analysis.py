@@ -63,7 +63,7 @@ class ComparisonAnalysis:
 
     data: Data[ComparisonDeclared]
     plan: Plan
-    runs: pd.DataFrame  # learner after learner, references behind their learners, without planners
+    runs: pd.DataFrame  # learner after learner, references behind their learners
     curves: pd.DataFrame
     cells: Sequence[Row]  # the summary of each, from which contrasts are computed, with all of `KEYS`
 

@@ -65,7 +65,7 @@ class Pair(NamedTuple):
 class Plan:
     """What is compared, with names resolved."""
 
-    learners: Mapping[str, str]  # the family of each, by name, without planners and references
+    learners: Mapping[str, str]  # the family of each, by name, without references
     baseline: Sequence[str]
     contrasts: Sequence[Pair]
     later: Sequence[Pair]
@@ -90,11 +90,7 @@ def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
     An InputError says which side of a contrast is wrong.
     """
     every = experiment.learners
-    own = {
-        name: learner.family
-        for name, learner in every.items()
-        if not learner.reference_for and learner.family != "planner"
-    }
+    own = {name: learner.family for name, learner in every.items() if not learner.reference_for}
     baseline, contrasts = declared.baseline, declared.contrasts
     if is_by_default := not (baseline or contrasts):
         nets = [name for name, family in own.items() if family == "deep"]
@@ -118,18 +114,15 @@ def plan_of(experiment: Experiment, declared: ComparisonDeclared) -> Plan:
 def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
     """Raises an InputError if something cannot be compared, or a net is not compared with all baselines."""
     source, plan = experiment.argument, plan_of(experiment, declared)
-    if not plan.learners:
-        raise InputError(f"{source}: algorithms: accepted: at least one that is not a planner.")
     for population in experiment.populations:
         unit = getattr(population.first.settings, "budget_unit", "steps")
         if unit != "steps":
             where = f"algorithms.{population.learner.variant}.settings.budget_unit = {unit}"
             raise InputError(f"{source}: {where}: accepted: steps, in which a comparison counts.")
     _check_pairs(experiment, plan)
-    seen = [name for name, learner in experiment.learners.items() if learner.family != "planner"]
     for name in plan.curves:
-        if name not in seen:
-            unknown_name(f"{source}: report.curves", "learner", name, seen)
+        if name not in experiment.learners:
+            unknown_name(f"{source}: report.curves", "learner", name, experiment.learners)
     for y in plan.baseline:
         if y not in plan.learners:
             unknown_name(f"{source}: report.baseline", "baseline", y, plan.learners)
@@ -192,7 +185,5 @@ def _side(experiment: Experiment, where: str, text: str) -> Side:
         (axis,) = named
         if axis in side:
             raise InputError(f'{where} = "{text}": accepted: at most one {axis} on a side.')
-        if axis == "learner" and experiment.learners[part].family == "planner":
-            raise InputError(f'{where} = "{text}": it knows the model; accepted: learners.')
         side[axis] = part
     return side

@@ -10,14 +10,12 @@ import numpy as np
 import pandas as pd
 
 from agents.dynamic_programming import evaluate
-from agents.memoryless import SEARCH
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
-from benchmark.analysis.frames import KEYS, Floats, by_population, by_step, learned
+from benchmark.analysis.frames import KEYS, Floats, by_step, learned
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.analysis.records import anchors, unbounded_scores
 from benchmark.drawing.maps import in_words
 from benchmark.drawing.tables import write_csv
-from benchmark.execution.store import evaluated
 from benchmark.folder import SCORES, Folder
 from benchmark.studies import explorer
 from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis, Row, effort
@@ -218,8 +216,7 @@ def cost(analysis: ComparisonAnalysis) -> Iterator[Row]:
 @_item(
     "scenarios",
     "what each scenario is, and what is possible in it",
-    "scenario description observed cells states observations random_return random_success "
-    "optimal_return memoryless_return memoryless_success",
+    "scenario description observed cells states observations random_return random_success optimal_return",
 )
 def scenarios(analysis: ComparisonAnalysis) -> Iterator[Row]:
     """Describes scenarios, unless they are pooled, by the first learner's view of them."""
@@ -241,7 +238,6 @@ def scenarios(analysis: ComparisonAnalysis) -> Iterator[Row]:
             "random_return": random,
             "random_success": own["random_success"].iloc[0],
             "optimal_return": optimal,
-            **_memoryless(analysis, name, own),
         }
 
 
@@ -250,27 +246,9 @@ def models_of(analysis: ComparisonAnalysis) -> dict[str, Model]:
     models = dict[str, Model]()
     for population in analysis.experiment.populations:
         scenario, learner = population.scenario, population.learner
-        if learner.family != "planner" and scenario.name not in models:
+        if scenario.name not in models:
             models[scenario.name] = compile_seen(scenario, learner.observation)
     return models
-
-
-def _memoryless(analysis: ComparisonAnalysis, scenario: str, runs: pd.DataFrame) -> Row:
-    """Returns the best policy that planners have found for a scenario; empty without planners."""
-    experiment, policies = analysis.experiment, []  # return, success and score of each
-    for keys, _ in by_population(runs):
-        learner = experiment.learners[keys["learner"]]
-        if learner.algorithm is SEARCH:
-            found = analysis.data.records(experiment.population(keys["condition"], scenario, learner.name))
-            policy = learner.declared.policy
-            names = [evaluated(result, policy, "start") for result in ("grid_return", "success")]
-            scores = found.unbounded_scores(policy)
-            policies.append(np.stack([*(found.arrays[name] for name in names), scores])[:, :, -1])
-    if not policies:
-        return {}
-    every = np.concatenate(policies, axis=1)
-    best = dict(zip(("return", "success", "score"), every[:, every[0].argmax()], strict=True))
-    return {"restarts": every.shape[1]} | {f"memoryless_{name}": value for name, value in best.items()}
 
 
 @writing("scores", "every run at the end of training, compressed", SCORES)

@@ -259,8 +259,8 @@ def picked(trials: pd.DataFrame, families: Mapping[str, str], first: int = 1) ->
 
     A pick is the trial of the largest mean over scenarios among b that are drawn. Picks are compared by this
     mean, and by that in each scenario; ties count as a half. The reference is the learner whose best trial
-    has the largest mean on fresh runs, of those that observe the same (cells or offsets) and are neither nets
-    nor planners; if there are none, of all that observe the same. It has none itself.
+    has the largest mean on fresh runs, of those that observe the same (cells or offsets) and are not nets; if
+    there are none, of all that observe the same. It has none itself.
 
     Args:
       trials: A table like trials.csv, whose last columns are the means in each scenario.
@@ -277,7 +277,7 @@ def picked(trials: pd.DataFrame, families: Mapping[str, str], first: int = 1) ->
     best = {key: rows[f"fresh_{measure}"].max() for key, rows in by_learner.items()}
     for key, own in means.items():
         alike = [other for other in means if is_relative(other[1]) == is_relative(key[1])]
-        reference = max(alike, key=lambda other: (families[other[0]] not in ("deep", "planner"), best[other]))
+        reference = max(alike, key=lambda other: (families[other[0]] != "deep", best[other]))
         n, other, name = own.shape[1], means[reference], ", ".join(reference) * (reference != key)
         for scenario, x, y in zip((ALL, *scenarios), own, other, strict=True):
             beaten = (np.sign(x[:, None] - y) + 1) / 2

@@ -1,4 +1,4 @@
-"""A comparison with real runs, which tests of the reports share: tables, a net, a planner and a check."""
+"""A comparison with real runs, which tests of the reports share: tables, nets and a check."""
 
 from pathlib import Path
 from typing import Final, NamedTuple

@@ -26,12 +26,7 @@ from benchmark.studies.item import Item
 from envs import compile_scenario, load_scenario
 
 BUDGET, POINTS = 400, 5  # steps of training, and how many evaluations
-_ALGORITHMS = {
-    "tabular": "q_learning",
-    "linear": "linear_q_lambda",
-    "deep": f"{__name__}:NET",
-    "planner": "memoryless",
-}
+_ALGORITHMS = {"tabular": "q_learning", "linear": "linear_q_lambda", "deep": f"{__name__}:NET"}
 
 
 class _Net(TabularAlgorithm):

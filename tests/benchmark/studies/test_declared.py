@@ -88,9 +88,6 @@ def test_sides_are_columns_with_values(tmp_path: Path) -> None:
     assert side_name(found.contrasts[1].x) == "net, one_hot @ S1"
 
 
-PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["index"], seeds = 2 }\n'
-
-
 @pytest.mark.parametrize(
     ("reporting", "names"),
     [
@@ -103,7 +100,6 @@ PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["inde
         ('contrasts = [["S1 @ S2", "S2 @ S1"]]', ["report.contrasts.0", "at most one scenario"]),
         ('contrasts = [["net, one_hot", "net, one_hot"]]', ["report.contrasts.0", "net, one_hot"]),
         ('contrasts = [["net, one_hot @ S1", "table, index"]]', ["report.contrasts.0"]),
-        ('contrasts = [["search, index", "table, index"]]', ["report.contrasts.0", "it knows the model"]),
         ('baseline = ["search, index"]', ["baseline search"]),
         (f'baseline = ["net_sb3, one_hot"]\ncontrasts = [{CONTRAST}]', ["baseline net_sb3, one_hot"]),
         (f'baseline = ["net, one_hot"]\ncontrasts = [{CONTRAST}]', ['"LEARNER", "net, one_hot"']),
@@ -128,14 +124,13 @@ PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["inde
 )
 def test_mistakes_get_one_sentence_before_any_run(tmp_path: Path, reporting: str, names: list[str]) -> None:
     with pytest.raises(InputError) as caught:
-        report_of(declared(tmp_path, reporting, PLANNER)).check()
+        report_of(declared(tmp_path, reporting)).check()
     assert [name for name in ["mine.toml", *names] if name not in str(caught.value)] == []
 
 
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        (BASE.partition("algorithms.other")[0] + f'{PLANNER}\nreport = "comparison"', "planner"),
         (BASE.replace("200 }", '200, budget_unit = "episodes" }') + 'report = "comparison"', "budget_unit"),
         (
             "solved = { success = 0.9, growth = 1.2 }" + BASE + 'report = "comparison"',
