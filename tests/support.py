@@ -99,6 +99,17 @@ def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     )
 
 
+def copy_sources(folder: Path | None) -> set[str]:
+    """Returns the files of this repository, new ones, too, and copies them into a folder, if one is given."""
+    listed = git(ROOT, "ls-files", "-z", "--cached", "--others", "--exclude-standard").split("\0")
+    names = {name for name in listed if name and (ROOT / name).is_file()}
+    if folder is not None:
+        for name in names:
+            (target := folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, target)
+    return names
+
+
 def copy_compiled(folder: Path) -> None:
     """Copies what numba has compiled in this checkout into a copy of it, which then need not do it."""
     for source in (ROOT / "agents").rglob("*"):

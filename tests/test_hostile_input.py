@@ -21,7 +21,7 @@ from tests.support import ROOT, small_experiment, toml, variant
 
 EXPERIMENT = small_experiment(horizon=200)
 LONG = {"evaluation_every": 20_000, "map_every": 20_000}
-VALUES: Final = (
+VALUES: Final[tuple[Any, ...]] = (
     *(True, -1, 0, 1.5, float("nan"), 10**400, "", "x" * 5000, "\u001b[31m", "a\nb", "../x", "marker:x"),
     *([], [[]], [1] * 1000, {}, {"a": {"a": 1}}),
 )

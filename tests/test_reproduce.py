@@ -1,8 +1,7 @@
-"""The replication at the size of the paper, in a clean clone: killed, continued, and as published."""
+"""The replication at the size of the paper, in a clean copy: killed, continued, and as published."""
 
 import platform
 import re
-import shutil
 import signal
 import sqlite3
 import subprocess
@@ -13,12 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import ROOT, copy_compiled, git, make
+from tests.support import copy_compiled, copy_sources, git, make
 
 RUNS = 5000
 pytestmark = pytest.mark.slow
-if not (ROOT / ".git").exists():
-    pytest.skip("not a git checkout: there is nothing to clone", allow_module_level=True)
 
 
 def kill_early(folder: Path) -> int:
@@ -37,17 +34,12 @@ def kill_early(folder: Path) -> int:
 
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A clone of the working tree, as if it were committed, after a killed run and `make reproduce`."""
+    """A copy of the working tree, as if it were committed, after a killed run and `make reproduce`."""
     folder = tmp_path_factory.mktemp("clean") / "clone"
-    git(ROOT, "clone", "-q", str(ROOT), str(folder))
-    for name in git(ROOT, "ls-files", "-z", "-m", "-o", "--exclude-standard").split("\0"):
-        if name and (ROOT / name).exists():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / name, folder / name)
-        elif name:
-            (folder / name).unlink()
+    copy_sources(folder)
+    git(folder, "init", "--quiet")
     git(folder, "add", "-A")
-    git(folder, "commit", "-q", "--allow-empty", "-m", "The working tree")
+    git(folder, "commit", "-q", "-m", "The working tree")
     copy_compiled(folder)
     count = kill_early(folder)
     assert 100 <= count < RUNS
