@@ -66,7 +66,7 @@ speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, i
 
 clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	rm -rf $(RESULTS)/runs.db* $(RESULTS)/index.html $(RESULTS)/*_smoke $(RESULTS)/*_seeds_* $(RESULTS)/.*.making $(RESULTS)/*/.stamp
+	rm -rf $(RESULTS)/runs.db* $(RESULTS)/index.html $(RESULTS)/*_smoke $(RESULTS)/*_seeds_* $(RESULTS)/.*.making
 	rm -f benchmark/experiments/*_smoke.chosen.json
 	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -34,9 +34,8 @@ def main(options: argparse.Namespace) -> int:
     with Store(options.results / "runs.db", read_only=True) as store:
         made = draw.draw(report, store, directory, seeds)
         if experiment.declared.search is not None:
-            analysis: SearchAnalysis = made.analysis or report.study.analyse(report.data(store))
-            _write_chosen(analysis, Folder(directory))
-    print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
+            _write_chosen(made.analysis, Folder(directory))
+    print(f"{experiment.name}: tables and figures are in {directory}.")
     print(f"{experiment.name}: the page is {page.write(options.results, directory.name, report.study)}.")
     if made.certificate is not None:
         print(made.certificate.text)

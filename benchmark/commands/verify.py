@@ -13,7 +13,7 @@ import numpy as np
 from benchmark.commands import parse_jobs
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
-from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
+from benchmark.experiments import PUBLISHED, Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.folder import README, Folder, digests
 from benchmark.publish import document, draw, files, front, sameness
@@ -173,7 +173,7 @@ def rewritten(reports: Mapping[str, AnyStudy], results: Path) -> Iterator[str]:
             print(f"{name}: all files in its manifest are unchanged ({len(made.folder.manifest['files'])}).")
         except InputError as error:
             problems += error.args
-    pages = {None if name in page.CHAPTERS else name: report for name, report in reports.items()}
+    pages = {None if name in PUBLISHED else name: report for name, report in reports.items()}
     try:
         texts |= {path: text for name in pages for path, text in page.texts(results, name, pages[name])}
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":

@@ -8,7 +8,6 @@ alone, so texts can be corrected without a single run.
 """
 
 import inspect
-import json
 import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -124,28 +123,18 @@ class Document:
     @property
     def learners(self) -> str:
         """Markdown that lists the learners: their names, and where their settings come from; or empty."""
-        manifest, rows, picks = self.folder.manifest, list[dict[str, str]](), list[str]()
-        plus = " or more" if manifest["report"].get("looks") else ""
-        for variant, declared in manifest["algorithms"].items():
+        rows = []
+        for variant, declared in self.folder.manifest["algorithms"].items():
             search = declared["tuned_by"].partition(":")[0]
-            sources = [f"search `{search}`" if search else "declared"]
-            sources += [f"{key} declared" for key in declared["changed"]]
             for observation in declared["settings"]:
-                varied = declared.get("varied", {}).get(observation, {}).items()
-                tables_of = [(*table.split("."), "`, `".join(keys)) for table, keys in varied]
-                changed = [
-                    f"`{keys}` changed in the {kind[:-1]} `{table}`" for kind, table, keys in tables_of
-                ]
-                name, policy = f"{variant}, {observation}", declared["policy"]
-                row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`", "policy": policy}
-                if not manifest["search"]:
-                    row |= {"settings": "; ".join([*sources, *changed]), "runs": f"{declared['runs']}{plus}"}
-                rows.append(row)
-            for observation, found in declared.get("picks", {}).items():
-                name = self.folder.title(f"{variant}, {observation}")
-                listed = "\n".join(f"{n}. `{json.dumps(pick)}`" for n, pick in enumerate(found, start=1))
-                picks.append(f"Runs of {name} take turns with these picks of the search:\n\n{listed}")
-        return "\n\n".join([tables.to_markdown(pd.DataFrame(rows)), *picks]) if rows else ""
+                name = f"{variant}, {observation}"
+                row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`"}
+                row |= {
+                    "policy": declared["policy"],
+                    "settings": f"search `{search}`" if search else "declared",
+                }
+                rows.append(row | {"runs": str(declared["runs"])})
+        return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
 
     @property
     def listed(self) -> str:

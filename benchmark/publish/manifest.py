@@ -16,7 +16,6 @@ def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, 
     declared, runs = data.experiment.declared, data.specifications
     of = {run.digest: group.population.first.population for group in data.groups for run in group.runs}
     sizes = Counter(of.values())
-    largest = max(sizes, key=lambda population: sizes[population])
     # One run of each learner in each scenario, by default or else under the first condition that has it.
     first: dict[tuple[str, str], Population] = {}
     for population in (group.population for group in data.groups):
@@ -30,7 +29,6 @@ def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, 
         "argument": declared.argument,
         "report": data.declared.model_dump(mode="json"),
         **declared.model_dump(mode="json", include={"solved", "search"}),
-        "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
         "horizon": declared.horizon,
         "scenarios": {name: each.scenario.model_dump(mode="json") for (name, _), each in first.items()},
         "algorithms": _variants(data, first, sizes),
@@ -41,8 +39,6 @@ def manifest_of(data: Data[Declared], seeds: Sequence[int] | None) -> dict[str, 
             for name, reading in declared.readings.items()
         },
         "runs": len(runs),
-        "seeds": sizes[largest],
-        "first_seed": min(run.seed for run in runs if of[run.digest] == largest),
         "digest": digest_of(runs),
         **_made_by(data.provenance),
     }
@@ -57,28 +53,19 @@ def _variants(
     data: Data[Declared], first: Mapping[tuple[str, str], Population], sizes: Mapping[str, int]
 ) -> dict[str, dict[str, Any]]:
     variants: dict[str, dict[str, Any]] = {}
-    settings: dict[str, dict[str, object]] = {}
     for (_, name), population in first.items():
         learner = data.experiment.learners[name]
         declared = {"algorithm", "title", "colour", "reference_for", "policy", "tuned_by"}
         about = learner.declared.model_dump(include=declared)
         about |= {"family": learner.family, "packages": learner.algorithm.packages}
-        about |= {"changed": learner.changed, "runs": sizes[population.first.population]}  # in a scenario
-        of_forms = settings.setdefault(learner.variant, {})
+        about |= {"runs": sizes[population.first.population]}  # in a scenario
+        variant = variants.setdefault(learner.variant, about | {"settings": {}})
         picks = [run.settings.model_dump(mode="json") for run in population.firsts]
-        of_forms[learner.observation] = picks[0]
-        variant = variants.setdefault(learner.variant, about | {"settings": of_forms})
+        variant["settings"][learner.observation] = picks[0]
         if len(picks) > 1:
             differing = [key for key in picks[0] if any(pick[key] != picks[0][key] for pick in picks)]
             of_picks = [{key: pick[key] for key in differing} for pick in picks]
             variant.setdefault("picks", {})[learner.observation] = of_picks
-    for population in (group.population for group in data.groups):
-        for table, change in population.condition.changes.items():
-            for key in change.settings:  # of a reading, or of a grid or one of its axes
-                varied = variants[population.learner.variant].setdefault("varied", {})
-                by_table = varied.setdefault(population.learner.observation, {})
-                keys = by_table.setdefault(".".join(table.split(".")[:2]), [])
-                keys += [key] if key not in keys else []
     return variants
 
 

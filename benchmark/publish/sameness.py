@@ -1,26 +1,17 @@
-"""Whether files are the same: as when they were made, or as published.
-
-A *stamp* beside a folder's files, which is not published, notes what they were made from: what is up to date
-need not be made again. A *certificate* says whether a folder is as published, except files that hold measured
-times.
-"""
+"""Whether a folder of results is as published, except files that hold measured times."""
 
 import gzip
 import hashlib
 import json
-import platform
 import subprocess
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from importlib.metadata import distributions
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from benchmark.execution.provenance import digest_of_code
 from benchmark.folder import MANIFEST, README, Folder, digests
 from envs import InputError
 
-STAMP: Final = ".stamp"
 REPOSITORY: Final = Path(__file__).parents[2]
 
 
@@ -71,26 +62,11 @@ def keep_published(folder: Path, name: str) -> None:
             path.write_bytes(published)
 
 
-def is_up_to_date(folder: Path, inputs: str) -> bool:
-    """Returns whether a folder's files were made from these inputs and are as they were made."""
-    with suppress(InputError, OSError):
-        Folder(folder).check()
-        return (folder / STAMP).read_text(encoding="utf-8") == inputs
-    return False
-
-
 def listed(folder: Path) -> set[str]:
     """Returns the names of the files that were made for a folder, if it has a sound manifest."""
     with suppress(InputError):
         return {MANIFEST, README, *Folder(folder).manifest["files"]}
     return set()
-
-
-def digest_of_inputs(*parts: str) -> str:
-    """Returns the digest of inputs, together with Python, this project's code and all installed packages."""
-    packages = sorted({f"{package.name}=={package.version}" for package in distributions()})
-    inputs = (platform.python_version(), digest_of_code(), *packages, *parts)
-    return hashlib.sha256("\0".join(inputs).encode()).hexdigest()
 
 
 def _published(name: str) -> dict[str, str]:

@@ -10,10 +10,9 @@ import pandas as pd
 import pytest
 
 from benchmark.analysis.frames import by_population
-from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.folder import Folder
-from benchmark.publish import document, draw
+from benchmark.publish import document
 from benchmark.publish.document import Document
 from benchmark.studies import Data, Declared, Study, load_study, report_of
 from benchmark.studies.item import Estimate, called, item
@@ -83,26 +82,6 @@ def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None
     assert (folder / "README.md").read_text(encoding="utf-8") == readme
     with pytest.raises(InputError, match=r"manifest\.json: report: tests\.extension\.lost:lost: code of"):
         document.write(folder)  # a manifest may come from anybody
-
-
-SEVEN = """
-from benchmark.studies import item
-
-@item("seven", "a number", "number")
-def seven(_):
-    yield {"number": 7}
-"""
-
-
-def test_a_report_is_drawn_again_when_the_module_of_an_item_has_changed(tmp_path: Path) -> None:
-    (module := tmp_path / "seven_of_mine.py").write_text(SEVEN, encoding="utf-8")
-    report = {"kind": KIND, "items": ["seven_of_mine:seven"]}
-    folder = results_of(tmp_path, small_experiment(report=report))
-    found = report_of(load_experiment(tmp_path / "mine.toml")).check()
-    with Store(tmp_path / "runs.db") as store:
-        assert not draw.draw(found, store, folder).is_new
-        module.write_text(f"{SEVEN}# changed\n", encoding="utf-8")
-        assert draw.draw(found, store, folder).is_new
 
 
 def test_report_of_another_kind(tmp_path: Path) -> None:

@@ -26,12 +26,11 @@ from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import svg
 from benchmark.experiments import DEFAULT_CONDITION, PUBLISHED
 from benchmark.folder import Folder
-from benchmark.publish import files, sameness
+from benchmark.publish import files
 from benchmark.publish.document import SPEED, Document, document_of, templates_in
 from benchmark.studies import AnyItem, AnyStudy, explorer
 from envs import InputError
 
-CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # in an SVG
@@ -57,29 +56,17 @@ def published(results: Path) -> list[Path]:
     return [folder for folder in folders if Folder(folder).is_there]
 
 
-def chapters(results: Path) -> list[str]:
-    """Lists the folders that the page of all results shows; none if there is no chapter."""
-    names = [folder.name for folder in published(results)]
-    return names if {*names} & {*CHAPTERS} else []
-
-
 def write(results: Path, experiment: str | None = None, study: AnyStudy | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
-
-    In this repository, git ignores folders that are not published, by a `.gitignore` in them.
 
     Raises:
       InputError: There is nothing to show, or the page cannot be written.
     """
     with files.alone(results):
-        (page, text), *others = texts(results, experiment, study)
-        for path, content in ((page, text), *others):
-            files.write_text(path, content)
-        for name in PUBLISHED:
-            (results / name / ".gitignore").unlink(missing_ok=True)
-        if experiment not in (None, *PUBLISHED) and results.resolve() == sameness.REPOSITORY / "results":
-            files.write_text(page.with_name(".gitignore"), "*\n")
-    return page
+        written = dict(texts(results, experiment, study))
+        for path, text in written.items():
+            files.write_text(path, text)
+    return next(iter(written))
 
 
 def texts(
@@ -87,27 +74,22 @@ def texts(
 ) -> Iterator[tuple[Path, str]]:
     """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
 
-    The page shows all published results that are there, those with a chapter with their whole documents, and
-    is `index.html` of `results`. The page of an experiment without a chapter shows it alone, and lies in its
-    folder; its `study` is needed if it is not one of this project. It may raise an `InputError`.
+    `index.html` of `results` shows all published results that are there. The page of another experiment shows
+    it alone, and lies in its folder; its `study` is needed if it is not one of this project. It may raise an
+    `InputError`.
     """
-    has_own_page = experiment not in (None, *CHAPTERS)
-    folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
+    listed, is_own = published(results), experiment not in (None, *PUBLISHED)
+    folders = [results / str(experiment)] if is_own else listed
     if not folders:
-        raise InputError(
-            f"{results}: there are no results of {' or '.join(CHAPTERS)} to report; make reproduce and make "
-            "compare-deep make them."
-        )
-    page = (folders[0] if has_own_page else results) / "index.html"
-    own = study if has_own_page else None
-    parts = [_Part(folder, "" if has_own_page else f"{folder.name}/", own) for folder in folders]
-    yield page, _render(parts)
-    if listed := published(results):
-        template = templates_in(_TEMPLATES).get_template("index.md.jinja")
+        raise InputError(f"{results}: there are no published results to report; make reproduce makes some.")
+    study = study if is_own else None
+    parts = [_Part(folder, "" if is_own else f"{folder.name}/", study) for folder in folders]
+    yield (folders[0] if is_own else results) / "index.html", _render(parts)
+    if listed:
         documents = {part.folder.path.name: part.document for part in parts}
         findings = {folder.name: _finding(folder, documents.get(folder.name)) for folder in listed}
-        has = {"page": bool(chapters(results)), "leaderboard": any(results.glob("leaderboard/README.md"))}
-        yield results / "README.md", template.render(findings=findings, has=has)
+        template = templates_in(_TEMPLATES).get_template("index.md.jinja")
+        yield results / "README.md", template.render(findings=findings)
         yield results / SCENES, _scenes()
 
 
@@ -125,8 +107,6 @@ class _Part:
         self.document.folder.check()
         self.folder = self.document.folder
         self.prefix = prefix
-        # Whether the page has its whole document
-        self.is_whole = not prefix or path.name in (*CHAPTERS, SPEED)
 
     def report(self, templates: jinja2.Environment) -> dict[str, object]:
         """Returns what the page shows of the report, by the page's templates."""
@@ -154,7 +134,7 @@ class _Part:
             "lead": self._figure(lead) if lead is not None else None,
             "description": self.inline(manifest["description"]),
             "note": self.inline(manifest.get("note", "")),
-            "body": self._body(markdown, content) if self.is_whole else "",
+            "body": self._body(markdown, content),
             "folder": self.prefix,
             "made": manifest,
         }
@@ -239,7 +219,7 @@ def _render(parts: Sequence[_Part]) -> str:
         with part.folder.reading():
             reports.append(part.report(templates))
             agents.append(part.agents())
-            for name, declared in part.folder.manifest["scenarios"].items() if part.is_whole else ():
+            for name, declared in part.folder.manifest["scenarios"].items():
                 scenarios[name] = part.inline(declared["description"])
     horizons = {part.folder.manifest.get("horizon") for part in parts} - {None}
     manifests = [part.folder.manifest for part in parts]

@@ -82,5 +82,5 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Drawn:
     experiment = experiment_of(results / "small.toml")
     with Store(results / "runs.db") as store:
         trained(experiment, store)
-        assert draw.draw(report_of(experiment).check(), store, results / "small").is_new
+        draw.draw(report_of(experiment).check(), store, results / "small")
     return Drawn(experiment, results, results / "small")

@@ -12,7 +12,6 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.experiments import PUBLISHED
 from benchmark.folder import Folder
-from benchmark.publish import sameness
 from benchmark.publish.document import SPEED, Document
 from benchmark.publish.page import build
 from envs import InputError
@@ -138,24 +137,19 @@ def test_damaged_results_are_refused(results: Path, tmp_path: Path, change: str 
     assert not (tmp_path / "index.html").exists()
 
 
-def test_git_has_the_published_results_and_ignores_those_of_users(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    results = tmp_path / "results"
-    shutil.copytree(ROOT / "results" / "equivalence", results / "equivalence")
-    shutil.copytree(made, results / "mine")
+def test_git_has_the_published_results_and_ignores_others(tmp_path: Path) -> None:
     shutil.copy(ROOT / ".gitignore", tmp_path)
     git(tmp_path, "init", "--quiet")
-    monkeypatch.setattr(sameness, "REPOSITORY", tmp_path)
-    build.write(results, "equivalence")
-    (results / "equivalence" / ".gitignore").write_text("*\n")  # of a run before it was published
-    build.write(results, "mine")
-    (results / "runs.db").touch()
+    for name in (*PUBLISHED, SPEED, "mine", "when_smoke", "when_seeds_0-4"):
+        (tmp_path / "results" / name).mkdir(parents=True)
+        for file in ("a.csv", "index.html"):
+            (tmp_path / "results" / name / file).touch()
+    for file in ("README.md", "index.html", "runs.db", "runs.db-wal"):
+        (tmp_path / "results" / file).touch()
     git(tmp_path, "add", "--all")
-    listed = {Path(name) for name in git(tmp_path, "ls-files").split()}
-    assert {path.parts[1] for path in listed if path.parts[0] == "results"} == {
-        "README.md", "equivalence", "scenes.svg"
-    }  # fmt: skip
+    listed = {Path(name) for name in git(tmp_path, "ls-files", "results").split()}
+    expected = {Path("results", name, "a.csv") for name in (*PUBLISHED, SPEED)}
+    assert listed == {Path("results", "README.md"), *expected}
 
 
 def test_texts_of_all_folders_and_the_page_are_written_again(
