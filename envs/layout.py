@@ -20,8 +20,7 @@ from envs.inputs import require
 from envs.people import Group, Issuer, Onlookers, Person, Phase, Walk
 from envs.regions import TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
 
-MAX_ZONES: Final = 100_000_000  # cells, over all phases and all ways in which people may stand
-_AT_ONCE: Final = 1_000_000  # cells, to save memory
+MAX_ZONES: Final = 10_000_000  # cells, over all phases and all ways in which people may stand
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,13 +245,10 @@ def _ways_of_group(
     may_join = (apart >= group.apart[0] - TOLERANCE) & (apart <= group.apart[1] + TOLERANCE)
     groups = np.arange(len(cells))[:, None]
     for n_placed in range(2, group.people + 1):
-        found: list[NDArray[np.int_]] = []
-        for some in np.array_split(groups, 1 + groups.size * len(cells) // _AT_ONCE):
-            is_next = may_join[number - number[some][:, :, None] + len(apart) // 2].all(axis=1)
-            before, joining = np.nonzero(is_next & (np.arange(len(cells)) > some[:, -1:]))
-            found.append(np.column_stack([some[before], joining]))
-            _check_ways(sum(map(len, found)), most, n_placed, group)
-        groups = np.concatenate(found)
+        is_next = may_join[number - number[groups][:, :, None] + len(apart) // 2].all(axis=1)
+        before, joining = np.nonzero(is_next & (np.arange(len(cells)) > groups[:, -1:]))
+        groups = np.column_stack([groups[before], joining])
+        _check_ways(len(groups), most, n_placed, group)
     return np.asarray(cells[groups])
 
 
@@ -273,13 +269,11 @@ def _find_zones(
         windows = [zones(around, heading, spot, grid) for spot in spots]
         window = np.array(windows, dtype=np.int8).reshape(-1, zone.shape[2])
         member = member.reshape(ways.shape) if stage.position is None else 0 * ways
-        for some in np.array_split(np.arange(len(ways)), 1 + zone.size // _AT_ONCE):
-            for column in member[some].T:  # uncomfortable if it is so to anyone
-                zone[some, p] = np.maximum(zone[some, p], window[column])
-            if isinstance(around.target, Ring):
-                people, width = grid.position[ways[some]], around.cell_width(grid)
-                ring = ring_zones(around.target, people, grid.position, width)
-                zone[some, p] = np.maximum(zone[some, p], ring)
+        for column in member.T:  # uncomfortable if it is so to anyone
+            zone[:, p] = np.maximum(zone[:, p], window[column])
+        if isinstance(around.target, Ring):
+            ring = ring_zones(around.target, grid.position[ways], grid.position, around.cell_width(grid))
+            zone[:, p] = np.maximum(zone[:, p], ring)
         for person in others[p]:
             zone[:, p, grid.index(person.position)] = ZONES.index("issuer")
             if person.regions is not None:
@@ -292,12 +286,9 @@ def _find_zones(
 def _find_starts(grid: Grid, zone: NDArray[np.int8], first: NDArray[np.int_]) -> NDArray[np.bool_]:
     """Returns where episodes may start, (G, first ticks, C): outside, with a way to a target region."""
     allowed = np.isin(np.arange(len(grid.position)), grid.cells_of(grid.start))
-    is_start = np.zeros((len(zone), len(first), len(allowed)), dtype=np.bool_)
-    for some in np.array_split(np.arange(len(zone)), 1 + zone.size // _AT_ONCE):
-        # In at least one phase. Walls, and people who never move, block the way.
-        is_target = (zone[some] == ZONES.index("target")).any(axis=1)
-        is_free = (zone[some] != ZONES.index("issuer")).any(axis=1) & ~grid.is_wall
-        has_way = connected(*(cells.reshape(-1, *grid.size) for cells in (is_target, is_free)))
-        is_allowed = (has_way.reshape(is_free.shape) & allowed)[:, None]
-        is_start[some] = (zone[some][:, first] == ZONES.index("outside")) & is_allowed
-    return is_start
+    # In at least one phase. Walls, and people who never move, block the way.
+    is_target = (zone == ZONES.index("target")).any(axis=1)
+    is_free = (zone != ZONES.index("issuer")).any(axis=1) & ~grid.is_wall
+    has_way = connected(*(cells.reshape(-1, *grid.size) for cells in (is_target, is_free)))
+    is_allowed = (has_way.reshape(is_free.shape) & allowed)[:, None]
+    return np.asarray((zone[:, first] == ZONES.index("outside")) & is_allowed)

@@ -4,7 +4,7 @@ The C cells are numbered `row * columns + column`. A region holds every cell who
 """
 
 from collections.abc import Set
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
@@ -199,16 +199,7 @@ class Regions(Table):
 
 def zones(regions: Regions, heading: Heading, cell: Cell, grid: Grid) -> NDArray[np.int8]:
     """Returns the zone of every cell around a person, (C,) index into ZONES."""
-    window = _window(regions, heading, grid.size, regions.cell_width(grid))
-    top, left = grid.rows - 1 - cell[0], grid.columns - 1 - cell[1]
-    return window[top : top + grid.rows, left : left + grid.columns].ravel()
-
-
-@lru_cache(maxsize=256)
-def _window(regions: Regions, heading: Heading, size: tuple[int, int], cell_width: float) -> NDArray[np.int8]:
-    """Returns the zone at every offset from a person that a grid can have, (2 rows - 1, 2 columns - 1)."""
-    offsets = [np.arange(1 - n, n) * cell_width for n in size]
-    down, right = np.meshgrid(*offsets, indexing="ij")
+    down, right = (grid.position - cell).T * regions.cell_width(grid)
     row, column = HEADINGS[heading]
     ahead, aside = down * row + right * column, right * -row + down * column
     inner, outer = (_holds(shape, ahead, aside) for shape in regions.shapes)

@@ -78,23 +78,10 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
 
-        model = self.model  # flat: the index state * A + action serves all tables over states and actions
-        self._next_state = model.next_state.astype(np.intp).reshape(-1, model.n_outcomes)
-        self._first_state = self._next_state[:, 0].copy()
-        self._cumulated = model.probability.reshape(-1, model.n_outcomes)[:, :-1].cumsum(axis=1)
-        self._grid_reward, self._issuer_reward = model.grid_reward.ravel(), model.issuer_reward.ravel()
-        self._issuer_noise, self._terminated = model.issuer_noise.ravel(), model.terminated.ravel()
-        self._event = model.event.astype(np.int64).ravel()
-        self._wrong_pings = model.wrong_pings.astype(np.int64).ravel()
-        self._observation = model.observation.astype(np.intp)
-        self._zone = model.zone.astype(np.int64)
-
-        self._state = np.full(n, model.start, dtype=np.intp)
+        self._state = np.full(n, self.model.start, dtype=np.intp)
         self._last_event = np.zeros(n, dtype=np.int64)
         self._steps = np.full(n, -1, dtype=np.int64)  # steps in the episode; -1 before the first reset
         self._over = np.zeros(n, dtype=np.bool_)  # episodes that the next step resets
-
-        self._starts = model.starts.astype(np.intp)
         self._seeded = [seeding.np_random() for _ in range(n)]  # generators and their seeds
 
     @property  # type: ignore[misc]
@@ -152,23 +139,20 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         n = self.num_envs
         if self._steps.min() < 0:
             raise ResetNeeded("Cannot call env.step() before calling env.reset()")
-        try:
-            actions = np.asarray(actions)
-        except Exception as error:  # nested lists, or tensors that need a gradient
-            raise InputError(f"actions: {error}; accepted: ({n},) integers.") from error
-        if actions.shape != (n,) or actions.dtype.kind not in "iu":
-            raise InputError(f"actions: {actions.dtype} {actions.shape}; accepted: ({n},) integers.")
-        if actions.min() < 0 or actions.max() >= len(ACTIONS):
-            raise InputError(f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {PING}.")
+        actions = np.asarray(actions)
+        is_right = actions.shape == (n,) and actions.dtype.kind in "iu"
+        if not is_right or actions.min() < 0 or actions.max() >= len(ACTIONS):
+            accepted = f"({n},) integers from 0 to {PING}"
+            raise InputError(f"actions = {shortened(repr(actions))}; accepted: {accepted}.")
         fresh = np.flatnonzero(self._over)
         going = np.flatnonzero(~self._over)  # an env that is about to be reset takes no draws for its step
         draw = partial(self._draw, going)
         taken, grid_reward, issuer_reward, terminated, truncated = self.advance(actions.astype(np.intp), draw)
-        self._last_event = self._event.take(taken)
+        self._last_event = self.model.event.take(taken).astype(np.int64)
         info = {
             "event": self._last_event.copy(),
-            "zone": self._zone.take(self._state),
-            "wrong_pings": self._wrong_pings.take(taken),
+            "zone": self.model.zone.take(self._state).astype(np.int64),
+            "wrong_pings": self.model.wrong_pings.take(taken).astype(np.int64),
             "grid_reward": grid_reward,
             "issuer_reward": issuer_reward,
             "is_success": self._last_event == TARGET_PING,
@@ -194,28 +178,29 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         It draws (N,) numbers for noisy rewards, and then for outcomes if there are several. It returns (N,)
         `state * A + action` before the move, the grid's and the issuer's rewards, terminated, and truncated.
         """
-        taken = self._state * len(ACTIONS) + actions
-        issuer_reward = self._issuer_reward.take(taken)
-        if self.model.is_noisy:
-            issuer_reward = draw_issuer_reward(issuer_reward, self._issuer_noise.take(taken), draw())
-        if self.model.n_outcomes > 1:
-            chosen = (draw()[:, None] >= self._cumulated[taken]).sum(axis=1)
-            self._state = self._next_state[taken, chosen]
-        else:
-            self._state = self._first_state.take(taken)
+        model, k = self.model, self.model.n_outcomes
+        taken = self._state * len(ACTIONS) + actions  # serves all flat tables over states and actions
+        issuer_reward = model.issuer_reward.take(taken)
+        if model.is_noisy:
+            issuer_reward = draw_issuer_reward(issuer_reward, model.issuer_noise.take(taken), draw())
+        outcome = taken * k
+        if k > 1:
+            chances = model.probability.reshape(-1, k)[taken, :-1].cumsum(axis=1)
+            outcome += (draw()[:, None] >= chances).sum(axis=1)
+        self._state = model.next_state.take(outcome).astype(np.intp)
         self._steps += 1
         truncated = self._steps >= self._limit
-        return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
+        return taken, model.grid_reward.take(taken), issuer_reward, model.terminated.take(taken), truncated
 
     def restart(self, envs: NDArray[np.intp], draw: Draw) -> None:
         """Moves the agents of these envs, (n,), to a start; several starts need draws (n,) from [0, 1)."""
-        n = len(self._starts)
-        self._state[envs] = self._starts[(draw() * n).astype(np.intp) if n > 1 else 0]
+        starts, n = self.model.starts, len(self.model.starts)
+        self._state[envs] = starts[(draw() * n).astype(np.intp) if n > 1 else 0]
         self._steps[envs] = 0
 
     def observe(self) -> Observations:
         """Returns a copy of the observations, (N, ...)."""
-        return self._table.take(self._observation.take(self._state), axis=0)
+        return self._table.take(self.model.observation.take(self._state), axis=0)
 
     def _draw(self, envs: NDArray[np.intp]) -> NDArray[np.float64]:
         """Returns a draw from the generator of each of these envs, and 0 for the others, (N,)."""
@@ -228,7 +213,7 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._last_event[envs] = 0
         for name in _INFO:
             info[name][envs] = 0
-        info["zone"][envs] = self._zone[self._state[envs]]
+        info["zone"][envs] = self.model.zone[self._state[envs]]
 
 
 def _with_masks(info: Info, mask: NDArray[np.bool_] | Literal[True]) -> Info:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from envs import InputError, compile_scenario, load_scenario
-from envs.layout import resolve
 from envs.model import PING
 from envs.observations import observation_table
 from tests.envs.test_model import assert_same_arrays, model_of
@@ -82,19 +81,13 @@ def test_what_walls_cut_off_is_not_drawn() -> None:
         assert (model.n_places, len(model.starts)) == (n_places, n_starts)
 
 
-def test_ways_are_counted_before_they_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ways_are_counted_before_they_are_listed() -> None:
     tracemalloc.start()
-    message = r"2 of the 2 people of the group can stand in 1\d,\d+ ways or more: accepted: at most 10,000"
-    with pytest.raises(InputError, match=message):
-        load_scenario("TwoTalking", {"grid.rows": 100, "grid.columns": 100, "ping_limit": 1})
+    with pytest.raises(InputError, match="3 of the 6 people of the group can stand in"):
+        load_scenario("TwoTalking", {"group.people": 6, "group.apart": [0, 20], "ping_limit": 1})
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 100e6  # all pairs of cells take 100 million numbers
-    expected = model_of(load_scenario("ThreeTalking", {"issuer.places": 3}))
-    monkeypatch.setattr("envs.layout._AT_ONCE", 1000)
-    resolve.cache_clear()
-    found = model_of(load_scenario("ThreeTalking", {"issuer.places": 3, "description": "in blocks"}))
-    assert_same_arrays(found, expected)
+    assert peak < 200e6  # 120 over 6 sets are 3.6 billion
 
 
 def test_a_changed_copy_is_the_reloaded_scenario() -> None:
@@ -107,23 +100,17 @@ def test_a_changed_copy_is_the_reloaded_scenario() -> None:
         assert_same_arrays(model_of(changed), model_of(reloaded))
 
 
-# 46 x 50 x 1739 = 3,999,700 states
-LARGE = {"grid.rows": 46, "grid.columns": 50, "ping_limit": 1}
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"issuer.places": 112}, "issuer.places = 112 with issuer.unseen = 0: accepted: at most 111"),
-        ({"issuer.places": 100, "issuer.unseen": 12}, "issuer.places = 100 with issuer.unseen = 12"),
+        (
+            {"issuer.places": 100, "issuer.unseen": 12},
+            "issuer.places = 100 with issuer.unseen = 12: accepted",
+        ),
         ({"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
-        ({"issuer.places": 0}, "issuer.places = 0"),
-        ({"issuer.permuted": 1.5}, "issuer.permuted = 1.5"),
-        (LARGE | {"issuer.places": 1740}, "4002000 states"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as refused:
         load_scenario("Anywhere", changes)
     assert message in str(refused.value)
-    assert len(load_scenario("Anywhere", LARGE | {"issuer.places": 1739}).layout.places) == 1739
