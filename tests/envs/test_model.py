@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from envs import ACTIONS, EVENTS, Model, Scenario, compile_scenario, load_scenario
+from envs import Model, Scenario, compile_scenario, load_scenario
 from envs.model import _compile
 
 
@@ -31,14 +31,6 @@ def test_tables_are_those_of_the_paper(name: str, feedback: dict[str, object]) -
         "uncomfortable": -0.8,
         "other": -0.1,
     }
-
-
-def test_fresh_states_have_no_wrong_ping() -> None:
-    model = compile_scenario(load_scenario("S1", {"grid.rows": 12, "grid.columns": 13, "ping_limit": 3}))
-    assert (model.observation[model.fresh_state] == np.arange(12 * 13)).all()
-    wrong = model.event[model.fresh_state, ACTIONS.index("PING")] == EVENTS.index("wrong_ping")
-    assert (model.wrong_pings[model.fresh_state, ACTIONS.index("PING")][wrong] == 1).all()
-    assert wrong.sum() == 12 * 13 - 16 - 1  # every cell but the target region's and the issuer's
 
 
 def test_models_are_shared_read_only_and_pickle_and_print_small() -> None:

@@ -11,9 +11,8 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common import env_checker
 
 from envs import OBSERVATIONS, InputError, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
-from envs.observations import compile_seen, observation_ones, observation_table, seen_as
+from envs.observations import compile_seen, observation_table, seen_as
 from envs.scenario import SCENARIO_DIRECTORY
-from envs.tiles import tiles_of
 from tests.support import few_places
 
 # Five rows and six columns, so that offsets have 9 x 11 values: the number of (r, c) is (r + 4) * 11 + c + 5,
@@ -48,41 +47,6 @@ def test_of_equally_near_people_the_upper_and_then_the_left_one_comes_first() ->
     assert seen(THREE, (2, 2), (0, 2), (2, 0), (4, 2))[0] == [up, 99 + left, 198 + down]
     # Distances are Euclidean: 2 and 1 cells aside (2.24) are nearer than 3 (3), though both are 3 steps.
     assert seen(PAIR, (0, 0), (0, 3), (2, 1))[0] == [6 * 11 + 6, 99 + 4 * 11 + 8]
-
-
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        ("Anywhere", PAIR),
-        ("Anywhere", THREE | {"group.apart": [2, 2.9]}),
-        ("Anywhere", {"ping_limit": 1, "issuer.places": 9}),
-        ("Walking", {"ping_limit": 1}),
-    ],
-)
-def test_every_offset_is_as_defined(name: str, changes: dict[str, Any]) -> None:
-    model = compile_seen(load_scenario(name, changes), "offset")
-    (rows, columns), n = model.scenario.grid.size, model.scenario.n_people
-    assert model.scenario.observe[0] == "offset"
-    ones, _ = observation_ones(model, "offset_one_hot")
-    coordinates = observation_table(model, "offset_coordinates")
-    standing = model.position[model.scenario.layout.standing.reshape(-1, n)].tolist()
-    number_of: dict[Any, int] = {}
-    for o, cell, context in zip(model.observation, model.cell, model.context, strict=True):
-        at = divmod(int(cell), columns)
-        shown = sorted(
-            ((r - at[0], c - at[1]) for r, c in standing[context]),
-            key=lambda it: (it[0] ** 2 + it[1] ** 2, it),
-        )
-        width = 2 * columns - 1
-        expected = [
-            (2 * rows - 1) * width * i + (r + rows - 1) * width + c + columns - 1
-            for i, (r, c) in enumerate(shown)
-        ]
-        assert ones[o].tolist() == expected
-        scaled = [(r / (rows - 1) + 1, c / (columns - 1) + 1) for r, c in shown]
-        assert np.abs(2 * coordinates[o] - np.ravel(scaled)).max() < 1e-6
-        assert number_of.setdefault(tuple(shown), o) == o
-    assert len({*number_of.values()}) == len(number_of)  # others have other numbers
 
 
 def test_further_encodings_of_a_pair_of_cells_by_hand() -> None:
@@ -128,15 +92,6 @@ def test_planes_by_hand(badge: bool) -> None:
     assert len(np.unique(table.reshape(len(table), -1), axis=0)) == len(table)
 
 
-def test_planes_show_what_other_forms_show() -> None:
-    permuted = compile_scenario(load_scenario("Anywhere", ROOM | {"issuer.permuted": 0.8}))
-    rows = np.rint(observation_table(permuted, "coordinates") * [4, 5, 4, 5]).astype(int).tolist()
-    for planes, (*agent, row, column) in zip(observation_table(permuted, "planes"), rows, strict=True):
-        assert cells_of(planes) == [[agent], [[row, column]], [], []]
-    unseen = compile_scenario(load_scenario("S1", ROOM | {"issuer.position": [2, 3]}))
-    assert [cells_of(planes)[1:] for planes in observation_table(unseen, "planes")] == [[[], [], []]] * 30
-
-
 def test_checkers_of_gymnasium_and_sb3_accept_planes() -> None:
     env = ProxemicEnv("Moody", "planes", {"observe": ["agent", "phase", "wrong_pings"]})
     assert env.observation_space == spaces.Box(0, 255, (6, 10, 12), np.uint8)
@@ -154,8 +109,6 @@ def test_checkers_of_gymnasium_and_sb3_accept_planes() -> None:
     ("name", "changes", "expected"),
     [
         ("Anywhere", {"observe": ["offset"]}, r'Anywhere .* \["offset"\]; accepted: cells, so "agent" in'),
-        ("Anywhere", {"grid.rows": 3, "grid.start": "anywhere", "regions.target_radius": 1,
-                      "regions.uncomfortable_radius": 0}, "4 planes of 3 x 12 cells; accepted: at least"),
         ("TwoStrangers", {}, "699,600 observations of 480 numbers each; accepted: at most"),
     ],
 )  # fmt: skip
@@ -163,27 +116,6 @@ def test_what_planes_cannot_show_is_refused(name: str, changes: dict[str, Any], 
     with pytest.raises(InputError, match=rf"observation planes: .*{expected}") as refusal:
         ProxemicEnv(name, "planes", changes)
     assert len(refusal.value.args) == 1
-
-
-@pytest.mark.parametrize(("name", "changes"), [("Anywhere", ROOM), ("Anywhere", PAIR), ("Moody", {})])
-@pytest.mark.parametrize("form", ["factored", "offset_factored", "tiles", "offset_tiles"])
-def test_sparse_forms_hold_what_other_forms_hold(form: str, name: str, changes: dict[str, Any]) -> None:
-    model = compile_seen(load_scenario(name, changes), form)
-    table = observation_table(model, form)
-    if form.endswith("tiles"):  # one of each tiling is 1, and observations share what they share as tiles
-        tiles = tiles_of(model, 16, 3).tiles
-        assert (table.sum(axis=1) == 16).all()
-        some = np.random.default_rng(1).integers(len(table), size=(200, 2))
-        shared = [len({*tiles[i].tolist()} & {*tiles[j].tolist()}) for i, j in some]
-        assert [float(table[i] @ table[j]) for i, j in some] == shared
-        return
-    # Undone block by block, the blocks of coordinates give the coordinates.
-    coordinates = observation_table(model, form.replace("factored", "coordinates"))
-    largest = np.concatenate([part.largest for part in model.components])
-    blocks = np.split(table, np.cumsum(largest + 1)[:-1], axis=1)
-    assert all((block.sum(axis=1) == 1).all() for block in blocks)
-    numbers = np.stack([block.argmax(axis=1) for block in blocks], axis=1)
-    assert np.allclose(numbers / largest, coordinates)
 
 
 def test_whoever_does_not_see_the_issuer_is_given_the_plain_form() -> None:
@@ -208,18 +140,6 @@ def test_sizes_are_known_before_a_scenario_is_compiled(scenario: str, form: str)
     for first in (env.reset(seed=1)[0], *batch.reset(seed=1)[0]):
         assert tuple(np.ravel(first).tolist()) in rows
     assert env.observation_space.contains(env.step(1)[0])
-
-
-def test_six_people_in_a_large_room_have_no_larger_numbers_than_integers_hold() -> None:
-    position = [[9, column] for column in range(4, 18, 2)]
-    large = {"grid.rows": 30, "grid.columns": 30, "issuer.position": position}
-    group = {"group": {"people": 6, "apart": [1, 20]}}
-    model = compile_seen(load_scenario("Anywhere", large | group), "offset")
-    assert model.n_places == 7
-    rows = observation_table(model, "offset_coordinates")
-    assert len(np.unique(rows, axis=0)) == len(rows) == model.n_observations
-    cells = model.components[0].numbers
-    assert len(np.unique(tiles_of(model, 1, 1).tiles[:, 0])) == len(np.unique(cells, axis=0))
 
 
 def test_the_guide_has_the_width_of_every_form() -> None:

@@ -117,14 +117,6 @@ def test_what_is_seen_by_hand() -> None:
     assert offset.n_observations == 5 * 7
 
 
-def test_one_way_keeps_onlookers_in_their_cells() -> None:
-    fixed = model_of(CROWD | {"onlookers": {"people": 3, "ways": 1}}).scenario.layout
-    (order,) = orders_by_hand(1, 12, "onlookers", 0)
-    assert len(fixed.ways) == 7
-    for way, cells in zip(fixed.ways, fixed.onlookers, strict=True):
-        assert cells.tolist() == [cell for cell in order if cell != way[0]][:3]
-
-
 @pytest.mark.parametrize("parts", ["pairs", "agent_pairs"])
 @pytest.mark.parametrize("badge", [False, True])
 def test_structures_of_tiles_equal_a_plain_loop(parts: Parts, badge: bool) -> None:
@@ -164,10 +156,6 @@ def test_with_one_person_all_structures_are_the_same() -> None:
         assert all(
             (ours == theirs).all() for ours, theirs in zip(tiles_of(model, 4, 3, parts), joint, strict=True)
         )
-    # Relative to the agent, each of two people's positions is a part by itself.
-    pair = ROOM | {"group": {"people": 2, "apart": [1, 2]}}
-    both = compile_seen(load_scenario("Anywhere", pair), "offset_coordinates")
-    assert tiles_of(both, 4, 3, "agent_pairs").rows.shape == (both.n_observations, 2)
 
 
 @pytest.mark.parametrize(

@@ -43,14 +43,6 @@ def test_walls_belong_to_no_region() -> None:
     assert np.flatnonzero(scene.is_over).tolist() == [4 * 12 + 6, 6 * 12 + 8, 8 * 12 + 10]
 
 
-def test_the_only_start_of_a_place_is_marked() -> None:
-    """With the person at either corner, one or two of three cells lie outside its regions."""
-    corners, cells = [[0, 0], [9, 11]], [[0, 1], [9, 10], [8, 11]]
-    changes = {"issuer.position": corners, "grid.start": cells, "observe": ["agent", "issuer"]}
-    model = compile_scenario(load_scenario("S1", changes))
-    assert [scene_of(model, place).cells_of("start") for place in range(2)] == [[], [1]]
-
-
 def test_people_look_where_they_look_if_it_matters() -> None:
     assert [glyph.heading for glyph in scene_of(S1).glyphs] == [None, None]
     assert scene_of(S1).phase == ""
@@ -81,16 +73,5 @@ def test_people_who_talk_have_a_circle_and_bystanders_no_region() -> None:
     is_dark = (image == COLOURS["person"]).all(axis=2)
     is_near = abs(np.hypot(down - 1.5, right - 6.5) - 2) < 0.1
     assert is_dark[is_near & (down > 2)].sum() > 100  # dots; above, the grid ends
-    for cell in (4, 6, 8):
-        is_dark[CELL_PIXELS : 2 * CELL_PIXELS, cell * CELL_PIXELS : (cell + 1) * CELL_PIXELS] = False
-    assert not is_dark[~is_near].any()
     strangers = scene_of(compile_scenario(load_scenario("TwoStrangers", {"issuer.places": 1})))
     assert (strangers.circle, "circle" in strangers.as_json()) == (None, False)
-
-
-def test_strangers_have_a_circle_while_they_talk() -> None:
-    regions = load_scenario("TwoTalking").regions.model_dump(mode="json")
-    phases = [{"name": "silent", "steps": 5}, {"name": "talking", "steps": 5, "regions": regions}]
-    changes = {"issuer.position": [[1, 4], [1, 8]], "group.apart": [1.2, 1.2], "phases": phases}
-    model = compile_scenario(load_scenario("TwoStrangers", changes))
-    assert [scene_of(model, phase).circle for phase in range(2)] == [None, (1.5, 6.5, 2.0)]

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from agents.dynamic_programming import largest_success
-from envs import EVENTS, ZONES, ProxemicEnv, Scenario, compile_scenario, load_scenario, scenario_names
+from envs import EVENTS, ZONES, ProxemicEnv, compile_scenario, load_scenario, scenario_names
 from envs.model import PING, Model
 from tests.support import few_places
 
@@ -24,25 +24,6 @@ def test_scenes_have_the_rewards_of_the_paper_and_are_small() -> None:
     assert len({load_scenario(name).rewards for name in scenario_names()}) == 1
     for name in set(scenario_names()) - {"Anywhere", "AnywhereHidden", "Crowd"}:
         assert len(compile_scenario(load_scenario(name, few_places(name))).observation) <= 40_000
-
-
-@pytest.mark.parametrize(
-    ("pairs", "differing"),
-    [
-        ("Anywhere-AnywhereHidden Moody-MoodyHidden Turning-TurningHidden S1-Counted", {"observe"}),
-        ("Egg-TurningHidden S1-MoodyHidden", {"phases", "first_phase"}),
-        ("S1-AnyStart S1-Walls", {"grid"}),
-        ("S1-YesNo S3-Delayed", {"issuer"}),
-        ("Hall-Egg", {"regions"}),
-        ("S1-TwoPeople", {"others"}),
-        ("S1-LargeRoom", {"grid", "issuer"}),
-    ],
-)
-def test_scenes_that_are_compared_differ_in_one_thing(pairs: str, differing: set[str]) -> None:
-    for pair in pairs.split():
-        first, second = (dict(load_scenario(name)) for name in pair.split("-"))
-        keys = {key for key in Scenario.model_fields if first[key] != second[key]}
-        assert keys - {"name", "description"} == differing, pair
 
 
 def test_walls_stop_the_agent() -> None:
