@@ -28,6 +28,7 @@ from envs.inputs import check_all
 
 MANIFEST: Final = "manifest.json"
 README: Final = "README.md"
+SPEED: Final = "speed"  # the folder of measured speed, which is no experiment's
 SCORES: Final = "scores.csv.gz"  # every run of a comparison
 _UNREADABLE: Final = (
     OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, RecursionError, zlib.error,

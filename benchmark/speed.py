@@ -27,13 +27,24 @@ from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
-from benchmark.folder import write_manifest
-from benchmark.publish import document, files
-from benchmark.publish.document import SPEED
+from benchmark.folder import README, SPEED, write_manifest
+from benchmark.publish import files
 from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 from envs.tiles import tiles_of
 
+_ABOUT: Final = """# Speed against alternatives
+
+`make speed` measures all of this anew; the numbers are in speed.csv.
+
+{table}
+`per_second` is this project's rate, `baseline` that of the alternative, and `ratio` the quotient of the two.
+Most rates are the best of many rounds in the same run, in which rows take turns. In rows named `net_`, both
+sides train whole runs with the settings of `speed_nets.toml`, in turns; these rates are totals per second of
+CPU time.
+
+Measured on: {machine}. Machines differ and are noisy; ratios differ between machines, too.
+"""
 _ENV: Final = "envs:Proxemic/S1-v0"
 _NETS: Final = Path(__file__).with_name("speed_nets.toml")
 _LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
@@ -73,9 +84,8 @@ def measure(results: Path, *, smoke: bool) -> None:
             "experiment": SPEED,
             "description": "The speed of this project against common alternatives.",
             "command": "make speed",
-            "argument": "",  # none: the command `report` does not draw it
+            "argument": "",
             "report": {"kind": SPEED, "question": "", "items": []},
-            "partial": "",
             "note": "Measured with `--smoke`: the numbers mean nothing." if smoke else "",
             "scenarios": {},
             "algorithms": {},
@@ -86,7 +96,8 @@ def measure(results: Path, *, smoke: bool) -> None:
         }
         write_csv(frame, aside / "speed.csv")
         write_manifest(aside, manifest)
-        document.write(aside)
+        readme = _ABOUT.format(table=to_markdown(frame), machine=provenance.machine())
+        (aside / README).write_text(readme, encoding="utf-8")
     print(f"written to {directory}")
 
 

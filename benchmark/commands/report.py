@@ -4,14 +4,14 @@ import argparse
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
-from benchmark.folder import MANIFEST, Folder
+from benchmark.folder import MANIFEST, SPEED, Folder
 from benchmark.publish import document, draw, files, front, prose, sameness
 from benchmark.publish.page import build as page
 from benchmark.sealed import sealed
@@ -19,8 +19,6 @@ from benchmark.studies import report_of
 from benchmark.studies.search.analysis import SearchAnalysis
 from envs import InputError
 from envs.inputs import check_all
-
-_OURS: Final = (*experiment_names(), document.SPEED)  # folders of results
 
 
 def main(options: argparse.Namespace) -> int:
@@ -51,9 +49,10 @@ def main(options: argparse.Namespace) -> int:
 def _rewrite(options: argparse.Namespace) -> int:
     if options.seeds is not None:
         raise InputError("--seeds: accepted only together with an experiment.")
-    if folders := sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}")):
+    folders = sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}"))
+    if folders := [folder for folder in folders if not folder.name.startswith(SPEED)]:
         with files.alone(options.results):
-            check_all(*(Folder(folder).check for folder in folders if folder.name in _OURS))
+            check_all(*(Folder(folder).check for folder in folders if folder.name in experiment_names()))
             for folder in folders:
                 _write_texts(folder)
             if options.results.resolve() == sameness.REPOSITORY / "results":
@@ -67,7 +66,7 @@ def _write_texts(folder: Path) -> None:
     try:
         document.write(folder)
     except InputError as error:
-        if folder.name in _OURS:
+        if folder.name in experiment_names():
             raise
         print(f"{folder}: its texts stay as they are: {error}", file=sys.stderr)
 

@@ -15,7 +15,7 @@ from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import PUBLISHED, Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.experiments.search import chosen_file, read_chosen
-from benchmark.folder import README, Folder, digests
+from benchmark.folder import README, SPEED, Folder, digests
 from benchmark.publish import document, draw, files, front, sameness
 from benchmark.publish.page import build as page
 from benchmark.studies import AnyReport, AnyStudy, report_of, runs_of
@@ -166,11 +166,14 @@ def rewritten(reports: Mapping[str, AnyStudy], results: Path) -> Iterator[str]:
     `reports` are those of the published experiments that are verified, by name.
     """
     texts, problems = dict[Path, str](), list[str]()
-    for name in [*reports, *[document.SPEED] * Folder(results / document.SPEED).is_there]:
+    for name in [*reports, *[SPEED] * Folder(results / SPEED).is_there]:
         try:
-            made = document.document_of(results / name, reports.get(name))
-            texts[results / name / README] = made.readme()
-            print(f"{name}: all files in its manifest are unchanged ({len(made.folder.manifest['files'])}).")
+            folder = Folder(results / name)
+            if name == SPEED:
+                folder.check()
+            else:
+                texts[results / name / README] = document.Document(results / name, reports[name]).readme()
+            print(f"{name}: all files in its manifest are unchanged ({len(folder.manifest['files'])}).")
         except InputError as error:
             problems += error.args
     pages = {None if name in PUBLISHED else name: report for name, report in reports.items()}

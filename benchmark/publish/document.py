@@ -23,11 +23,9 @@ from benchmark.publish import files, prose
 from benchmark.publish.templates import mistakes_in
 from benchmark.publish.templates import templates_in as templates_in
 from benchmark.studies import STUDIES, AnyItem, AnyStudy, load_study
-from benchmark.studies.item import Item, entry
 from benchmark.studies.study import with_items
 from envs import InputError
 
-SPEED: Final = "speed"  # the folder of measurements of this project, and its table
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 
 
@@ -149,45 +147,6 @@ class Document:
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
 
-class Measurements(Document):
-    """The document of measured speed, which is no experiment's."""
-
-    def __init__(self, path: Path) -> None:
-        """Takes a folder that `benchmark.speed` has written."""
-        self.folder, self.finding, self.lead = Folder(path), None, ""
-        self.name, self.items, self.template = SPEED, (_SPEED,), _FRAME.with_name("speed.md.jinja")
-        self.question = "How fast is this project?"
-
-    @cached_property
-    def headline(self) -> str:
-        """How much faster it is than the alternatives that matter most."""
-        with self.folder.reading():
-            frame = self.folder.frame(SPEED)
-            nets = frame[frame["name"].str.fullmatch("net_(dqn|ppo)_(one_hot|coordinates)")]
-            nets = nets.sort_values("ratio")
-            rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
-            q_learning, low, high = (entry(row, "ratio") for row in rows)
-        return (
-            f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. DQN "
-            f"and PPO train {low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
-        )
-
-
-def _shown(frame: pd.DataFrame) -> pd.DataFrame:
-    rows = [row for _, row in frame.iterrows()]
-    return pd.DataFrame({name: [entry(row, str(name)) for row in rows] for name in frame})
-
-
-_ABOUT: Final = "rates of this project and of common alternatives, from the same run"
-_SPEED: Final[AnyItem] = Item(SPEED, _ABOUT, is_measured=True, show=_shown)
-
-
-def document_of(path: Path, study: AnyStudy | None = None) -> Document:
-    """Returns the document of a folder of results, see `Document`, or of measured speed."""
-    is_speed = Folder(path).manifest["report"]["kind"] == SPEED
-    return Measurements(path) if is_speed else Document(path, study)
-
-
 def write(path: Path, study: AnyStudy | None = None) -> None:
     """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
-    files.write_text(path / README, document_of(path, study).readme())
+    files.write_text(path / README, Document(path, study).readme())

@@ -8,14 +8,7 @@ import pytest
 
 from benchmark import speed
 from benchmark.__main__ import main
-from benchmark.publish.document import document_of
 from benchmark.speed import Row, Side
-from tests.support import ROOT
-
-
-def test_readme_is_made_of_what_is_published_alone() -> None:
-    folder = ROOT / "results" / "speed"
-    assert document_of(folder).readme() == (folder / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_best_turn_counts_and_by_cpu_time_all_of_a_few_but_never_the_first(

@@ -10,7 +10,6 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -27,7 +26,7 @@ from benchmark.drawing.style import svg
 from benchmark.experiments import DEFAULT_CONDITION, PUBLISHED
 from benchmark.folder import Folder
 from benchmark.publish import files
-from benchmark.publish.document import SPEED, Document, document_of, templates_in
+from benchmark.publish.document import Document, templates_in
 from benchmark.studies import AnyItem, AnyStudy, explorer
 from envs import InputError
 
@@ -52,7 +51,7 @@ _TEXTS: Final = MarkdownIt("commonmark", {"html": False}).disable(["image", "lin
 
 def published(results: Path) -> list[Path]:
     """Lists the folders of published results that are there, in the order of `PUBLISHED`."""
-    folders = [results / name for name in (*PUBLISHED, SPEED)]
+    folders = [results / name for name in PUBLISHED]
     return [folder for folder in folders if Folder(folder).is_there]
 
 
@@ -72,24 +71,22 @@ def write(results: Path, experiment: str | None = None, study: AnyStudy | None =
 def texts(
     results: Path, experiment: str | None = None, study: AnyStudy | None = None
 ) -> Iterator[tuple[Path, str]]:
-    """Yields the paths and texts of a page, of the list of published results and of a picture of scenarios.
+    """Yields paths and texts: a page and, for published results, their list and a picture of scenarios.
 
     `index.html` of `results` shows all published results that are there. The page of another experiment shows
     it alone, and lies in its folder; its `study` is needed if it is not one of this project. It may raise an
     `InputError`.
     """
-    listed, is_own = published(results), experiment not in (None, *PUBLISHED)
-    folders = [results / str(experiment)] if is_own else listed
+    is_own = experiment not in (None, *PUBLISHED)
+    folders = [results / str(experiment)] if is_own else published(results)
     if not folders:
         raise InputError(f"{results}: there are no published results to report; make reproduce makes some.")
     study = study if is_own else None
     parts = [_Part(folder, "" if is_own else f"{folder.name}/", study) for folder in folders]
     yield (folders[0] if is_own else results) / "index.html", _render(parts)
-    if listed:
-        documents = {part.folder.path.name: part.document for part in parts}
-        findings = {folder.name: _finding(folder, documents.get(folder.name)) for folder in listed}
+    if not is_own:
         template = templates_in(_TEMPLATES).get_template("index.md.jinja")
-        yield results / "README.md", template.render(findings=findings)
+        yield results / "README.md", template.render(findings={part.name: part.finding for part in parts})
         yield results / SCENES, _scenes()
 
 
@@ -103,10 +100,14 @@ class _Part:
 
     def __init__(self, path: Path, prefix: str, study: AnyStudy | None) -> None:
         """Reads its manifest and checks its files; `prefix` leads from the page to the folder."""
-        self.document = document_of(path, study)
+        self.document = Document(path, study)
         self.document.folder.check()
-        self.folder = self.document.folder
-        self.prefix = prefix
+        self.folder, self.name, self.prefix = self.document.folder, path.name, prefix
+
+    @property
+    def finding(self) -> str:
+        """The first paragraph of the headline."""
+        return (self.document.headline or str(self.folder.manifest["description"])).partition("\n\n")[0]
 
     def report(self, templates: jinja2.Environment) -> dict[str, object]:
         """Returns what the page shows of the report, by the page's templates."""
@@ -128,7 +129,7 @@ class _Part:
         place = f"\n\n{_MARK}%s{_MARK}\n\n"
         markdown = document.render(lambda item, is_folded: place % f"{'FOLD ' * is_folded}{item.name}")
         return {
-            "id": f"report-{self.folder.path.name}",  # no other part has an id that begins so
+            "id": f"report-{self.name}",  # no other part has an id that begins so
             "question": document.question,
             "headline": [self.inline(text) for text in (document.headline or "").split("\n\n") if text],
             "lead": self._figure(lead) if lead is not None else None,
@@ -194,7 +195,7 @@ class _Part:
             learner = f"{agent['variant']}, {agent['observation']}"
             agent["learner"] = self.folder.title(learner)
             agent["family"] = self.folder.manifest["algorithms"][agent["variant"]]["family"]
-            agent["experiment"] = self.folder.path.name
+            agent["experiment"] = self.name
             agent["curve"] = self._curve(agent)
         return _base64(explorer.compressed(shown))
 
@@ -241,11 +242,3 @@ def _render(parts: Sequence[_Part]) -> str:
 
 def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
-
-
-def _finding(path: Path, document: Document | None) -> str:
-    folder = Folder(path)
-    with suppress(InputError), folder.reading():  # it may be damaged
-        headline = (document or document_of(path)).headline or folder.manifest["description"]
-        return str(headline).partition("\n\n")[0]
-    return ""

@@ -20,7 +20,7 @@ from benchmark.publish.page import build
 from benchmark.studies import STUDIES, report_of
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.publish.page.made import TEXT
-from tests.support import ROOT, reseal
+from tests.support import reseal
 
 STUDIES["made"] = "tests.benchmark.publish.page.made:STUDY"  # as if it were this project's
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -115,9 +115,8 @@ def learners(made: Path) -> Learners:
 
 @pytest.fixture(scope="session")
 def results(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """These results as if they were two published experiments, beside measured speed, with their page."""
+    """These results as if they were two published experiments, with their page."""
     results = tmp_path_factory.mktemp("page") / "results"
-    shutil.copytree(ROOT / "results" / "speed", results / "speed")
     for name in ("compare_deep", "reproduce"):
         shutil.copytree(made, results / name, ignore=shutil.ignore_patterns("index.html", ".*"))
         reseal(results / name, experiment=name)

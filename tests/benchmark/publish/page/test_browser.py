@@ -131,7 +131,7 @@ def test_without_javascript_all_but_the_explorer_is_there(open_page: Open) -> No
     for summary in opened.page.get_by_text("Details, figures and tables").all():
         summary.click()
     assert "The explorer needs JavaScript" in opened.page.locator("body").inner_text()
-    assert opened.page.locator("table:visible").count() == 3
+    assert opened.page.locator("table:visible").count() == 2
     assert opened.page.locator("img:visible").count() == 4
     assert opened.page.locator("#explore:visible").count() == 0
 

@@ -11,8 +11,8 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.experiments import PUBLISHED
-from benchmark.folder import Folder
-from benchmark.publish.document import SPEED, Document
+from benchmark.folder import SPEED, Folder
+from benchmark.publish.document import Document
 from benchmark.publish.page import build
 from envs import InputError
 from tests.benchmark.publish.page.made import TEXT
@@ -65,7 +65,7 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
     page = Page(results / "index.html")
     assert build.write(results).read_text(encoding="utf-8") == page.source
     starts = ['id="finding"', 'id="report-reproduce"', '<p class="lead">', 'id="report-compare_deep"',
-              'id="explorer"', 'id="report-speed"', "<footer>"]  # fmt: skip
+              'id="explorer"', "<footer>"]  # fmt: skip
     places = [page.source.index(start) for start in starts]
     assert places == sorted(places)
     ids = page.values("id")
@@ -98,7 +98,7 @@ def test_every_link_leads_somewhere(name: str, request: pytest.FixtureRequest) -
 def test_published_list_is_what_the_code_makes(published: Path) -> None:
     made, there = ((path / "README.md").read_text(encoding="utf-8") for path in (published, ROOT / "results"))
     assert made == there, "README.md is out of date: run make report"
-    names = [f"report-{name}" for name in (*PUBLISHED, SPEED)]
+    names = [f"report-{name}" for name in PUBLISHED]
     assert [each for each in Page(published / "index.html").values("id") if each in names] == names
 
 
@@ -166,7 +166,7 @@ def test_texts_of_all_folders_and_the_page_are_written_again(
         made, there = ((path / file).read_text(encoding="utf-8") for path in (again, results))
         assert made == there, file
     listed = re.findall(r"^- \[(\w+)\]\(\1/README.md\): (.*) is ", (again / "README.md").read_text(), re.M)
-    assert [name for name, _ in listed] == ["reproduce", "compare_deep", "speed"]
+    assert [name for name, _ in listed] == ["reproduce", "compare_deep"]
 
 
 def test_rows_of_readme_stay_rows(results: Path) -> None:
