@@ -91,7 +91,7 @@ class Assessment:
           InputError: The file name has another ending, or there is no such folder.
         """
         check_file(Path(path), *PICTURES)
-        save_figure(draw_map(self), Path(path), is_tight=True)
+        save_figure(draw_map(self), Path(path))
 
 
 def assess(

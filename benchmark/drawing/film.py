@@ -1,8 +1,7 @@
 """Draws how an agent learns: what it values and does, and where it walks, one frame per moment of training.
 
 A cell's four triangles are the values of its moves, the disc in its middle is that of PING, and the line is
-the greedy policy's walk from the start. Cells are hatched where the agent has learned nothing, so that all
-actions are equally good, or where it has diverged.
+the greedy policy's walk from the start. Where the agent has learned nothing, no action is marked.
 
 The walk starts in the model's first start state. At every step one number is drawn from the generator below,
 even if there is a single greedy action: the walk takes greedy action number
@@ -21,7 +20,6 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from textwrap import fill
 from typing import Final
 
 import numpy as np
@@ -35,10 +33,9 @@ from PIL import Image
 
 from agents.policy import contains
 from benchmark.analysis.records import Records
-from benchmark.drawing.maps import RGB, Style, add_area, arrowheads, colour_bar, discs, dots, triangles
+from benchmark.drawing.maps import RGB, Style, arrowheads, colour_bar, discs, dots, triangles
 from benchmark.drawing.style import figure_of, settings
 from envs import ACTIONS, EVENTS, Model
-from envs.regions import outlines
 from envs.scene import colour_limits, scene_of
 
 CIRCLE: Final = "circle"
@@ -56,10 +53,7 @@ _WORD: Final = 2**32
 _DPI: Final = 100
 _CELL: Final = 0.34  # inches
 _MAX_SIDE: Final = 20  # inches, of a map
-_MIN_WIDTH, _MIN_HEIGHT, _GAP, _BAR = 2.6, 0.5, 0.1, 0.7  # inches: of a map, a gap and a colour bar
-_TITLE, _LINE, _CHARACTERS = 8, 0.14, 15  # size in points, inches of a line, characters in an inch
 _FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
-_UNKNOWN: Final[Style] = {"fc": RGB["no value"], "ec": RGB["line"], "lw": 0, "hatch": "//"}
 _OUTLINED: Final = [patheffects.withStroke(linewidth=2.8, foreground="white")]
 _PATH: Final[Style] = {"color": RGB["path"], "lw": 1.5, "path_effects": _OUTLINED, "zorder": 1.6}
 _AGENT: Final[Style] = {"color": RGB["path"], "marker": "o", "ms": 8, "mec": "white", "mew": 1, "zorder": 1.7}
@@ -135,9 +129,8 @@ def mulberry32(seed: int) -> Iterator[int]:
 def film_of(title: str, records: Records) -> Film:
     """Returns the film of the first of these agents."""
     model, indices, arrays = records.model, records.map_indices, records.agents[0]
-    n_starts = len(model.starts)
     return Film(
-        title=title if n_starts == 1 else f"{title}, first of {n_starts} starts",
+        title=title,
         model=model,
         steps=np.array(records.evaluation_steps)[indices].tolist(),
         values=arrays["values"].astype(np.float64),
@@ -151,23 +144,17 @@ def frames(film: Film) -> Iterator[Figure]:
     """Yields one figure again and again, each time with the next map."""
     grid = film.model.scenario.grid
     cell = min(_CELL, _MAX_SIDE / max(grid.rows, grid.columns))
-    width = max(cell * grid.columns, _MIN_WIDTH) + _GAP
-    title = fill(film.title, int(width * _CHARACTERS))
-    height = max(cell * grid.rows, _MIN_HEIGHT) + _GAP + (title.count("\n") + 3) * _LINE
     norm = Normalize(*colour_limits(film.values.ravel()))
-    with figure_of(1, 1, (width + _BAR, height)) as (figure, axes):
+    with figure_of(1, 1, (max(cell * grid.columns, 3) + 1, cell * grid.rows + 1)) as (figure, axes):
         figure.set_dpi(_DPI)
         colour_bar(figure, [axes[0, 0]], norm, "value", extend="both")
-        _draw(axes[0, 0], film, 0, norm, title)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # a layout takes longer than a frame
     for index in range(len(film.steps)):
         with settings():
-            _draw(axes[0, 0], film, index, norm, title)
+            _draw(axes[0, 0], film, index, norm)
             yield figure
 
 
-def _draw(axis: Axes, film: Film, index: int, norm: Normalize, title: str) -> None:
+def _draw(axis: Axes, film: Film, index: int, norm: Normalize) -> None:
     model, walked = film.model, film.walks[index]
     agent, state = walked.cells[-1], walked.states[-1]
     # The map shows the states that differ from the walk's last one by the agent's cell alone.
@@ -175,29 +162,23 @@ def _draw(axis: Axes, film: Film, index: int, norm: Normalize, title: str) -> No
     observed = model.observation[first : first + len(model.position)]
     scene = scene_of(model, int(model.context[state]))
     values, greedy = film.values[index, observed], contains(film.greedy[index, observed])
-    # Values alone do not tell, since they are rounded.
-    is_unvisited = (values == values[:, :1]).all(axis=1) & greedy.all(axis=1)
-    is_unknown = is_unvisited | np.isnan(values).any(axis=1)
     # All actions are greedy mostly where the agent has never been.
     is_marked = greedy & ~greedy.all(axis=1, keepdims=True) & (np.arange(scene.n_cells) != agent)[:, None]
-    cell = np.flatnonzero(~is_unknown & ~scene.is_over)
+    cell = np.flatnonzero(~scene.is_over)
     frame = pd.DataFrame(scene.position[cell.repeat(len(ACTIONS))], columns=["row", "column"])
     frame["action"] = np.tile(ACTIONS, len(cell))
     frame["value"], frame["is_marked"] = values[cell].ravel(), is_marked[cell].ravel()
     is_ping = frame["action"] == "PING"
     axis.clear()
     axis.set_facecolor(RGB["over"])
-    add_area(axis, outlines((is_unknown & ~scene.is_over).reshape(scene.rows, -1)), _UNKNOWN)
     triangles(axis, scene, frame[~is_ping], norm, "value")
     discs(axis, frame[is_ping], norm, "value")
     arrowheads(axis, frame[~is_ping & frame["is_marked"]])
     dots(axis, frame[is_ping & frame["is_marked"]])
     axis.plot(*scene.position[[*walked.cells]].T[::-1], **_PATH)
     axis.plot(*scene.position[[agent]].T[::-1], **_AGENT)
-    diverged = "diverged   " if np.isnan(values).any() else ""
-    numbers = f"step {film.steps[index]:,}   {diverged}score {film.scores[index]:.2f}"
-    text = f"{title}\n{numbers}\n{ENDINGS[walked.ending]}"
-    axis.set_title(text, loc="left", size=_TITLE, parse_math=False)
+    numbers = f"step {film.steps[index]:,}, score {film.scores[index]:.2f}: {ENDINGS[walked.ending]}"
+    axis.set_title(f"{film.title}\n{numbers}", loc="left", size="small", wrap=True, parse_math=False)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="")
 
 

@@ -88,24 +88,23 @@ def check_file(path: Path, *endings: str) -> None:
         raise InputError(f"{path}: there is no folder {path.parent}.")
 
 
-def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
-    """Writes a figure as .png or .svg, cut to what is drawn if it is tight; it stays open.
+def save_figure(figure: Figure, path: Path) -> None:
+    """Writes a figure as .png or .svg; it stays open.
 
     Without date and program, equal figures give equal bytes.
     """
     if path.suffix.lower() == ".svg":
-        path.write_text(svg(figure, is_tight=is_tight), encoding="utf-8")
+        path.write_text(svg(figure), encoding="utf-8")
         return
     with settings():
-        figure.savefig(path, dpi=144, metadata={"Software": None}, bbox_inches="tight" if is_tight else None)
+        figure.savefig(path, dpi=144, metadata={"Software": None})
 
 
-def svg(figure: Figure, *, is_tight: bool = False) -> str:
+def svg(figure: Figure) -> str:
     """Returns the figure as the text of an SVG, see `save_figure`."""
     text = io.StringIO()
     with settings():
-        metadata = dict.fromkeys(["Date", "Creator"])
-        figure.savefig(text, format="svg", metadata=metadata, bbox_inches="tight" if is_tight else None)
+        figure.savefig(text, format="svg", metadata=dict.fromkeys(["Date", "Creator"]))
     return compact(text.getvalue(), _IN_DARK)
 
 

@@ -7,7 +7,6 @@ and `document`. Documents are made from published files
 alone, so texts can be corrected without a single run.
 """
 
-import inspect
 import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -64,8 +63,7 @@ class Document:
                 return written
         except prose.ClaimError:
             pass
-        with _naming_mistakes(Path(inspect.getfile(self._headline))):
-            return self._headline(self.folder)
+        return self._headline(self.folder)
 
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
