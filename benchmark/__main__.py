@@ -12,31 +12,21 @@ from typing import Any, Final, NoReturn
 from benchmark import __version__
 
 _CORE: Final = ("gymnasium", "numpy", "pydantic")  # packages without which nothing works
-_INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
-_SPEED_INTERRUPTED: Final = "interrupted: the table is as before; the same command measures all rows again."
-
-
-def _is_interrupt(error: BaseException | None) -> bool:
-    """Returns whether Ctrl-C was pressed, which packages may turn into errors of their own."""
-    if error is None:
-        return False
-    is_one = "KeyboardInterrupt" in f"{type(error).__name__}: {error}"
-    before = None if error.__suppress_context__ else error.__context__
-    return is_one or _is_interrupt(error.__cause__ or before)
+_INTERRUPTED: Final = "interrupted: what is stored is kept; repeat the command to go on."
 
 
 try:
     from envs.inputs import InputError
     from envs.packages import contained, needed_by
-except BaseException as error:  # imports take a second
-    if _is_interrupt(error):
-        print(_INTERRUPTED, file=sys.stderr)
-        sys.exit(130)
-    if isinstance(error, ModuleNotFoundError) and error.name in _CORE:
-        installer = f"pip install {error.name} installs it (in a checkout: make .venv/.base)"
-        print(f"error: the package {error.name} is not installed; {installer}.", file=sys.stderr)
-        sys.exit(2)
-    raise
+except KeyboardInterrupt:  # imports take a second
+    print(_INTERRUPTED, file=sys.stderr)
+    sys.exit(130)
+except ModuleNotFoundError as error:
+    if error.name not in _CORE:
+        raise
+    installer = f"pip install {error.name} installs it (in a checkout: make .venv/.base)"
+    print(f"error: the package {error.name} is not installed; {installer}.", file=sys.stderr)
+    sys.exit(2)
 
 _EPILOG = """\
 examples:
@@ -66,35 +56,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _open_streams()
     if arguments is None:  # nothing else uses this process and its children
         os.environ["MPLBACKEND"] = "agg"  # a notebook's backend might not be installed
-    command = ""
     try:
         options = _parser().parse_args(arguments)
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away
             raise InputError("an option has the value --; accepted: another value.")
-        command = options.command
         # Imported on demand: --help and mistakes do not wait for what a command needs.
-        with contained(), needed_by(f"benchmark {command}"):
-            code: int = import_module(f"benchmark.commands.{command}").main(options)
+        with contained(), needed_by(f"benchmark {options.command}"):
+            code: int = import_module(f"benchmark.commands.{options.command}").main(options)
             if not code and getattr(options, "report", False):
                 code = import_module("benchmark.commands.report").main(options)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
         _silence_output()
         return 0
-    except (Exception, KeyboardInterrupt) as error:
-        if _is_interrupt(error):
-            print(_SPEED_INTERRUPTED if command == "speed" else _INTERRUPTED, file=sys.stderr)
-            return 130
-        message: object = error
-        if isinstance(error, MemoryError):
-            message = "out of memory; give fewer --jobs or run a smaller experiment."
-        elif isinstance(error, OSError):
+    except KeyboardInterrupt:
+        print(_INTERRUPTED, file=sys.stderr)
+        return 130
+    except (InputError, OSError) as error:
+        message = str(error)
+        if not isinstance(error, InputError):
             _silence_output()
-            where = f"{error.filename}: " if error.filename else ""
-            message = InputError(f"{where}{error.strerror or error}.")
-        elif not isinstance(error, InputError):
-            raise
-        print(*(f"error: {line}" for line in str(message).split("\n")), sep="\n", file=sys.stderr)
+            message = f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}."
+        print(*(f"error: {line}" for line in message.split("\n")), sep="\n", file=sys.stderr)
         return 2
     return code
 

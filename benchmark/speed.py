@@ -1,17 +1,15 @@
-"""Speed: each row compares this project with a common alternative, or a large size with a small one, in S1.
+"""Speed: each row compares this project with a common alternative in the same process.
 
-Machines are noisy: the two sides of a row take turns, as do the rows, and the best turn of each side counts.
-Training whole nets takes too long for that: rates by CPU time are the units of all turns per second.
+Machines are noisy: the two sides of a row take turns, and the best turn of each side counts. Training whole
+nets takes too long for that: rates by CPU time are the units of all turns per second.
 """
 
 import random
 import sys
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final, NamedTuple
 
 import gymnasium
@@ -25,8 +23,6 @@ from agents.policy import uniform_policy
 from agents.process import N_ACTIONS
 from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
-from benchmark.execution.progress import Display
-from benchmark.execution.store import Record, Store
 from benchmark.folder import README, SPEED, write_manifest
 from benchmark.publish import files
 from envs import Model, compile_scenario, load_scenario
@@ -50,7 +46,6 @@ _NETS: Final = Path(__file__).with_name("speed_nets.toml")
 _LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
 _TILE_LOOP: Final = "the same loop with 16 tilings in Anywhere: weights in lists, traces in a dict"
 _SB3: Final = "Stable-Baselines3, by CPU time"
-_SIDES: Final = {"per_second": "this project", "baseline": "alternative"}  # by column
 Side = tuple[float, Callable[[], object]]  # how many units one call of a function does
 
 
@@ -76,9 +71,9 @@ def measure(results: Path, *, smoke: bool) -> None:
     agents.sb3.use_same_instructions()
 
     directory = results / (f"{SPEED}_smoke" if smoke else SPEED)
-    with TemporaryDirectory() as scratch, files.alone(results), files.replaced(directory, stale=()) as aside:
+    with files.alone(results), files.replaced(directory, stale=()) as aside:
         print("speed: preparing what is measured ...", file=sys.stderr)
-        frame = _measured(all_rows(smoke, Path(scratch)), 2 if smoke else 16)
+        frame = _measured(all_rows(smoke), 2 if smoke else 16)
         print(to_markdown(frame))
         manifest = {
             "experiment": SPEED,
@@ -102,65 +97,45 @@ def measure(results: Path, *, smoke: bool) -> None:
 
 
 def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
-    """Lets the sides of all rows take turns, fewer of them by CPU time, and tabulates their rates.
+    """Lets the sides of each row take turns, fewer of them by CPU time, and tabulates their rates.
 
     The first turn of a side, which compiles, imports and fills caches, does not count.
     """
-    pairs = ((row, zip(_SIDES, (row.ours, row.other), strict=True)) for row in rows)
-    sides = {(row, column): side for row, pair in pairs for column, side in pair}
-    turns = {
-        f"{row.name.replace('_', ' ')}, {_SIDES[column]}, turn {turn + 1}": (row, column)
-        for turn in range(n_turns)
-        for row, column in sides
-        if turn < 5 or not row.is_by_cpu_time
-    }
-    seconds = defaultdict[tuple[Row, str], list[float]](list)
-    with Display("speed", dict.fromkeys(turns, 1.0)) as display:
-        for turn, (row, column) in turns.items():
-            display.advance([], name=turn)
-            clock = time.process_time if row.is_by_cpu_time else time.perf_counter
+    table = []
+    for row in rows:
+        print(f"speed: {row.name} ...", file=sys.stderr)
+        clock = time.process_time if row.is_by_cpu_time else time.perf_counter
+        sides, rates = (row.ours, row.other), []
+        seconds = np.empty((min(n_turns, 5) if row.is_by_cpu_time else n_turns, 2))
+        for turn in np.ndindex(*seconds.shape):
             started_s = clock()
-            sides[row, column][1]()
-            seconds[row, column].append(clock() - started_s)
-            display.advance([turn])
-
-    def rate(row: Row, column: str) -> float:
-        units, counted = sides[row, column][0], seconds[row, column][1:]
-        return units * len(counted) / sum(counted) if row.is_by_cpu_time else units / min(counted)
-
-    columns = ["name", "per_second", "baseline", "unit", "against"]
-    measured = [(row.name, *(rate(row, side) for side in _SIDES), row.unit, row.against) for row in rows]
-    frame = pd.DataFrame(measured, columns=columns)
-    frame.insert(3, "ratio", frame["per_second"] / frame["baseline"])
-    return frame
+            sides[turn[1]][1]()
+            seconds[turn] = clock() - started_s
+        for (units, _), counted in zip(sides, seconds[1:].T, strict=True):
+            rates.append(units / (counted.mean() if row.is_by_cpu_time else counted.min()))
+        table.append((row.name, *rates, rates[0] / rates[1], row.unit, row.against))
+    return pd.DataFrame(table, columns=["name", "per_second", "baseline", "ratio", "unit", "against"])
 
 
-def all_rows(smoke: bool, scratch: Path) -> list[Row]:
-    """Lists all rows, which need an empty folder; for a smoke test they do a hundredth of the work."""
+def all_rows(smoke: bool) -> list[Row]:
+    """Lists all rows; for a smoke test they do a hundredth of the work."""
 
     def size(n: int) -> int:
         return max(n // 100, 1) if smoke else n
 
     s1, anywhere = (compile_scenario(load_scenario(name)) for name in ("S1", "Anywhere"))
     short, long, policy = size(20_000), size(100_000), uniform_policy(s1)
-    many, one = _kernel(s1, 1000, short), _kernel(s1, 1, short)
-    runs = _reading(scratch, size(10_000)), _reading(scratch, size(100))
-    in_anywhere, in_s1 = (_kernel(model, 100, long) for model in (anywhere, s1))
+    cells = _training(s1, "q_learning", "index", {"budget": short, "record_every": short}, 200)
     tiled = _training(anywhere, "linear_q_lambda", "coordinates", {"budget": long, "time_limit": 200}, 10)
     tiles = tiles_of(anywhere, 16, 3).tiles.tolist()
     batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
     exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
     played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
-    states = f"the same in S1; Anywhere has {len(anywhere.observation):,} states"
     rows = [
-        Row("q_learning_kernel", "updates", _kernel(s1, 200, short), (long, partial(_loop, long)), _LOOP),
+        Row("q_learning_kernel", "updates", cells, (long, partial(_loop, long)), _LOOP),
         Row("tile_coding_kernel", "steps", tiled, (short, partial(_tile_loop, tiles, short)), _TILE_LOOP),
         Row("vector_env_1000", "steps", batched, sync, "gymnasium.vector.SyncVectorEnv"),
         Row("evaluate", "policies", exact, played, "1,000 simulated episodes, uniform random policy"),
-        # How cost grows: a ratio of 1 means in proportion.
-        Row("q_learning_agents", "updates", many, one, "1 agent at a time, by 1,000"),
-        Row("q_learning_anywhere", "updates", in_anywhere, in_s1, states),
-        Row("stored_statuses", "runs", *runs, "a store of 100 runs, by one of 10,000"),
     ]
     budget = 200 if smoke else 10_000
     for net, declared in read_toml(_NETS).items():
@@ -171,10 +146,6 @@ def all_rows(smoke: bool, scratch: Path) -> list[Row]:
             stock = _training(s1, f"sb3_{name}", observation, settings, 1)
             rows.append(Row(f"net_{net}_{observation}", "steps", ours, stock, _SB3, is_by_cpu_time=True))
     return rows
-
-
-def _kernel(model: Model, n_agents: int, steps: int) -> Side:
-    return _training(model, "q_learning", "index", {"budget": steps, "record_every": steps}, n_agents)
 
 
 def _training(model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int) -> Side:
@@ -189,18 +160,6 @@ def _stepping(mode: str, times: int) -> Side:
     envs.reset()
     actions = np.random.default_rng(0).integers(0, N_ACTIONS, (times, 1000))
     return actions.size, lambda: [envs.step(row) for row in actions]
-
-
-def _reading(folder: Path, n: int) -> Side:
-    path, q = folder / f"{n}.db", np.random.default_rng(0).random((120, 5))
-    with Store(path) as store:
-        store.add(Record(f"{i:064}", "{}", "done", {}, {"q": q}) for i in range(n))
-
-    def read() -> None:
-        with Store(path, read_only=True) as store:
-            store.statuses()
-
-    return n, read
 
 
 def _loop(steps: int) -> None:

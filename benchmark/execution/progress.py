@@ -83,12 +83,12 @@ class Display(ProgressColumn):
         if not self._console.is_terminal:
             self._print_line()
 
-    def advance(self, ended: Sequence[str], n_failed: int = 0, name: str | None = None) -> None:
-        """Counts items that have ended, and failures among them; `name` says what follows."""
+    def advance(self, ended: Sequence[str], n_failed: int = 0) -> None:
+        """Counts items that have ended, and failures among them."""
         self._n_done, self._n_failed = self._n_done + len(ended) - n_failed, self._n_failed + n_failed
         task, now_s = self._progress.tasks[0], time.monotonic()
         is_first = task.percentage < _FIRST
-        self._progress.update(self._task, advance=sum(self._costs[key] for key in ended), description=name)
+        self._progress.update(self._task, advance=sum(self._costs[key] for key in ended))
         share = task.percentage / 100
         if is_first:
             self._first_s, self._first_share = now_s, share

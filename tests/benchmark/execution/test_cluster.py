@@ -198,7 +198,7 @@ def test_interrupt_cancels_jobs_and_the_death_of_the_scheduler_ends_the_run(
         machines.addresses("a")
         with after_a_run(tmp_path, lambda: os.kill(os.getpid(), signal.SIGINT)):
             assert main(run) == 130
-        assert "interrupted: finished runs are kept" in capsys.readouterr().err
+        assert "interrupted: what is stored is kept" in capsys.readouterr().err
         until(lambda: machines.tasks() == 0)
         with Store(tmp_path / "runs.db") as store:
             n_done = len(store.ended())

@@ -69,7 +69,6 @@ def test_runs_are_counted_in_a_bar_or_in_occasional_lines(
     console = Console(file=(file := io.StringIO()), force_terminal=is_terminal, width=110, color_system=None)
     monkeypatch.setattr("benchmark.execution.progress.Console", lambda **_: console)
     with Display("mine", {"slow": 9000.0, "failing": 500.0, "quick": 500.0}, 1233) as display:
-        display.advance([], name="first")
         display._progress.refresh()
         now[0] = 20.0
         display.advance(["failing"], 1)
@@ -77,10 +76,10 @@ def test_runs_are_counted_in_a_bar_or_in_occasional_lines(
         display.advance(["quick"])
         now[0] = 1500.0  # nothing has ended since
     lines = [" ".join(re.sub("[━╸╺]", "", line).split()) for line in file.getvalue().splitlines()]
-    before = "first: 1,234 of 1,236 done, 1 failed, about 84 minutes left"  # a twentieth has taken 280 s
+    before = "mine: 1,234 of 1,236 done, 1 failed, about 84 minutes left"  # a twentieth has taken 280 s
     last = before.replace("84", "64")
     if is_terminal:
-        assert "first 1,233 of 1,236 done" in "".join(lines)
+        assert "mine 1,233 of 1,236 done" in "".join(lines)
         assert last.replace(":", "") in "".join(lines[-2:])
     else:
         assert lines == [before, last]
