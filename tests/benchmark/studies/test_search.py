@@ -256,7 +256,7 @@ def test_stages_follow_from_what_is_stored(small: SearchAnalysis, results: Path,
         first, fresh = report_of(SMALL).stages(store)
         todo = driver.pending(runs_of(next(longer.stages(store))), store)
         success = store.get([first[0].runs[0].digest])[0].arrays["success"]
-    assert {run.condition for run in todo} == {"default/trial=4", "default/trial=5"}
+    assert {run.condition for run in todo} == {"trial=4", "trial=5"}
     assert {run.seed for run in runs_of(fresh)} == {10, 11, 12}
     assert len(small.data.specifications) == sum(len(group.runs) for group in (*first, *fresh))
     # By hand: the mean success of evaluations, of which the first and the last count half.
