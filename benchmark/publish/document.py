@@ -50,7 +50,7 @@ class Document:
                     if name not in STUDIES and not name.startswith("benchmark.studies."):
                         reason = f"report: {name}: code of users runs only if you name its experiment"
                         raise InputError(f"{source}: {reason}, as in: report EXPERIMENT.")
-                study = with_items(load_study(declared["kind"], source), declared, source)
+                study = with_items(load_study(declared["kind"], source), declared["items"], source)
             self._headline, self.finding, self.lead = study.headline, study.finding, study.lead
             self.name, self.items, self.template = study.name, study.items, study.document
             self.question = declared["question"] or study.question

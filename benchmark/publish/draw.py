@@ -10,7 +10,6 @@ from benchmark.folder import MANIFEST, write_manifest
 from benchmark.publish import document, files, sameness
 from benchmark.publish.manifest import manifest_of
 from benchmark.studies import AnyReport
-from benchmark.studies.item import called
 
 
 class Made(NamedTuple):
@@ -33,7 +32,7 @@ def draw(report: AnyReport, store: Store, directory: Path, seeds: Sequence[int] 
     measured += ["README.md"] if measured else []  # it repeats measured numbers
     stale = {*sameness.listed(directory), *(file for item in study.items for file in item.files())}
     with files.alone(directory.parent), files.replaced(directory, stale) as aside:
-        analysis = called(study.analyse, data)
+        analysis = study.analyse(data)
         made = {item.name: item.tabulate(analysis) for item in study.items}
         frames = {table: frame for table, frame in made.items() if frame is not None}
         for table, frame in frames.items():

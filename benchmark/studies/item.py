@@ -3,7 +3,6 @@
 The function of a table takes the analysis of its study; that of a figure takes the analysis and the table.
 """
 
-import inspect
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
@@ -18,13 +17,11 @@ from matplotlib.figure import Figure
 from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.style import save_figure, settings
 from benchmark.drawing.tables import decimals_of, show
-from envs import InputError
 
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
 Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Estimate`s
 Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
-T = TypeVar("T")
 A = TypeVar("A")
 # What columns mean: in any table, and in those of single studies.
 COLUMNS: Final[Mapping[str, dict[str, str]]] = tomllib.loads(
@@ -68,28 +65,22 @@ class Item(Generic[A]):
 
     def tabulate(self, analysis: A) -> pd.DataFrame | None:
         """Computes the table; None if there is nothing to tabulate."""
-        rows = None if self.compute is None else called(self.compute, analysis)
+        rows = None if self.compute is None else self.compute(analysis)
         if rows is None or isinstance(rows, pd.DataFrame):
             return rows
-        rows = [rows] if isinstance(rows, str | Mapping) else [*rows]
-        if any(not isinstance(row, Mapping) for row in rows):
-            accepted = "a data frame, or rows, each a dictionary"
-            raise InputError(f"item {self.name}: its function returns other rows; accepted: {accepted}.")
+        rows = [rows] if isinstance(rows, Mapping) else [*rows]
         return pd.DataFrame(map(expanded, rows)) if rows else None
 
     def save(self, analysis: A, tables: Frames, directory: Path) -> None:
         """Writes the figure or the other file."""
         with settings():
             table = tables.get(self.name, pd.DataFrame() if self.compute is None else None)
-            figure = called(self.draw, analysis, table) if self.draw and table is not None else None
+            figure = self.draw(analysis, table) if self.draw and table is not None else None
             if figure is not None:
-                if not isinstance(figure, Figure):
-                    found = f"item {self.name}: its figure is {type(figure)}"
-                    raise InputError(f"{found}; accepted: a figure of matplotlib, or None.")
                 save_figure(figure, directory / f"{self.name}.svg")
                 plt.close(figure)  # if its author made it in pyplot
         if self.write is not None:
-            called(self.write, analysis, directory / self.file)
+            self.write(analysis, directory / self.file)
 
     def files(self) -> tuple[str, ...]:
         """Lists the names that its files can have."""
@@ -120,16 +111,6 @@ class Item(Generic[A]):
 
 AnyItem: TypeAlias = Item[Any]  # of whatever study
 item: Final[type[AnyItem]] = Item  # as a decorator
-
-
-def called(function: Callable[..., T], *arguments: object) -> T:
-    """Calls a function of a study; one that does not take these arguments raises an InputError."""
-    try:
-        inspect.signature(function).bind(*arguments)
-    except TypeError as error:
-        where = f"{function.__module__}: {function.__name__}"
-        raise InputError(f"{where}: {error}; benchmark/studies/README.md has its arguments.") from error
-    return function(*arguments)
 
 
 def no_rows(frame: pd.DataFrame) -> pd.DataFrame:

@@ -9,15 +9,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Generic, Self, TypeAlias, TypeVar
 
-from pydantic import create_model
-
 from benchmark.analysis.frames import Group
 from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, interleaved
 from benchmark.folder import Folder
 from benchmark.studies.data import Data
-from benchmark.studies.item import Item, called
+from benchmark.studies.item import Item
 from envs import InputError
 from envs.inputs import Label, Names, Table, parse, unknown_name
 from envs.packages import imported, missing_package
@@ -42,8 +40,6 @@ class Declared(Table):
     """The heading; by default that of the study."""
     items: Names = ()
     """Further tables and figures, each as `module:attribute`."""
-    omit: Names = ()
-    """Names of the study's tables and figures that are left out."""
 
 
 D = TypeVar("D", bound=Declared)
@@ -78,7 +74,7 @@ class Report(Generic[D, A]):
     """The study of an experiment, as this declares it."""
 
     experiment: Experiment
-    study: Study[D, A]  # with the items that the experiment adds, without those it omits
+    study: Study[D, A]  # with the items that the experiment adds
     declared: D
 
     def check(self, *, is_drawn: bool = True) -> Self:
@@ -97,7 +93,7 @@ class Report(Generic[D, A]):
             raise InputError(f"{where}: solved {found}: accepted: map or search.")
         if experiment.declared.search is not None and study.stages is None:
             raise InputError(f"{where}: search {found}: accepted: kind = search.")
-        called(study.check, experiment, self.declared)
+        study.check(experiment, self.declared)
         return self
 
     def stages(self, store: Store, seeds: Sequence[int] | None = None) -> Iterator[list[Group]]:
@@ -162,31 +158,16 @@ def load_study(name: str, source: str = "benchmark.studies") -> AnyStudy:
     """
     if name not in STUDIES and ":" not in name:
         unknown_name(source, "report", name, STUDIES, "module:attribute")
-    study = _of_class(STUDIES.get(name, name), source, "report", Study)
-    for item in study.items:
-        if not isinstance(item, Item):
-            raise InputError(
-                f"{source}: {name}: items: {item!r}: accepted: items, made by the decorator `item`."
-            )
-    names = [item.name for item in study.items]
-    if len({*names}) < len(names) or study.lead not in ("", *names):
-        raise InputError(
-            f"{source}: {name}: accepted: items of different names, and one of these as its lead."
-        )
-    return study
+    return _of_class(STUDIES.get(name, name), source, "report", Study)
 
 
-def with_items(study: Study[D, A], declared: Mapping[str, Any], source: str) -> Study[D, A]:
-    """Returns a study with the items that a table `report` adds, without those it omits.
+def with_items(study: Study[D, A], names: Iterable[str], source: str) -> Study[D, A]:
+    """Returns a study with further items, each named as `module:attribute`.
 
-    An unknown or taken name, or anything but an item, raises an InputError that begins with the source.
+    A taken name, or anything but an item, raises an InputError that begins with the source.
     """
-    names = [item.name for item in study.items]
-    for name in declared["omit"]:
-        if name not in names:
-            unknown_name(f"{source}: report.omit", "item", name, names)
-    items = {item.name: item for item in study.items if item.name not in declared["omit"]}
-    for name in declared["items"]:
+    items = {item.name: item for item in study.items}
+    for name in names:
         item = _of_class(name, f"{source}: report.items", "item", Item)
         if item.name in items:
             raise InputError(f"{source}: report.items: {name}: the report has an item {item.name} already.")
@@ -198,13 +179,9 @@ def report_of(experiment: Experiment) -> AnyReport:
     """Returns the report of an experiment; only its table is parsed, `Report.check` checks the rest."""
     given, where = experiment.declared.report, experiment.argument
     study = _NONE if given is None else load_study(str(given.get("kind", "")), where)
-    wrapped = create_model("Wrapped", __base__=Table, report=(study.declared, ...))
-    read = parse(wrapped, {"report": given or {"kind": study.name}}, where)
-    declared: Declared = vars(read)["report"]
-    study = with_items(study, declared.model_dump(), where)
-    finding = experiment.path.with_suffix(".md.jinja")
-    is_document = finding.resolve() == study.document.resolve()  # both are named after the experiment
-    return Report(experiment, replace(study, finding=None if is_document else finding), declared)
+    declared = parse(study.declared, given or {"kind": study.name}, f"{where}: report")
+    study = with_items(study, declared.items, where)
+    return Report(experiment, replace(study, finding=experiment.path.with_suffix(".md.jinja")), declared)
 
 
 def _of_class(name: str, source: str, kind: str, cls: type[_T]) -> _T:

@@ -84,18 +84,18 @@ class MapDeclared(Declared):
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
         looks, answer = [*self.looks], self.answer
-        require(looks == sorted({*looks}), f"report.looks = {looks}", "increasing numbers")
+        require(looks == sorted({*looks}), f"looks = {looks}", "increasing numbers")
         for x, y in self.contrasts:
-            require(x != y, f"report.contrasts: {x} and {y}", "two different learners")
+            require(x != y, f"contrasts: {x} and {y}", "two different learners")
         pairs = (" and ".join(sorted(contrast)) for contrast in self.contrasts)
-        distinct(tuple(pairs), "report.contrasts: ")
-        distinct(tuple(panel.title for panel in self.panels), "report.panels: title ")
+        distinct(tuple(pairs), "contrasts: ")
+        distinct(tuple(panel.title for panel in self.panels), "panels: title ")
         if answer:
             is_one = bool(answer.learners) != bool(answer.groups)
-            require(is_one, "report.answer", "either learners or groups")
-            distinct(tuple(group.title for group in answer.groups), "report.answer.groups: title ")
+            require(is_one, "answer", "either learners or groups")
+            distinct(tuple(group.title for group in answer.groups), "answer.groups: title ")
             for learners in answer.headed.values():
-                distinct(tuple(learners.values()), "report.answer: ")
+                distinct(tuple(learners.values()), "answer: ")
         return self
 
 

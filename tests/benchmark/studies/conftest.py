@@ -23,7 +23,6 @@ settings = { budget = 400, time_limit = 100 }
 
 [report]
 kind = "comparison"
-omit = ["agents"]
 baseline = ["table, index"]
 contrasts = [["net, one_hot", "table, index"], ["sarsa, index", "table, index"]]
 

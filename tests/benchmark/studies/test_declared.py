@@ -91,7 +91,6 @@ def test_sides_are_columns_with_values(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("reporting", "names"),
     [
-        ('omit = ["summery"]', ["report.omit", "summery", "summary"]),
         ('items = ["nowhere.to:be_found"]', ["nowhere.to:be_found"]),
         ('items = ["envs:ACTIONS"]', ["envs:ACTIONS"]),
         ("looks = [10, 20]", ["unknown key looks"]),
