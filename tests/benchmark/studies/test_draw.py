@@ -20,7 +20,7 @@ from benchmark.experiments.search import Chosen
 from benchmark.folder import SCORES
 from benchmark.publish import document, draw
 from benchmark.publish.document import Document
-from benchmark.studies import load_study, report_of
+from benchmark.studies import report_of
 from benchmark.studies.comparison.analysis import ComparisonAnalysis
 from envs import InputError
 from tests.benchmark.execution.test_processes import PATIENCE_S, until
