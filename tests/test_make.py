@@ -77,7 +77,7 @@ def test_what_git_ignores_is_not_checked(tmp_path: Path) -> None:
 def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
     kept = {f"{name}/mine.py" for name in ("agents", "benchmark", "envs", "tests")}
     kept |= {"results/reproduce/claims.csv"}
-    removed = {"envs/__pycache__/mine.pyc", "results/runs.db", "results/index.html", "build/site/index.html"}
+    removed = {"envs/__pycache__/mine.pyc", "results/runs.db", "results/index.html", "build/lib/index.html"}
     removed |= {f"results/mine_{kind}/claims.csv" for kind in ("smoke", "seeds_0-9")}
     for path in (tmp_path / name for name in kept | removed):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -148,6 +148,9 @@ def frames(film: Film) -> Iterator[Figure]:
     with figure_of(1, 1, (max(cell * grid.columns, 3) + 1, cell * grid.rows + 1)) as (figure, axes):
         figure.set_dpi(_DPI)
         colour_bar(figure, [axes[0, 0]], norm, "value", extend="both")
+        _draw(axes[0, 0], film, 0, norm)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # a layout takes longer than a frame
     for index in range(len(film.steps)):
         with settings():
             _draw(axes[0, 0], film, index, norm)

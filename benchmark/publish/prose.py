@@ -2,9 +2,9 @@
 
 The finding of an experiment is a template beside its file: of `when.toml`, it is `when.md.jinja`. If there is
 a function `finding` in `when.py`, it checks the claims and returns what the template can name, see
-`benchmark.experiments.finding`.  The first paragraph is the answer. A
-paragraph may start with a title in bold, by which the README of this repository includes it, and those
-without a title after it. Results of other seeds, or of only some of the runs, have no such text.
+`benchmark.experiments.finding`. The first paragraph is the answer. A paragraph may start with a title in
+bold, by which the README of this repository includes it, and those without a title after it. Results of other
+seeds have no such text.
 """
 
 import re
