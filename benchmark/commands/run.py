@@ -38,8 +38,7 @@ def main(options: argparse.Namespace) -> int:
         _check_log(options)
     with Store(options.results / "runs.db") as store:
         if has_stages:
-            n_runs = report.study.most_runs(experiment, report.declared)
-            print(f"{name}: at most {n_runs:,} runs over all stages.", file=sys.stderr)
+            print(f"{name}: at most {experiment.declared.most_runs:,} runs over all stages.", file=sys.stderr)
         for stage, groups in enumerate(report.stages(store, seeds), start=1):
             runs = runs_of(groups)
             if options.log is not None:

@@ -119,7 +119,7 @@ class Grid(Changes):
     """Conditions that are the product of axes, with changes at all its points. A map draws grids."""
 
     question: Label = ""
-    """What the grid is to answer, for readers; required in a map."""
+    """What the grid is to answer, for readers."""
     learners: Names = ()
     """Names of learners, or of variants with all their observations; all by default. A learner that no grid
     names is in all grids."""
@@ -308,11 +308,8 @@ class Declaration(Table):
         if search is not None:
             small = {"parts": min(search.parts, 2), "trials": 3, "finalists": 1, "seeds": 2}
             search = search.model_copy(update=small)
-        report = self.report
-        if report is not None and "looks" in report:
-            report = report | {"looks": [2]}
         note = "This miniature only checks that everything works: its numbers mean nothing."
-        changed = {"algorithms": variants, "readings": readings, "search": search, "report": report}
+        changed = {"algorithms": variants, "readings": readings, "search": search}
         return self.model_copy(update=changed | {"name": f"{self.name}{_MINIATURE}", "note": note})
 
     def seeds_of(self, variant: str, condition: Condition) -> range:

@@ -43,13 +43,8 @@ def finding(tables: Tables) -> Names:
     claim({*faster["y"]} <= {TABLE}, "nets learn faster than tables without replay only")
     at_random = tables.values("cells", "unseen_budget", **_AT, learner=[TABLE, REPLAY_TABLE])
     claim(len(at_random) == 1, "given cells, all tables act in new places as if untrained: at random")
-    claim(tables.rows("levels")["reversed"].sum() == 0, "no verdict is reversed at other levels")
     factored = tables.rows("cells", **_AT, learner=["dqn, factored", FACTORED_PPO])
     claim(not factored["n_solved"].any(), "no net learns 64 places from one-hot rows and columns of cells")
-    depth = tables.row("levels", x=OFFSET_DQN, y=TILED_LINEAR_DQN)
-    claim(
-        depth["at_no_other_level"] == depth["decided"] == 1, "hidden layers are faster at the level 0.9 only"
-    )
 
     def versus(offset: bool, i: int, verdict: str) -> str:
         """Returns how many contrasts of nets with the i-th alternative without a net have this verdict."""
@@ -74,10 +69,8 @@ def finding(tables: Tables) -> Names:
         "fastest": tables.numbers("cells", "steps_fastest", "learner", **_AT),
         "slowest": tables.numbers("cells", "steps_slowest", "learner", **_AT),
         "shuffled": lambda learner: steps(learner, "code", "permuted 100"),
-        "n_levels": str(tables.rows("levels")["decided"].sum()),
         "n_points": tables.count("contrasts", grid=_GRIDS, x=DQN, y=TABLE),
-        "sb3": tables.numbers("reference", "steps_reference", "y point"),
-        "twin": tables.numbers("reference", "steps", "y point"),
+        "beside_sb3": lambda learner: steps(learner, "reference", "room 10x12, places 16"),
     }
 
 

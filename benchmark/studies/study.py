@@ -59,8 +59,6 @@ class Study(Generic[D, A]):
     document: Path  # a template of Markdown with places for the items, see `benchmark.publish.document`
     # Yields the runs of one stage after the other, given those that are stored; by default there is one stage
     stages: Callable[[Experiment, D, Store], Iterator[list[Group]]] | None = None
-    # Returns the maximum number of runs over all stages; by default as declared
-    most_runs: Callable[[Experiment, D], int] = lambda experiment, _: experiment.declared.most_runs
     headline: Callable[[Folder], str | None] = lambda _: None  # one sentence in Markdown, from tables alone
     finding: Path | None = None  # the template of a text by hand, see `benchmark.publish.prose`
     lead: str = ""  # the item whose figure stands below or beside the headline

@@ -6,11 +6,11 @@ from typing import Final
 from benchmark.folder import Folder
 from benchmark.studies.map import figures, tables
 from benchmark.studies.map.analysis import MapAnalysis, analyse
-from benchmark.studies.map.declared import MapDeclared, check, most_runs
-from benchmark.studies.map.looks import EQUAL, FASTER, SLOWER, VERDICTS, stages
+from benchmark.studies.map.contrasts import FASTER, SLOWER, VERDICTS
+from benchmark.studies.map.declared import MapDeclared, check
 from benchmark.studies.study import Study
 
-_WORDS: Final = {FASTER: "fewer", SLOWER: "more", EQUAL: "equally many"}  # in wrong PINGs
+_WORDS: Final = {FASTER: "fewer", SLOWER: "more"}  # in wrong PINGs
 
 
 def headline(folder: Folder) -> str:
@@ -37,20 +37,12 @@ STUDY: Final = Study[MapDeclared, MapAnalysis](
     declared=MapDeclared,
     check=check,
     analyse=analyse,
-    stages=stages,
-    most_runs=most_runs,
     items=(
         figures.answer,
         figures.picture,
         tables.cells,
         tables.contrasts,
         tables.verdicts,
-        tables.looks,
-        tables.levels,
-        tables.crossings,
-        tables.success,
-        tables.reference,
-        tables.pairs,
         tables.runs,
         tables.unseen,
         tables.cpu,

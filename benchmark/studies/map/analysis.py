@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from benchmark.analysis.frames import by_population
 from benchmark.analysis.intervals import median, proportion
 from benchmark.experiments import Population
 from benchmark.studies.data import Data
 from benchmark.studies.item import expanded
-from benchmark.studies.map import looks
+from benchmark.studies.map.contrasts import Contrast, Runs, by_pick, contrasts_of, until_learned
 from benchmark.studies.map.declared import MapDeclared, name_of
-from envs import InputError
 from envs.people import NoisyFeedback
 
 
@@ -21,35 +21,40 @@ class MapAnalysis:
     """What the tables and figures of a map show."""
 
     data: Data[MapDeclared]
-    curves: looks.Rows  # of each population
-    runs: looks.Rows
-    learned: Mapping[Population, looks.Runs]  # what the runs took, see `looks.until_learned`
-    contrasts: Sequence[looks.Contrast]
-    distinct: Sequence[looks.Contrast]  # those of several grids once
+    runs: Mapping[Population, pd.DataFrame]  # of each population
+    learned: Mapping[Population, Runs]  # what the runs took, see `until_learned`
+    contrasts: Sequence[Contrast]
     cells: pd.DataFrame  # one row for each population, with the learner's name as its index
 
 
 def analyse(data: Data[MapDeclared]) -> MapAnalysis:
-    """Analyses a map; raises an InputError if no contrast has enough runs."""
-    experiment = data.experiment
-    curves, runs = (looks.rows_of(experiment, frame) for frame in (data.curves, data.runs))
-    learned = looks.learned_at(experiment, curves, runs)
-    contrasts = looks.contrasts_of(experiment, data.declared, learned)
-    if not contrasts:
-        raise InputError(f"{experiment.name}: no contrast has enough runs yet: run the experiment first.")
-    first = next(iter(learned.values()))
-    distinct = {looks.digests(contrast.x, contrast.y): contrast for contrast in contrasts}
-    rows = [expanded(_cell(population, runs[population], own)) for population, own in first.items()]
-    cells = pd.DataFrame(rows, index=[population.learner.name for population in first])
-    return MapAnalysis(data, curves, runs, first, contrasts, [*distinct.values()], cells)
+    """Analyses a map."""
+    experiment, solved = data.experiment, data.experiment.declared.solved
+    assert solved is not None
+    populations = {(each.condition.name, each.learner.name): each for each in experiment.populations}
+    curves, runs = (
+        {populations[keys["condition"], keys["learner"]]: rows for keys, rows in by_population(frame)}
+        for frame in (data.curves, data.runs)
+    )
+    learned = {
+        population: until_learned(
+            rows,
+            solved.success,
+            runs[population]["unseen_budget"].to_numpy() if population.scenario.issuer.unseen else None,
+        )
+        for population, rows in curves.items()
+    }
+    rows = [expanded(_cell(population, runs[population], own)) for population, own in learned.items()]
+    cells = pd.DataFrame(rows, index=[population.learner.name for population in learned])
+    return MapAnalysis(data, runs, learned, contrasts_of(experiment, data.declared, learned), cells)
 
 
-def _cell(population: Population, runs: pd.DataFrame, learned: looks.Runs) -> dict[str, object]:
+def _cell(population: Population, runs: pd.DataFrame, learned: Runs) -> dict[str, object]:
     """Summarises a population; a run that never learns takes infinitely many steps."""
     is_solved = np.isfinite(learned["steps"])
-    of_picks = [np.median(steps) for steps in looks.by_pick(learned["steps"], population)]
+    of_picks = [np.median(steps) for steps in by_pick(learned["steps"], population)]
     return learner_of(population) | {
-        "n": len(learned),
+        "n": len(is_solved),
         "budget": population.first.settings.budget,
         "n_solved": int(is_solved.sum()),
         "solved": proportion(is_solved),

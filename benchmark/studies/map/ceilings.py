@@ -10,7 +10,6 @@ from benchmark.analysis.records import OPTIMUM_TOLERANCE
 from benchmark.experiments import title_of
 from benchmark.studies.item import item
 from benchmark.studies.map.analysis import MapAnalysis
-from benchmark.studies.map.declared import panels_of
 from envs import compile_scenario
 from envs.observations import INDICES, compile_seen
 
@@ -27,7 +26,7 @@ def ceilings(analysis: MapAnalysis) -> Iterator[Mapping[str, object]]:
     experiment = analysis.data.experiment
     horizon, populations = experiment.declared.horizon, experiment.populations
     scenes = {population.condition.axes["grid"]: population.scenario for population in populations}
-    for grid in dict.fromkeys(panel.grid for panel in panels_of(experiment, analysis.data.declared)):
+    for grid in dict.fromkeys(panel.grid for panel in analysis.data.declared.panels):
         everywhere = scenes[grid].issuer.model_copy(update={"places": None, "unseen": 0})
         scenario = scenes[grid].model_copy(update={"issuer": everywhere})
         model = compile_scenario(scenario)

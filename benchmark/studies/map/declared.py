@@ -2,50 +2,36 @@
 
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
-from itertools import chain
 from math import prod
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
 from agents.dynamic_programming import evaluate, largest_success
 from agents.policy import uniform_policy
 from benchmark.experiments import Experiment, Population
-from benchmark.experiments.choices import check_seeds
 from benchmark.studies.study import Declared
 from envs import InputError, Scenario, compile_scenario
 from envs.inputs import Label, Names, Table, distinct, require
 
 
-class Margins(Table):
-    """Differences that are too small to matter."""
-
-    faster: Annotated[float, Field(gt=0, le=0.2)] = 0.2
-    """Distance of the probability of being faster from 1/2."""
-
-
-LearnerNames = dict[str, Annotated[Label, Field(min_length=1)]]
-
-
 class Panel(Table):
-    """A panel of a map."""
+    """A panel of a map: steps until learners have learned, along the axis of a grid."""
 
-    grid: str = ""
-    """The grid with one axis that it shows; by default the first."""
+    grid: str
+    """The grid that it shows, with one axis."""
     title: Annotated[Label, Field(min_length=1)]
     """Its heading."""
     learners: Annotated[Names, Field(min_length=1)]
     """Names of the learners that it shows."""
-    shows: Literal["steps", "unseen"] = "steps"
-    """What is drawn: "steps" until they have learned, or success in "unseen" places after training."""
 
 
 class AnswerGroup(Table):
-    """Rows of the figure of a map's answer, under a heading."""
+    """Rows of the figure of a map's answer."""
 
-    title: Label
-    """The heading."""
-    learners: Annotated[LearnerNames, Field(min_length=1)]
+    title: Label = ""
+    """Their heading, if they have one."""
+    learners: Annotated[dict[str, Annotated[Label, Field(min_length=1)]], Field(min_length=1)]
     """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
 
 
@@ -56,15 +42,10 @@ class Answer(Table):
     """The grid with the point."""
     point: str
     """The point, as in tables: "places 64". The person must have unseen places there."""
-    learners: LearnerNames = Field(default={})
-    """What the figure calls each learner, by its name, if it has no groups."""
-    groups: tuple[AnswerGroup, ...] = ()
-    """The learners under headings, instead of `learners`."""
-
-    @property
-    def headed(self) -> dict[str, LearnerNames]:
-        """The learners by heading; without groups, there is one empty heading."""
-        return {group.title: group.learners for group in self.groups} or {"": self.learners}
+    unseen: str = ""
+    """A grid with one axis, along which another figure shows success in unseen places."""
+    groups: Annotated[tuple[AnswerGroup, ...], Field(min_length=1)]
+    """The learners."""
 
 
 class MapDeclared(Declared):
@@ -72,30 +53,17 @@ class MapDeclared(Declared):
 
     contrasts: Annotated[tuple[tuple[str, str], ...], Field(min_length=1)]
     """Pairs of learners x, y that are compared, with verdicts, wherever there are both."""
-    looks: Annotated[tuple[Annotated[int, Field(ge=2, le=10**12)], ...], Field(min_length=1)]
-    """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
-    margins: Margins = Margins()
-    """Differences between x and y that are too small to matter."""
-    panels: tuple[Panel, ...] = ()
-    """Panels in which a map draws grids with one axis; by default, one of the first with all learners."""
+    panels: Annotated[tuple[Panel, ...], Field(min_length=1)]
+    """What the figure of the map shows."""
     answer: Answer | None = None
     """What the figure of a map's answer shows; without it, there is no figure."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        looks, answer = [*self.looks], self.answer
-        require(looks == sorted({*looks}), f"looks = {looks}", "increasing numbers")
         for x, y in self.contrasts:
             require(x != y, f"contrasts: {x} and {y}", "two different learners")
         pairs = (" and ".join(sorted(contrast)) for contrast in self.contrasts)
         distinct(tuple(pairs), "contrasts: ")
-        distinct(tuple(panel.title for panel in self.panels), "panels: title ")
-        if answer:
-            is_one = bool(answer.learners) != bool(answer.groups)
-            require(is_one, "answer", "either learners or groups")
-            distinct(tuple(group.title for group in answer.groups), "answer.groups: title ")
-            for learners in answer.headed.values():
-                distinct(tuple(learners.values()), "answer: ")
         return self
 
 
@@ -105,44 +73,11 @@ def name_of(population: Population) -> dict[str, str]:
     return {"grid": grid, "point": ", ".join(values).replace("=", " ")}
 
 
-def curve_grids(experiment: Experiment, *, unseen: bool = False) -> list[str]:
-    """Lists grids with one axis, not named permuted, about steps or about success in unseen places.
-
-    A grid is about steps if it has a point without unseen places. If no grid has one, each grid with
-    several points is about both.
-    """
-    seen = {p.condition.axes.get("grid") for p in experiment.populations if not p.scenario.issuer.unseen}
-    grids = {
-        name: len(*grid.axes.values())
-        for name, grid in experiment.declared.grids.items()
-        if len(grid.axes) == 1 and "permuted" not in grid.axes
-    }
-    if not seen & {*grids}:
-        return [name for name, n_points in grids.items() if n_points > 1]
-    return [name for name in grids if (name not in seen) == unseen]
-
-
 def axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float]]:
     """Returns the only axis of a grid, and its values as numbers by name, ascending; 5x6 is 30."""
     ((axis, names),) = experiment.declared.grids[grid].axes.items()
     values = {name: prod(map(float, name.split("x"))) for name in names}
     return axis, dict(sorted(values.items(), key=lambda pair: pair[1]))
-
-
-def panels_of(experiment: Experiment, declared: MapDeclared) -> list[Panel]:
-    """Returns the declared panels with their grids; by default, the first grid with all learners."""
-    first = curve_grids(experiment)[0]
-    learners = shown_in(experiment, first)
-    title = experiment.declared.grids[first].question
-    default = Panel.model_construct(title=title, learners=tuple(learners))
-    panels = declared.panels or (default,)
-    return [panel.model_copy(update={"grid": panel.grid or first}) for panel in panels]
-
-
-def shown_in(experiment: Experiment, grid: str) -> list[str]:
-    """Lists the learners that run in a grid, without reference implementations."""
-    ran = {p.learner.name for p in experiment.populations if p.condition.axes["grid"] == grid}
-    return [name for name, each in experiment.learners.items() if name in ran and not each.reference_for]
 
 
 def compared(
@@ -158,20 +93,11 @@ def compared(
     ]
 
 
-def most_runs(experiment: Experiment, declared: MapDeclared) -> int:
-    """Returns the maximum number of runs over all looks; one that conditions share counts for each."""
-    sides = {side for pair in compared(experiment, declared.contrasts) for side in pair}
-    last = declared.looks[-1]
-    return sum(max(len(p.seeds), last * (p in sides)) for p in experiment.populations)
-
-
 def check(experiment: Experiment, declared: MapDeclared) -> None:
     """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
     _refuse(experiment, *_of_grids(experiment))
     runs = [*_of_contrasts(experiment, declared), *_of_budgets(experiment)]
-    _refuse(experiment, *runs, *_of_panels(experiment, declared), *_of_answer(experiment, declared))
-    for variant in experiment.declared.algorithms:
-        check_seeds(experiment.declared, variant, experiment.path, declared.looks[-1])
+    _refuse(experiment, *runs, *_of_figures(experiment, declared))
     _refuse(experiment, *_unreachable(experiment, declared))
 
 
@@ -185,72 +111,53 @@ def _of_grids(experiment: Experiment) -> Iterator[str]:
     for key, value in {"[grids]": declared.grids, "[solved]": declared.solved}.items():
         if not value:
             yield f"{key} is missing; this report needs it."
-    for key, names in {"scenarios": experiment.scenarios}.items():
-        if len(names) > 1:
-            yield f"{key}: {len(names)}: accepted: exactly one."
-    if declared.grids and not curve_grids(experiment):
-        accepted = "at least one that has one axis, not named permuted, and a point without unseen places"
-        yield f"grids: accepted: {accepted}, which the figure of the map draws."
-    for name, grid in declared.grids.items():
-        if not grid.question:
-            yield f"grids.{name}.question is missing; this report needs it."
+    if len(experiment.scenarios) > 1:
+        yield f"scenarios: {len(experiment.scenarios)}: accepted: exactly one."
 
 
 def _of_contrasts(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
-    known, first = experiment.learners, declared.looks[0]
-    names = dict.fromkeys(name for contrast in declared.contrasts for name in contrast)
-    for name in names:
-        if name not in known:
-            yield f"report.contrasts: {name}: accepted: {', '.join(known)}."
-    variants = {known[name].variant: known[name].declared.seeds for name in names if name in known}
-    for variant, seeds in variants.items():
-        if seeds != first:
-            accepted = f"report.looks[0] = {first}, as report.contrasts names it"
-            yield f"algorithms.{variant}.seeds = {seeds}: accepted: {accepted}."
+    known = experiment.learners
     for contrast in declared.contrasts:
-        starts = {known[name].declared.first_seed for name in contrast if name in known}
-        if len(starts) > 1:
-            found = f"{' and '.join(contrast)}: first_seed is {' and '.join(map(str, sorted(starts)))}"
-            yield f"report.contrasts: {found}: accepted: the same first_seed."
+        for name in contrast:
+            if name not in known:
+                yield f"report.contrasts: {name}: accepted: {', '.join(known)}."
+        variants = [known[name].declared for name in contrast if name in known]
+        seeds = {(variant.first_seed, variant.seeds) for variant in variants}
+        if len(seeds) > 1:
+            yield f"report.contrasts: {' and '.join(contrast)}: accepted: two with the same seeds."
 
 
 def _of_budgets(experiment: Experiment) -> Iterator[str]:
     budgets = dict[str, int]()
     for population in experiment.populations:
         budget, where = population.first.settings.budget, population.condition.name
-        if not population.learner.reference_for and budget != budgets.setdefault(where, budget):
+        if budget != budgets.setdefault(where, budget):
             accepted = f"accepted: {budgets[where]}, as others have there"
             yield f"algorithms.{population.learner.variant}: budget = {budget} at {where}: {accepted}."
             return
 
 
-def _of_panels(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
-    for panel in panels_of(experiment, declared):
-        grids = curve_grids(experiment, unseen=panel.shows == "unseen")
-        if panel.grid not in grids:
-            yield f"report.panels: grid = {panel.grid}: accepted: {', '.join(grids) or 'none'}."
-            continue
-        shown = shown_in(experiment, panel.grid)
-        for name in panel.learners:
-            if name not in shown:
-                accepted = f"learners of the grid {panel.grid}: {', '.join(shown)}"
-                yield f"report.panels: {name}: accepted: {accepted}."
-
-
-def _of_answer(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
-    ran = dict[tuple[str, ...], list[str]]()  # the learners at each point with unseen places
+def _of_figures(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
+    # The learners of each grid with one axis, and at each point with unseen places
+    ran = dict[tuple[str, ...], list[str]]()
     for population in experiment.populations:
+        grid, point = name_of(population).values()
+        if len(experiment.declared.grids[grid].axes) == 1:
+            ran.setdefault((grid,), []).append(population.learner.name)
         if population.scenario.issuer.unseen:
-            ran.setdefault(tuple(name_of(population).values()), []).append(population.learner.name)
-    if answer := declared.answer:
-        learners = ran.get((answer.grid, answer.point), [])
-        if not learners:
-            accepted = "; ".join(f'grid = "{grid}", point = "{point}"' for grid, point in ran)
-            where = f'report.answer: grid = "{answer.grid}", point = "{answer.point}"'
-            yield f"{where}: accepted: {accepted or 'none, since no point has unseen places'}."
-        for name in chain(*answer.headed.values()):
-            if learners and name not in learners:
-                yield f"report.answer: {name}: accepted: {', '.join(learners)}."
+            ran.setdefault((grid, point), []).append(population.learner.name)
+    answer = declared.answer
+    shown = [("report.panels", (panel.grid,), [*panel.learners]) for panel in declared.panels]
+    if answer:
+        point = answer.grid, answer.point
+        shown += [("report.answer", point, [*group.learners]) for group in answer.groups]
+        shown += [("report.answer.unseen", (answer.unseen,), [])] if answer.unseen else []
+    for where, names, learners in shown:
+        if names not in ran:
+            accepted = "; ".join(", ".join(key) for key in ran if len(key) == len(names))
+            yield f"{where}: {', '.join(names)}: accepted: {accepted or 'none here'}."
+        for name in {*learners} - {*ran.get(names, learners)}:
+            yield f"{where}: {name}: accepted: {', '.join(dict.fromkeys(ran[names]))}."
 
 
 def _unreachable(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:

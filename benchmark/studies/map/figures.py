@@ -21,8 +21,8 @@ from benchmark.studies.data import style_of
 from benchmark.studies.item import drawing
 from benchmark.studies.map import tables
 from benchmark.studies.map.analysis import MapAnalysis
-from benchmark.studies.map.declared import Panel, axis_of, curve_grids, panels_of, shown_in
-from benchmark.studies.map.looks import FASTER, SLOWER, VERDICTS, Contrast
+from benchmark.studies.map.contrasts import FASTER, SLOWER, VERDICTS, Contrast
+from benchmark.studies.map.declared import Panel, axis_of
 
 _COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; numbers for x are bold, to tell them apart in grey
 _MIN_STEPS: Final = 100  # smaller numbers are drawn as this one
@@ -40,21 +40,19 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "-": "purple: the second does",
     ">": "number: how many times as many the other one needs",
     "≥": "≥ at least",
-    "=": "= equally fast",
     "!": "! decided, but without a ratio",
     "–": "– most runs of neither learn",
     "?": "? undecided",
     "x": "x no verdict",
     "": "blank: not compared",
 }
-_SIGN_OF: Final = dict(zip(VERDICTS, "!!=–?x", strict=True))  # of a verdict without a ratio
+_SIGN_OF: Final = dict(zip(VERDICTS, "!!–?x", strict=True))  # of a verdict without a ratio
 _NEVER: Final = "never learns"
 _LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
 _WHAT: Final = {
     "steps": "steps until it has learned\n(fewer is better)",
     "unseen_budget": "success in unseen places\nafter {:,} steps (more is better)",
 }
-_COLUMN_OF: Final = {"steps": "steps", "unseen": "unseen_budget"}  # of what a panel shows
 Point = tuple[str, str]  # a grid and a point of it; a gap between grids has empty names
 
 
@@ -73,11 +71,9 @@ def answer(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
         return None
     cells = cells[(cells["grid"] == declared.grid) & (cells["point"] == declared.point)]
     lines = list[tuple[str, str]]()  # texts, and names of learners, which headings lack
-    for title, learners in declared.headed.items():
-        shown = [(text, name) for name, text in learners.items() if name in cells.index]
-        lines += [(title, "")] * bool(title and shown) + shown
-    if not lines:
-        return None
+    for group in declared.groups:
+        lines += [(group.title, "")] * bool(group.title)
+        lines += [(text, name) for name, text in group.learners.items()]
     rows, budget = dict(cells.iterrows()), cells["budget"].max()
     scenes = {each.condition.axes["grid"]: each.scenario for each in experiment.populations}
     who = "people" if scenes[declared.grid].group else "the person"
@@ -134,13 +130,13 @@ def _set_texts(figure: Figure, size: float) -> None:
 
 @drawing(
     "map",
-    "the map: steps that learners need, and success in unseen places if a panel shows it",
-    "Median steps of each learner until a run has learned, or mean success in unseen places after all steps "
-    "of training, as the axis says, with 95 % intervals; hollow: at least half of the runs never learn.",
+    "the map: steps that learners need",
+    "Median steps of each learner until a run has learned, with 95 % intervals; hollow: at least half of the "
+    "runs never learn.",
 )
-def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
+def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure:
     """Draws the panels."""
-    return _draw_panels(analysis, panels_of(analysis.data.experiment, analysis.data.declared))
+    return _draw_panels(analysis, analysis.data.declared.panels, "steps")
 
 
 @tables.unseen.figure(
@@ -148,18 +144,15 @@ def picture(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
     "in it, by the number of places in training, with 95 % intervals."
 )
 def unseen(analysis: MapAnalysis, _: pd.DataFrame) -> Figure | None:
-    """Draws the grids about unseen places, with their learners of the answer, or with all."""
-    experiment, declared = analysis.data.experiment, analysis.data.declared.answer
-    if any(panel.shows == "unseen" for panel in analysis.data.declared.panels):
-        return None  # `picture` draws them
-    panels = []
-    for grid in curve_grids(experiment, unseen=True):
-        shown, question = shown_in(experiment, grid), experiment.declared.grids[grid].question
-        for heading, names in (declared.headed if declared else {"": dict.fromkeys(shown)}).items():
-            if learners := tuple(name for name in names if name in shown):
-                title = f"{heading}: {question}" if heading else question
-                panels.append(Panel(grid=grid, title=title, learners=learners, shows="unseen"))
-    return _draw_panels(analysis, panels)
+    """Draws the grid that the answer names, with those of its learners that run there."""
+    answer, panels = analysis.data.declared.answer, list[Panel]()
+    if answer is None or not answer.unseen:
+        return None
+    question = analysis.data.experiment.declared.grids[answer.unseen].question
+    for group in answer.groups:
+        title = f"{group.title}: {question}" if group.title else question
+        panels.append(Panel(grid=answer.unseen, title=title, learners=tuple(group.learners)))
+    return _draw_panels(analysis, panels, "unseen_budget")
 
 
 def _curves(analysis: MapAnalysis, panel: Panel) -> dict[str, pd.DataFrame]:
@@ -170,20 +163,16 @@ def _curves(analysis: MapAnalysis, panel: Panel) -> dict[str, pd.DataFrame]:
     return {name: rows.loc[[name]].sort_values("at") for name in panel.learners if name in rows.index}
 
 
-def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel]) -> Figure | None:
-    """Draws steps or success, as each panel shows, against the axis of its grid, in rows of two panels."""
-    experiment = analysis.data.experiment
-    drawn = [(panel, curves) for panel in panels if (curves := _curves(analysis, panel))]
-    if not drawn:
-        return None
-    cells = pd.concat(rows for _, curves in drawn for rows in curves.values())
+def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel], column: str) -> Figure:
+    """Draws steps or success against the axis of each panel's grid, in rows of two panels."""
+    experiment, all_curves = analysis.data.experiment, [_curves(analysis, panel) for panel in panels]
+    cells = pd.concat(rows for curves in all_curves for rows in curves.values())
     lowest, budget = _shown(cells, "steps").min().min(), cells["budget"].max()
-    n_rows, n_columns, shown = -(-len(drawn) // 2), min(len(drawn), 2), {panel.shows for panel, _ in drawn}
+    n_rows, n_columns = -(-len(panels) // 2), min(len(panels), 2)
     with figure_of(n_rows, n_columns, (3.95 * n_columns, 3.0 * n_rows)) as (figure, axes):
-        for axis in axes.flat[len(drawn) :]:
+        for axis in axes.flat[len(panels) :]:
             axis.remove()
-        for axis, (panel, curves) in zip(axes.flat, drawn, strict=False):
-            column = _COLUMN_OF[panel.shows]
+        for axis, panel, curves in zip(axes.flat, panels, all_curves, strict=False):
             if column == "steps":
                 first, last = next(iter(curves.values()))["at"].iloc[[0, -1]]
                 axis.set(yscale="log", ylim=(lowest / 1.3, 2.2 * budget))
@@ -196,11 +185,11 @@ def _draw_panels(analysis: MapAnalysis, panels: Sequence[Panel]) -> Figure | Non
             _set_horizontal(axis, *axis_of(experiment, panel.grid))
             shifts = range(1 - len(curves), len(curves), 2)  # points
             labels = [
-                _draw_curve(axis, panel, name, curves[name], shift, experiment)
-                for name, shift in zip(curves, shifts, strict=True)
+                _draw_curve(axis, column, name, rows, shift, experiment)
+                for (name, rows), shift in zip(curves.items(), shifts, strict=True)
             ]
             _separate(axis, labels)
-            is_labelled = axis in axes[:, 0] or len(shown) > 1
+            is_labelled = axis in axes[:, 0]
             what = _WHAT[column].format(budget) if is_labelled else ""
             axis.set(title=fill(panel.title, 44), ylabel=what)
             axis.tick_params(labelleft=is_labelled)
@@ -229,14 +218,14 @@ def _set_horizontal(axis: Axes, name: str, values: Mapping[str, float]) -> None:
 
 
 def _draw_curve(
-    axis: Axes, panel: Panel, name: str, rows: pd.DataFrame, shift: float, experiment: Experiment
+    axis: Axes, column: str, name: str, rows: pd.DataFrame, shift: float, experiment: Experiment
 ) -> Annotation:
     """Draws a learner's curve; returns its name.
 
     Markers are hollow where at least half of the runs never learn. It is shifted by some points, so that
     intervals do not cover each other.
     """
-    style, at, column = style_of(name, experiment), rows["at"].to_numpy(), _COLUMN_OF[panel.shows]
+    style, at = style_of(name, experiment), rows["at"].to_numpy()
     title = experiment.learners[name].title
     shown, low, high = _shown(rows, column).to_numpy().T
     moved = axis.transData + ScaledTranslation(shift / 72, 0, axis.figure.dpi_scale_trans)
@@ -347,11 +336,11 @@ def _draw_cells(
 
 def _sign(contrast: Contrast) -> tuple[str, float]:
     """Returns the text and colour of a contrast: the logarithm of its ratio, or NaN for none."""
-    n, verdict = contrast.decisions["steps"][:2]
+    verdict = contrast.decisions["steps"].verdict
     logarithm = float(np.log(contrast.ratios["steps"].value))
     if verdict not in (FASTER, SLOWER) or np.isnan(logarithm):
         return _SIGN_OF[verdict], np.nan
     # Where at least half of the runs of a side never learn, the ratio is a bound.
-    bound = "≥" * any(np.isinf(np.median(runs["steps"][:n])) for runs in contrast.learned)
+    bound = "≥" * any(np.isinf(np.median(runs["steps"])) for runs in contrast.learned)
     text = bound + two_digits(np.exp(abs(logarithm)))
     return text, float(np.clip(logarithm, -_MAX_RATIO, _MAX_RATIO))

@@ -47,10 +47,10 @@ STUDY: Final = Study(
     check=check,
     analyse=analyse,
     stages=stages,
-    items=(tables.chosen, tables.picks, tables.effort, tables.cost, tables.trials, tables.spaces, scenes),
+    items=(tables.chosen, tables.effort, tables.cost, tables.trials, scenes),
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
-    lead="picks",
+    lead="trials",
     reads_curves=True,
     columns=COLUMNS,
 )

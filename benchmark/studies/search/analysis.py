@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, product
-from math import comb, nan
+from math import nan
 from typing import Final
 
 import numpy as np
@@ -26,14 +26,12 @@ from benchmark.experiments.search import Chosen, Finalist, Search, Space
 from benchmark.studies.data import Data
 from benchmark.studies.study import Declared
 from envs.inputs import override
-from envs.observations import is_relative
 
 Row = dict[str, object]
 
 COLUMNS: Final = ("area", "earliness", "cpu_time_s")  # columns of runs that a search needs, if they exist
 ALL: Final = "all"  # stands for all scenarios
 _SEARCHED, _FRESH = "search", "fresh"  # stages
-_KEYS: Final = ["variant", "observation"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,49 +238,3 @@ def expected_drawn(others: Floats, budget: int) -> float:
     learned = others[np.isfinite(others)]
     failures = (len(others) - len(learned)) / (len(learned) + 1)
     return failures * budget + float(learned.mean()) if len(learned) else np.inf
-
-
-def chances(means: Floats, b: int) -> Floats:
-    """Returns the probability that each of n trials is the best of b drawn without replacement, (n,).
-
-    >>> chances(np.array([0.2, 0.8, 0.5]), 2).round(3).tolist()
-    [0.0, 0.667, 0.333]
-    """
-    n, found = len(means), np.zeros(len(means))
-    for n_better, trial in enumerate(np.argsort(-means, kind="stable")):  # of equal ones, the first is better
-        found[trial] = comb(n - 1 - n_better, b - 1) / comb(n, b)
-    return found
-
-
-def picked(trials: pd.DataFrame, families: Mapping[str, str], first: int = 1) -> Iterator[Row]:
-    """Yields how the pick from b trials compares with that of a reference, for b = 1, 2, 4, ..., and all.
-
-    A pick is the trial of the largest mean over scenarios among b that are drawn. Picks are compared by this
-    mean, and by that in each scenario; ties count as a half. The reference is the learner whose best trial
-    has the largest mean on fresh runs, of those that observe the same (cells or offsets) and are not nets; if
-    there are none, of all that observe the same. It has none itself.
-
-    Args:
-      trials: A table like trials.csv, whose last columns are the means in each scenario.
-      families: Of variants, by name.
-      first: The first trial that can be drawn.
-    """
-    measure = "area" if "fresh_area" in trials else "earliness"
-    scenarios = [*trials][[*trials].index(f"fresh_{measure}") + 1 :]
-    by_learner = {(str(key[0]), str(key[1])): rows for key, rows in trials.groupby(_KEYS, sort=False)}
-    means = {
-        key: rows[rows["trial"] >= first][[measure, *scenarios]].to_numpy().T
-        for key, rows in by_learner.items()
-    }
-    best = {key: rows[f"fresh_{measure}"].max() for key, rows in by_learner.items()}
-    for key, own in means.items():
-        alike = [other for other in means if is_relative(other[1]) == is_relative(key[1])]
-        reference = max(alike, key=lambda other: (families[other[0]] != "deep", best[other]))
-        n, other, name = own.shape[1], means[reference], ", ".join(reference) * (reference != key)
-        for scenario, x, y in zip((ALL, *scenarios), own, other, strict=True):
-            beaten = (np.sign(x[:, None] - y) + 1) / 2
-            for b in (*(2**i for i in range(n.bit_length()) if 2**i < n), n):
-                chance = chances(own[0], b)
-                beats = float(chance @ beaten @ chances(other[0], b)) if name else nan
-                row = {"scenario": scenario, **dict(zip(_KEYS, key, strict=True)), "reference": name}
-                yield row | {"trials": b, "beats": beats, "expected": float(chance @ x)}

@@ -1,6 +1,5 @@
 """The tables of a search: what was chosen, what that bought, and what it cost."""
 
-import json
 from collections.abc import Iterator
 from functools import partial
 from typing import Final
@@ -8,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from benchmark.analysis.intervals import mean_over_scenarios
-from benchmark.experiments.search import Choice
 from benchmark.studies.item import COLUMNS, Item, no_rows
 from benchmark.studies.search.analysis import (
     ALL,
@@ -19,9 +17,7 @@ from benchmark.studies.search.analysis import (
     expected_drawn,
     expected_total,
     gain,
-    picked,
     text_of,
-    value_at,
 )
 
 _item: Final = partial(Item[SearchAnalysis], labels=COLUMNS["search_labels"])
@@ -58,17 +54,6 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
             "sensitivity": gain(best_of_each, best),
             "found": float(outcome.searched[outcome.finalists[part - 1][0]].mean()),
         }
-
-
-@_item(
-    "picks", "how often the best of b trials beats that of a reference, and what it reaches", where=no_rows
-)
-def picks(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates what `picked` yields for trials rounded as in trials.csv; with parts, trial 0 counts."""
-    learners = analysis.data.experiment.learners.values()
-    trials = analysis.trials.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
-    first = 0 if len(analysis.outcomes[0].picks) > 1 else 1
-    yield from picked(trials, {learner.variant: learner.family for learner in learners}, first)
 
 
 @_item(
@@ -123,20 +108,3 @@ trials = _item(
     where=no_rows,
     compute=lambda analysis: analysis.trials,
 )
-
-
-@_item("spaces", "the declared range of every setting, and why", "variant setting default range why")
-def spaces(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates what was declared before the search."""
-    experiment = analysis.data.experiment
-    populations = reversed(experiment.populations)
-    defaults = {population.learner.variant: population.first.settings for population in populations}
-    for name, declared in experiment.declared.algorithms.items():
-        for key, axis in declared.search.items():
-            if isinstance(axis, Choice):
-                texts = " or ".join(map(json.dumps, axis.values))
-            else:
-                texts = f"{axis.low:g} to {axis.high:g}"
-                texts += ", logarithmic" * (axis.scale == "log") + ", whole" * axis.whole
-            default = json.dumps(value_at(defaults[name], key))
-            yield {"variant": name, "setting": key, "default": default, "range": texts, "why": axis.why}
