@@ -14,7 +14,6 @@ description = "SARSA joins, and so does the number of PINGs."
 [changes]
 "settings.budget" = 5000
 "settings.record_every" = 5000
-"report.looks" = [3]
 "algorithms.shared.seeds" = 3
 "algorithms.table.seeds" = 3
 
@@ -24,7 +23,6 @@ observations = ["offset"]
 seeds = 3
 
 [changes."grids.pings"]
-question = "What does patience bring?"
 scenario = { "grid.rows" = 5, "grid.columns" = 6, "issuer.places" = 2 }
 axes.pings.1.scenario = { ping_limit = 1 }
 axes.pings.5.scenario = { ping_limit = 5 }
@@ -38,7 +36,7 @@ def test_a_learner_and_an_axis_join_the_map(tmp_path: Path) -> None:
     assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     cells = pd.read_csv(tmp_path / "mine" / "cells.csv")
     mine = cells[cells["variant"] == "sarsa"]
-    assert {*mine["grid"]} == {"places", "rooms", "code", "unseen", "pings"}
+    assert {*mine["grid"]} == {"places", "rooms", "unseen", "pings"}
     assert {*mine["n"]} == {3}
     assert mine["solved"].mean() > 0.5
     contrasts = pd.read_csv(tmp_path / "mine" / "contrasts.csv")

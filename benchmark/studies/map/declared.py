@@ -147,17 +147,18 @@ def _of_figures(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:
         if population.scenario.issuer.unseen:
             ran.setdefault((grid, point), []).append(population.learner.name)
     answer = declared.answer
+    shown: list[tuple[str, tuple[str, ...], list[str]]]  # key, a grid or a point, and learners
     shown = [("report.panels", (panel.grid,), [*panel.learners]) for panel in declared.panels]
     if answer:
-        point = answer.grid, answer.point
-        shown += [("report.answer", point, [*group.learners]) for group in answer.groups]
+        where = answer.grid, answer.point
+        shown += [("report.answer", where, [*group.learners]) for group in answer.groups]
         shown += [("report.answer.unseen", (answer.unseen,), [])] if answer.unseen else []
-    for where, names, learners in shown:
+    for key, names, learners in shown:
         if names not in ran:
-            accepted = "; ".join(", ".join(key) for key in ran if len(key) == len(names))
-            yield f"{where}: {', '.join(names)}: accepted: {accepted or 'none here'}."
+            accepted = "; ".join(", ".join(known) for known in ran if len(known) == len(names))
+            yield f"{key}: {', '.join(names)}: accepted: {accepted or 'none here'}."
         for name in {*learners} - {*ran.get(names, learners)}:
-            yield f"{where}: {name}: accepted: {', '.join(dict.fromkeys(ran[names]))}."
+            yield f"{key}: {name}: accepted: {', '.join(dict.fromkeys(ran[names]))}."
 
 
 def _unreachable(experiment: Experiment, declared: MapDeclared) -> Iterator[str]:

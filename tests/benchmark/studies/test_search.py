@@ -1,8 +1,7 @@
 """The search by itself: its stages, what it chooses, what is picked of b trials, and what is published."""
 
 import json
-import re
-from itertools import combinations, permutations, product
+from itertools import permutations, product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -32,11 +31,9 @@ from benchmark.studies.search.analysis import (
     finalists,
     gain,
     outcomes,
-    picked,
 )
-from envs import InputError
 from tests.benchmark.studies.conftest import experiment_of
-from tests.support import ROOT, make, mistyped_columns
+from tests.support import ROOT, mistyped_columns
 
 SEARCH = Path(__file__).with_name("small_search.toml")
 PUBLISHED = ROOT / "results" / "tuning"
@@ -125,42 +122,6 @@ def test_the_winner_of_a_lottery_does_not_win(
         at = [*SMALL.scenarios].index(row["scenario"])
         rows.append(row | {"area": means[int(row["trial"])][at]})
     assert [outcome.picks for outcome in outcomes(experiment, pd.DataFrame(rows))] == [picks] * 3
-
-
-def test_picks_are_those_of_all_draws() -> None:
-    """Draws every pair of sets of b trials. References are the best, but no nets, that observe the same."""
-    rng = np.random.default_rng(1)
-    names = ["ppo, coordinates", "tiles, index", "table, index", "table, offset", "dqn, offset_factored"]
-    trials = pd.DataFrame(
-        [name.split(", ") for name in np.repeat(names, 4)], columns=["variant", "observation"]
-    )
-    trials["trial"], trials["area"] = np.tile(range(4), 5), rng.integers(6, size=20) / 5  # with ties
-    trials["fresh_area"] = np.repeat([0.9, 0.8, 0.7, 0.6, 0.9], 4)
-    trials["A"], trials["B"] = rng.random((2, 20))
-    families = {"ppo": "deep", "dqn": "deep", "tiles": "linear", "table": "tabular"}
-    rows = pd.DataFrame(picked(trials, families))
-    against = rows.groupby(["variant", "observation"], sort=False)["reference"].unique()
-    assert [*map(list, against)] == [[names[1]], [""], [names[1]], [""], [names[3]]]
-    rows = rows.set_index(["variant", "scenario", "trials"])
-    drawn = [trials[trials["variant"].eq(name) & trials["trial"].gt(0)] for name in ("ppo", "tiles")]
-    for b, (scenario, column) in product((1, 2, 3), {"all": "area", "A": "A", "B": "B"}.items()):
-        draws = [[side.loc[[*draw]] for draw in combinations(side.index, b)] for side in drawn]
-        x, y = ([draw.nlargest(1, "area")[column].item() for draw in side] for side in draws)
-        beats = np.mean([(np.sign(i - j) + 1) / 2 for i, j in product(x, y)])
-        row = rows.loc["ppo"].loc[scenario].loc[b]
-        assert (row["beats"], row["expected"]) == pytest.approx((beats, np.mean(x)))
-    assert rows.loc["tiles"]["beats"].isna().all()
-
-
-def test_the_first_trial_can_be_one_of_those_that_are_drawn() -> None:
-    """All of 2 trials: trial 0 of x is the best of both, and beats the only other one of y."""
-    rows = [("x", "index", 0, 0.9, 0.9, 0.9), ("x", "index", 1, 0.1, 0.1, 0.1)]
-    rows += [("y", "index", 0, 0.5, 1.0, 0.5), ("y", "index", 1, 0.6, 1.0, 0.6)]
-    trials = pd.DataFrame(rows, columns=["variant", "observation", "trial", "area", "fresh_area", "A"])
-    for first, expected in ((0, {1: 0.5, 2: 1.0}), (1, {1: 0.0})):
-        found = pd.DataFrame(picked(trials, {"x": "deep", "y": "tabular"}, first))
-        found = found[found["variant"].eq("x") & found["scenario"].eq("all")]
-        assert dict(zip(found["trials"], found["beats"], strict=True)) == expected
 
 
 def test_expected_totals_are_means_over_all_orders() -> None:
@@ -272,7 +233,7 @@ def test_stages_follow_from_what_is_stored(small: SearchAnalysis, results: Path,
 
 
 def test_everything_of_a_search_is_published(
-    small: SearchAnalysis, results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small: SearchAnalysis, results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command, folder = ["report", str(results / "same.toml"), "--results", str(results)], results / "same"
     assert main(command) == 0
@@ -280,13 +241,10 @@ def test_everything_of_a_search_is_published(
     assert read_chosen(small.data.experiment.path, "here").learners == small.chosen
     tables = {path.stem: pd.read_csv(path) for path in folder.glob("*.csv")}
     assert {name: len(table) for name, table in tables.items()} == {
-        "chosen": 3, "picks": 27, "cost": 3, "trials": 12, "spaces": 5,
+        "chosen": 3, "cost": 3, "trials": 12,
     }  # fmt: skip
-    assert sorted(path.stem for path in folder.glob("*.svg")) == ["picks", "scenes", "trials"]
+    assert sorted(path.stem for path in folder.glob("*.svg")) == ["scenes", "trials"]
     assert [path.name for path in folder.glob("*.csv") if mistyped_columns(path)] == []
-    again, families = tmp_path / "picks.csv", {"dqn": "deep", "q_learning": "tabular"}
-    write_csv(pd.DataFrame(picked(tables["trials"], families)), again)
-    assert again.read_bytes() == (folder / "picks.csv").read_bytes()
     chosen, rows = tables["chosen"].iloc[0], tables["trials"]
     row = rows[(rows["observation"] == "index") & (rows["trial"] == chosen["trial"])].iloc[0]
     assert row["fresh_area"] == pytest.approx(chosen["chosen"], abs=1e-5)
@@ -336,11 +294,6 @@ def test_runs_are_compared_by_how_early_they_learn(tmp_path: Path) -> None:
     assert "area" not in {*frame, *trials, *text.split()}
 
 
-def test_make_runs_a_search() -> None:
-    commands = make("--dry-run", "tune", "EXPERIMENT=mine").stdout
-    assert re.search(r"benchmark run .*--report +mine\b", commands)
-
-
 @pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("command", [["report", "--seeds=0-3"], ["run", "--seeds=0-3"]])
 def test_a_search_has_its_own_seeds_and_no_part(
@@ -348,19 +301,6 @@ def test_a_search_has_its_own_seeds_and_no_part(
 ) -> None:
     assert main([*command, str(results / "same.toml"), "--results", str(results)]) == 2
     assert command[1].partition("=")[0] in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ("solved = { levels = [0.5] }", "solved.levels with report.kind = search: accepted: kind = map"),
-        ('"report.looks" = [2]', r"\[report\]: unknown key looks"),
-    ],
-)
-def test_keys_of_maps_are_refused(tmp_path: Path, change: str, expected: str) -> None:
-    text = f'extends = "{SEARCH}"\ndescription = "-"\nchanges = {{ {change} }}\n'
-    with pytest.raises(InputError, match=expected):
-        report_of(experiment_of(tmp_path / "mine.toml", text)).check()
 
 
 # As published
