@@ -148,7 +148,7 @@ def test_unseen_places_are_scored_at_equal_numbers_of_steps(learner: str, tmp_pa
     text = EXPERIMENT.replace(", record_every = 6000, epsilon = 0.1", "") + NET
     text = text.replace("6000", "1500").replace("success = 0.9, ", "success = 0.4, ")
     experiment = experiment_of(tmp_path / "unseen.toml", text)
-    run = experiment.population("default/unseen/places=8", "Anywhere", learner).first
+    run = experiment.population("unseen/places=8", "Anywhere", learner).first
     (record,) = execute_job([run])
     model = compile_seen(run.drawn_scenario, run.observation)
     algorithm = load_algorithm(run.algorithm)
@@ -352,7 +352,6 @@ def test_a_run_has_learned_if_success_stays_to_its_end(budget: int, steps: float
         ("horizon = 60", "horizon = 2", "in Anywhere at places/places=1 no policy succeeds more"),
         ("seeds = 12", "seeds = 13", "shared, offset and table, index: accepted: two with the same"),
         ('["Anywhere"]', '["Anywhere", "AnywhereHidden"]', "scenarios: 2: accepted: exactly one"),
-        ("axes.places.16", "axes.places.all", "grids.places.axes.places: all: accepted: a number"),
         ("table = {", "table = { settings = { budget = 9000, record_every = 9000 },",
          "algorithms.table: budget = 9000 at places/places=1: accepted: 6000, as others have there"),
         ('grid = "places"', 'grid = "rooms"', "report.panels: rooms: accepted: places; unseen."),
