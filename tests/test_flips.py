@@ -79,8 +79,6 @@ def test_no_flipped_bit_of_the_store_is_used_silently(tmp_path: Path) -> None:
                 n_same += len(digests) == len(expected) - 1
         except InputError as error:
             refused.append(str(error))
-        for beside in tmp_path.glob("runs.db.*"):
-            beside.unlink()
     assert n_same < 75  # most bits are those of records
-    assert len(refused) < 5  # the header, or the schema
+    assert len(refused) < 15  # the header, the schema, or the index
     assert not any("\n" in message for message in refused)

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmark.commands import parse_jobs
 from benchmark.execution import driver
-from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
+from benchmark.execution.store import MOVE, DamagedError, Record, Store
 from benchmark.experiments import PUBLISHED, Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.folder import README, SPEED, Folder, digests
@@ -52,7 +52,7 @@ def _problems(
     """Yields a sentence for each problem; prints what is correct."""
     path = options.results / "runs.db"
     if structure := store.problem():
-        yield f"{path} is damaged: {structure}; {REPAIR_ADVICE}."
+        yield f"{path} is damaged: {structure}; {MOVE}."
     stages = {each.name: report_of(each).stages(store) for each in experiments}
     known = {name: runs_of(chain.from_iterable(groups)) for name, groups in stages.items()}
     declared = {run.digest: run for runs in known.values() for run in runs}

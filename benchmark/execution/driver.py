@@ -14,7 +14,7 @@ from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import versions
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification
-from envs.inputs import InputError, check_all
+from envs.inputs import check_all
 
 
 def run(
@@ -60,8 +60,6 @@ def run(
                 for future in done:
                     keep(future)
                 if not under_way:
-                    if (n_lost := len(pending(todo, store)) - len(errors)) > 0:
-                        raise InputError(f"{n_lost} stored runs are gone from runs.db; repeat the command.")
                     return errors
                 done = wait(under_way, return_when=FIRST_COMPLETED).done
     except KeyboardInterrupt:

@@ -5,10 +5,7 @@ records. Every record has checksums, which are verified whenever it is read: a d
 """
 
 import json
-import os
-import shutil
 import sqlite3
-import sys
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -24,7 +21,6 @@ from benchmark.execution.machine import lock
 from envs import InputError
 
 VALUE_DECIMALS: Final = 3  # to which a record's values are rounded
-REPAIR_ADVICE: Final = "'run EXPERIMENT' saves the intact records and repeats the others"
 _APPLICATION_ID: Final = 0x50524F58  # "PROX"
 _FORMAT: Final = 4
 _EFFORT: Final = 1  # of compression: tables are packed in half the time of 6, and take 6 % more space
@@ -46,8 +42,6 @@ PRAGMA application_id = {_APPLICATION_ID};
 PRAGMA user_version = {_FORMAT};
 COMMIT
 """
-_MIN_ROW_SIZE: Final = 256  # bytes, fewer than any record has
-MAX_ROWS: Final = 10_000_000  # no file has more; a damaged one may claim it
 _COLUMNS: Final = "digest, specification, status, error, provenance, checksum, head"
 # No failure replaces a valid record: another driver may have done the run meanwhile.
 _ADD: Final = f"""
@@ -55,9 +49,8 @@ INSERT OR REPLACE INTO runs ({_COLUMNS}, arrays)
 WITH new ({_COLUMNS}, arrays) AS (VALUES (?, ?, ?, ?, ?, ?, ?, ?)) SELECT * FROM new
 WHERE status != 'failed' OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = new.digest AND status != 'failed')
 """
-_MOVE: Final = "move it away, or choose another folder with --results"
-# What to do if SQLite finds that a file is damaged, by the code of its error.
-_DAMAGED: Final = {sqlite3.SQLITE_CORRUPT: f"it is damaged; {REPAIR_ADVICE}", sqlite3.SQLITE_NOTADB: _MOVE}
+MOVE: Final = "move it away, or choose another folder with --results"
+_DAMAGED: Final = sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB  # codes of errors
 _CHECK: Final = "check that its folder is writable and has free space, and try again; what is stored is kept"
 Arrays = Mapping[str, NDArray[Any]]
 Provenance = Mapping[str, Any]  # a record's versions, commit, machine and times
@@ -134,11 +127,7 @@ class _Packed(Arrays):
 
 
 class Store:
-    """An open `runs.db`, used as a context manager.
-
-    When a file with a damaged structure is opened for writing, it is replaced by one with its intact records.
-    The damaged file is kept beside it, and a message is printed on stderr.
-    """
+    """An open `runs.db`, used as a context manager."""
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
         """Opens the file; creates it if it is missing and may be written.
@@ -146,7 +135,6 @@ class Store:
         Raises a NoRunsError, a DamagedError, or another InputError if it cannot be opened.
         """
         self._path, self._read_only = path, read_only
-        self._opened: os.stat_result | None = None  # of the file
         try:
             if not read_only:
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -156,35 +144,29 @@ class Store:
         except OSError as error:
             what = f"cannot be {'read' if read_only else 'created'}: {error.strerror}"
             raise InputError(f"{path.parent}: {what}; choose another folder with --results.") from error
-        self._open()
-
-    def _open(self) -> None:
         # Readers, too, open it for writing, so that SQLite can undo an interrupted transaction.
         uri = f"{self._path.absolute().as_uri()}?mode={'rw' if self._read_only else 'rwc'}"
         with self._input_errors():
             self._connection = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level="IMMEDIATE")
         try:
             self._set_up()
-            self._opened = self._path.stat()
         except BaseException:
             self._connection.close()
             raise
 
     def _set_up(self) -> None:
-        """Creates the table if the file is new, checks that it is a store, and saves it if it is damaged."""
+        """Creates the table if the file is new, and checks that it is a store, and not damaged."""
         # Text that is not UTF-8 is damaged, which its checksum reveals.
         self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
         with self._input_errors():
-            # Without this, SQLite refuses to read what is left of a truncated file.
-            self._connection.execute(f"PRAGMA writable_schema = {not self._read_only}")
             if not self._read_only and self._number("PRAGMA schema_version") == 0:  # it is new
                 self._connection.executescript(_CREATE)
             version = self._number("PRAGMA application_id"), self._number("PRAGMA user_version")
             if version != (_APPLICATION_ID, _FORMAT):
-                raise DamagedError(f"{self._path}: not a store of this version of the project; {_MOVE}.")
+                raise DamagedError(f"{self._path}: not a store of this version of the project; {MOVE}.")
             self._connection.execute(f"PRAGMA query_only = {self._read_only}")
-            if not self._read_only and self.problem():
-                self._salvage()
+            if not self._read_only and (problem := self.problem()):
+                raise DamagedError(f"{self._path} is damaged: {problem}; {MOVE}.")
 
     def _number(self, query: str) -> int:
         (number,) = self._connection.execute(query).fetchone()
@@ -268,8 +250,6 @@ class Store:
         damaged = self.damaged(self.ended().intersection(digests))  # without an index, which may be damaged
         if damaged:
             with self._input_errors(), self._connection:
-                self._connection.execute("BEGIN IMMEDIATE")
-                damaged = self.damaged(damaged)  # another driver may have replaced some by intact ones
                 rows = [(digest,) for digest in damaged]
                 self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
         return len(damaged)
@@ -285,58 +265,13 @@ class Store:
                 result = error
         return "" if result == "ok" else " ".join(str(result).split())
 
-    def _salvage(self) -> None:
-        """Replaces a damaged file by one with its intact records, and opens that."""
-        inode = self._path.stat().st_ino
-        self._connection.execute("BEGIN EXCLUSIVE")  # waits for another driver
-        if self._path.stat().st_ino == inode:  # else that one has done it
-            fresh, kept = (Path(f"{self._path}.{end}") for end in ("salvaged", "damaged"))
-            fresh.unlink(missing_ok=True)
-            with Store(fresh) as store:
-                store._add(self._whole_rows())
-                n_records = len(store.statuses())
-            shutil.copyfile(self._path, kept)
-            fresh.replace(self._path)
-            what = f"{self._path} was damaged: its {n_records} intact records have been saved"
-            print(f"{what}; the damaged file is kept as {kept}.", file=sys.stderr)
-        self._connection.close()
-        self._open()
-
-    def _whole_rows(self) -> Iterator[_Row]:
-        last = self._path.stat().st_size // _MIN_ROW_SIZE
-        with suppress(sqlite3.DatabaseError):
-            last = max(last, self._number("SELECT max(rowid) FROM runs NOT INDEXED"))
-        query = f"SELECT {_COLUMNS}, arrays FROM runs NOT INDEXED WHERE rowid = ?"
-        for row_id in range(1, min(last, MAX_ROWS) + 1):
-            with suppress(sqlite3.DatabaseError):
-                row = self._connection.execute(query, (row_id,)).fetchone()
-                if row is not None and _is_whole(*row):
-                    yield row
-
     @contextmanager
     def _input_errors(self) -> Iterator[None]:
         try:
             yield
         except sqlite3.Error as error:
-            self._check_place()
-            advice = _DAMAGED.get(_code(error), _CHECK)
-            kind = DamagedError if _code(error) in _DAMAGED else InputError
+            kind, advice = (DamagedError, MOVE) if _code(error) in _DAMAGED else (InputError, _CHECK)
             raise kind(f"{self._path}: cannot be used as the store of runs: {error}; {advice}.") from None
-        self._check_place()
-
-    def _check_place(self) -> None:
-        """Raises an InputError if the open file is gone from its path: SQLite would go on using it."""
-        if self._opened is None:
-            return
-        try:
-            now = self._path.stat()
-            if os.path.samestat(now, self._opened) and now.st_size:
-                return
-            happened = "replaced by another file" if now.st_size else "emptied"
-        except OSError as error:
-            happened = f"removed or moved ({error.strerror})"
-        advice = "put it back if you can; 'run EXPERIMENT' trains the runs that it lacks"
-        raise InputError(f"{self._path}: it was {happened} while this command used it; {advice}.") from None
 
 
 def _code(error: sqlite3.Error) -> int:

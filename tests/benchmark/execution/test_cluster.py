@@ -1,13 +1,11 @@
 """A Dask cluster: a real scheduler and real workers, all on this machine's loopback interface."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Self
@@ -81,9 +79,9 @@ class Machines:
             process.kill()
             process.wait()
 
-    def add(self, name: str, preload: str = ELSEWHERE, threads: int = 1) -> subprocess.Popen[bytes]:
+    def add(self, name: str, preload: str = ELSEWHERE) -> subprocess.Popen[bytes]:
         (self._folder / f"preload_{name}.py").write_text(preload, encoding="utf-8")
-        own = ["--name", name, "--nthreads", str(threads), "--local-directory", str(self._folder)]
+        own = ["--name", name, "--nthreads", "1", "--local-directory", str(self._folder)]
         more = ["--no-nanny", "--no-dashboard", "--preload", str(self._folder / f"preload_{name}.py")]
         return self._start(ROOT, "dask", "worker", self.address, *own, *more)
 
@@ -97,10 +95,6 @@ class Machines:
 
             until(lambda: workers().keys() == set(names))
             return workers()
-
-    def tasks(self) -> int:
-        with Client(self.address, set_as_default=False) as client:
-            return int(client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
 
     def _start(self, cwd: Path, *module: str) -> subprocess.Popen[bytes]:
         with (self._folder / "log.txt").open("ab") as file:
@@ -148,90 +142,60 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
 def test_workers_that_differ_are_refused(
     pair: Machines, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pair.addresses("a", "b")
     (experiment := tmp_path / "mine.toml").write_text(EXPERIMENT, encoding="utf-8")
     (job, *_) = plan(all_specifications(load_experiment(experiment)))
+    pair.addresses("a", "b")
     executor = Cluster(pair.address, {job[0].algorithm})
-    others = [pair.add("package", OTHER_NUMPY), pair.add("threads", threads=2)]
+    other = pair.add("package", OTHER_NUMPY)
     try:
-        address = pair.addresses("a", "b", "package", "threads")
-        starts = {
-            f"worker {address['package']} has numpy 0.1, but here it is {version('numpy')}",
-            f"worker {address['threads']} has 2 threads",
-        }
-        # They joined later, so it is their jobs that fail.
-        seen: set[str] = set()
+        address = pair.addresses("a", "b", "package")["package"]
+        refused = f"worker {address} has numpy 0.1, but here it is {version('numpy')}"
 
-        def all_have_had_jobs() -> bool:
+        def has_had_a_job() -> bool:  # it joined later, so it is its jobs that fail
             errors = [executor.submit(job).exception(PATIENCE_S) for _ in range(4)]
-            seen.update(str(error) for error in errors if error)
-            return len(seen) == 2
+            assert all(error is None or str(error).startswith(refused) for error in errors)
+            return any(errors)
 
-        until(all_have_had_jobs)
-        assert all(any(error.startswith(start) for error in seen) for start in starts)
-        # Now they are there at the start.
+        until(has_had_a_job)
+        # Now it is there at the start.
         assert main(["run", str(experiment), "--results", str(tmp_path), "--cluster", pair.address]) == 2
-        assert capsys.readouterr().err.removeprefix("error: --cluster: ").rstrip() in seen
+        assert refused in capsys.readouterr().err
     finally:
         executor.cancel()
-        for process in others:
-            process.terminate()
+        other.terminate()
     pair.addresses("a", "b")
 
 
 @pytest.mark.slow
-def test_interrupt_cancels_jobs_and_the_death_of_the_scheduler_ends_the_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_death_of_the_scheduler_ends_the_run_which_can_be_resumed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "slow.toml").write_text(EXPERIMENT.replace("60000", "150000"), encoding="utf-8")
     runs = all_specifications(load_experiment(tmp_path / "slow.toml"))
     with Machines(tmp_path) as machines:
-        run = ["run", str(tmp_path / "slow.toml"), "--results", str(tmp_path), "--cluster", machines.address]
-        with monkeypatch.context() as patch:
-            patch.setattr(cluster, "_WORKER_S", 0.5)
-            assert main(run) == 2
-        waiting, error = capsys.readouterr().err.splitlines()
-        assert machines.address in waiting
-        assert error.startswith(f"error: --cluster {machines.address}: ")
-
         machines.add("a")
         machines.addresses("a")
-        with after_a_run(tmp_path, lambda: os.kill(os.getpid(), signal.SIGINT)):
-            assert main(run) == 130
-        assert "interrupted: what is stored is kept" in capsys.readouterr().err
-        until(lambda: machines.tasks() == 0)
-        with Store(tmp_path / "runs.db") as store:
-            n_done = len(store.ended())
-            assert 1 <= n_done == len(store.statuses()) < 8
+        address = machines.address
 
-        with after_a_run(tmp_path, machines.scheduler.kill):
-            assert main(run) == 1
+        def kill() -> None:
+            until(lambda: n_stored(tmp_path) > 0)
+            machines.scheduler.kill()
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        assert main(["run", f"{tmp_path}/slow.toml", "--results", str(tmp_path), "--cluster", address]) == 1
+        killer.join()
     last = capsys.readouterr().err.splitlines()[-1]
     with Store(tmp_path / "runs.db") as store:
         n_failed = len(driver.pending(runs, store))
-        assert n_done < 8 - n_failed < len(store.statuses()) == 8
+        assert 0 < n_failed < 8
         assert last.startswith(f"error: {n_failed} runs failed")
-        assert f"the scheduler {machines.address} is gone" in last
+        assert f"the scheduler {address} is gone" in last
         assert driver.run(runs, store, 1, executor=Threads(1)) == []
         assert len(store.ended()) == 8
 
 
-@contextmanager
-def after_a_run(results: Path, act: Callable[[], object]) -> Iterator[None]:
-    """Acts, in a thread, as soon as one more run is stored."""
-    before = n_stored(results)
-
-    def wait() -> None:
-        until(lambda: n_stored(results) > before)
-        act()
-
-    thread = threading.Thread(target=wait)
-    thread.start()
-    yield
-    thread.join()
-
-
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "localhost:8786", "tcp://localhost:99999"])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "localhost:8786"])
 def test_addresses_without_a_scheduler_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:

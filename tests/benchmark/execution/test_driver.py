@@ -2,7 +2,6 @@
 
 import threading
 import time
-from concurrent.futures import Future
 from pathlib import Path
 from typing import NoReturn
 
@@ -12,27 +11,15 @@ import pytest
 from agents import load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
-from benchmark.__main__ import main
-from benchmark.execution import driver
 from benchmark.execution import job as execution
 from benchmark.execution.driver import pending, run
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
-from envs import InputError, compile_scenario
+from envs import compile_scenario
 from tests.support import specifications
 
 SMALL = load_experiment("reproduce", smoke=True)
-
-
-def test_every_run_is_reported_once(tmp_path: Path) -> None:
-    runs = all_specifications(SMALL)
-    reported: list[str] = []
-    with Store(tmp_path / "runs.db") as store:
-        for _ in range(2):  # the second time, nothing is left to do
-            assert not run(runs, store, 2, lambda ended, _: reported.extend(ended))
-            assert sorted(reported) == sorted(run.digest for run in runs)
-        assert pending(runs, store) == []
 
 
 def test_records_hold_what_training_and_evaluation_gave(tmp_path: Path) -> None:
@@ -105,45 +92,3 @@ def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: 
         assert len(executed) >= 12
         assert set(store.statuses()) == set(executed)
         assert len(executed) < len(runs)
-
-
-class Leaving(BaseException):
-    """Ends processes that do not expect it."""
-
-
-@pytest.mark.parametrize("ending", [Leaving("bye"), SystemExit(0), GeneratorExit()])
-def test_code_that_would_end_the_driver_fails_its_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: BaseException
-) -> None:
-    def leave(*_: object) -> NoReturn:
-        raise ending
-
-    monkeypatch.setattr(execution, "_train", leave)
-    with Store(tmp_path / "runs.db") as store:
-        runs = all_specifications(SMALL)[:4]
-        errors = run(runs, store, jobs=2)
-        assert len(errors) == len(runs) == len(store.statuses())
-        assert all(f": {ending!r} would end this process." in error for error in errors)
-
-
-def test_runs_that_disappear_from_the_store_are_missed(tmp_path: Path) -> None:
-    runs = all_specifications(SMALL)[:6]
-    with Store(tmp_path / "runs.db") as store:
-
-        def lose(*_: object) -> None:  # another store is copied over the file, say
-            store._connection.execute("DELETE FROM runs").connection.commit()
-
-        with pytest.raises(InputError, match="6 stored runs are gone"):
-            run(runs, store, 1, lose)
-
-
-def test_an_interrupt_does_not_hide_that_nothing_can_be_stored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupt(*_: object, **__: object) -> NoReturn:
-        (tmp_path / "runs.db").unlink()
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(driver, "wait", lambda futures, **_: interrupt(*map(Future.result, futures)))
-    assert main(["run", "reproduce", "--smoke", "--results", str(tmp_path)]) == 2
-    assert f"error: {tmp_path}/runs.db: it was removed" in capsys.readouterr().err

@@ -2,19 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
 from benchmark.analysis.frames import learned
-from benchmark.execution import job as execution
-from benchmark.execution.job import execute_job, failures, recorded
+from benchmark.execution.job import execute_job
 from benchmark.experiments import all_specifications, load_experiment
 from envs import load_scenario
 from envs.sources import digest_when_loaded
@@ -36,33 +30,6 @@ SOLVED = small_experiment(
         ),
     },
 )
-VALUES = st.floats(-8000, 8000, width=32) | st.floats(-1, 1, width=32) | st.just(np.nan)
-
-
-@given(arrays(np.float32, (1, 2, 3, 5), elements=VALUES))
-def test_recorded_values_have_the_decimals_that_are_published(values: NDArray[np.float32]) -> None:
-    made = recorded({"values": values, "stochastic": np.empty((1, 0, 3, 5))})["values"]
-    assert made.dtype == np.float32
-    published = np.round(values.astype(np.float64), 3)
-    assert np.round(made.astype(np.float64), 3).tobytes() == published.tobytes()
-    assert np.array_equal(made, published.astype(np.float32), equal_nan=True)
-
-
-def test_recorded_probabilities_are_those_after_training() -> None:
-    values = np.zeros((2, 1, 3, 5), dtype=np.float32)
-    stochastic = np.random.default_rng(0).dirichlet(np.ones(5), (2, 4, 3))
-    made = recorded({"values": values, "stochastic": stochastic, "updates": np.arange(2)})
-    assert np.array_equal(made["stochastic"], stochastic[:, 3:])
-    assert made["updates"].tolist() == [0, 1]
-    assert recorded({"values": values, "stochastic": stochastic[:, :0]})["stochastic"].shape == (2, 0, 3, 5)
-
-
-def test_runs_share_the_time_of_their_job(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A job that started at 4 s and ends at 12 s: 2 s for each of 4 runs."""
-    monkeypatch.setattr(execution, "time", SimpleNamespace(perf_counter=lambda: 12.0))
-    job = load_experiment("reproduce", smoke=True).populations[0].runs(range(4))
-    records = failures(job, ValueError("oh"), started=4.0)
-    assert [record.provenance["wall_time_s"] for record in records] == [2, 2, 2, 2]
 
 
 def test_a_job_fails_where_a_module_has_changed_since_the_driver_loaded_it(tmp_path: Path) -> None:

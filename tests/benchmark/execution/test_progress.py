@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from benchmark.execution.progress import Display, about, estimate
-from benchmark.experiments import all_specifications, load_experiment
-from benchmark.folder import Folder, write_manifest
-from tests.support import ROOT, specifications
+from benchmark.execution.progress import Display, estimate
+from benchmark.experiments import load_experiment
+from benchmark.folder import write_manifest
+from tests.support import specifications
 
 COMPARED = load_experiment("compare_deep")
 NETS = specifications(COMPARED, "default", "S1", "sb3_dqn", "one_hot", range(50))
@@ -44,20 +44,10 @@ def test_runs_share_the_time_of_published_ones_by_cpu_time_or_else_equally(tmp_p
 
 
 def test_the_time_of_learners_without_results_is_unknown(tmp_path: Path) -> None:
-    other = publish(tmp_path / "other", "", algorithms={"q_learning": {"settings": {"index": {}}}})
-    (changed := publish(tmp_path / "changed") / "cost.csv").write_text("", encoding="utf-8")
-    for folder in (other, changed.parent, tmp_path / "none"):
-        text, costs, time_s = estimate(NETS[:2], folder, 2)
-        assert text == f"for an unknown time: {folder} has no results of these learners"
-        assert [*costs.values()] == [1, 1]
-        assert time_s == math.inf
-
-
-@pytest.mark.parametrize("name", ["compare_deep", "reproduce"])
-def test_costs_of_published_results_add_up(name: str) -> None:
-    folder = ROOT / "results" / name
-    costs = estimate(all_specifications(load_experiment(name)), folder, 2)[1]
-    assert sum(costs.values()) == pytest.approx(Folder(folder).manifest["busy_time_s"], rel=0.01)
+    text, costs, time_s = estimate(NETS[:2], tmp_path / "none", 2)
+    assert text == f"for an unknown time: {tmp_path / 'none'} has no results of these learners"
+    assert [*costs.values()] == [1, 1]
+    assert time_s == math.inf
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
@@ -108,16 +98,3 @@ def test_starting_up_is_not_extrapolated(expected_s: float, monkeypatch: pytest.
         published = [f"{text}, about {n} minutes left" for text, n in zip(published, minutes, strict=True)]
     here = ["3 of 4 done, about 50 minutes left", "3 of 4 done, less than a minute left"]
     assert texts == published + here
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [
-        (7, "less than a minute"),
-        (80, "about a minute"),
-        (1000, "about 17 minutes"),
-        (9000, "about 2.5 hours"),
-    ],
-)
-def test_times_are_rounded_for_readers(seconds: float, text: str) -> None:
-    assert about(seconds) == text

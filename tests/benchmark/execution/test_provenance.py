@@ -14,28 +14,9 @@ from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from envs import InputError
 from envs.sources import digest_when_loaded
-from tests.support import ROOT, git, specifications
+from tests.support import ROOT, specifications
 
 COMPARED = load_experiment("compare_deep", smoke=True)
-
-
-def test_commit_is_that_of_the_repository_that_tracks_the_code(tmp_path: Path) -> None:
-    file = tmp_path / "benchmark" / "execution" / "provenance.py"
-    file.parent.mkdir(parents=True)
-    file.write_text("1")
-    assert commit(file) is None  # no repository
-    git(tmp_path, "init", "--quiet")
-    (tmp_path / "notes.txt").write_text("")
-    git(tmp_path, "add", "notes.txt")
-    git(tmp_path, "commit", "--quiet", "-m", "Notes")
-    assert commit(file) is None  # a repository of something else, for example around site-packages
-    git(tmp_path, "add", ".")
-    git(tmp_path, "commit", "--quiet", "-m", "Code")
-    head = git(tmp_path, "rev-parse", "--short=12", "HEAD").strip()
-    (tmp_path / "notes.txt").write_text("changed")
-    assert commit(file) == head
-    file.write_text("2")
-    assert commit(file) == f"{head}-changed"
 
 
 def test_environment_has_the_code_of_algorithms_from_elsewhere(
