@@ -39,7 +39,7 @@ def compiled(function: _Function, made_for: str = "") -> _Function:
     try:
         cached = FunctionCache(function)
         locator = cached._impl.locator
-        stamp = made_for, locator.get_source_stamp(), digest_when_loaded(function.__module__)
+        stamp = made_for, locator.get_source_stamp(), function.__module__
         cached._cache_file = _Files(cached._cache_path, cached._impl.filename_base, stamp)
         locator.ensure_cache_path = lambda: None  # `save` finds out
         dispatcher._cache = cached
@@ -88,8 +88,9 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
 
     def _digest(self, path: Path, content: bytes) -> bytes:
-        versions = self._version, llvmlite.__version__, self._source_stamp
-        made_for = repr((*versions, _digest_of_sources(), path.name))
+        # A user's module has been imported by now: its global numbers are in compiled code, and count.
+        sources = self._source_stamp, _digest_of_sources(), digest_when_loaded(self._source_stamp[2])
+        made_for = repr((self._version, llvmlite.__version__, *sources, path.name))
         return hashlib.sha256(made_for.encode() + b"\0" + content).digest()
 
 

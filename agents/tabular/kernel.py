@@ -15,6 +15,7 @@ steps, R records.
 import hashlib
 import inspect
 import linecache
+import sys
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -361,7 +362,7 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
 def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
 
-    On disk, kernels differ by a digest of the rule, of its file's text and of what that imports.
+    On disk, kernels differ by a digest of the rule, of its file's text and of all that its module depends on.
     """
     advance, has_two_tables, has_traces = _compile_advance(update), update.has_two_tables, update.has_traces
 
@@ -404,4 +405,5 @@ def compile_kernel(update: UpdateRule) -> Kernel:
     imported = digest_when_loaded(update.bootstrap.__module__)
     flags = update.is_on_policy, has_two_tables, has_traces
     parts = flags, code.co_code, code.co_consts, code.co_names, cells, text, imported
-    return compiled(train, hashlib.sha256(repr(parts).encode()).hexdigest())
+    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):  # all digits of all numbers
+        return compiled(train, hashlib.sha256(repr(parts).encode()).hexdigest())
