@@ -196,8 +196,6 @@ def _parser() -> argparse.ArgumentParser:
     about = "a model saved by Stable-Baselines3; its file runs no code, and is refused if it needs any"
     _add(agent, "--model", "FILE", about, Path)
     _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
-    about = "what VecNormalize.save wrote, if the model was trained with it"
-    _add(assess, "--normalization", "FILE", about, Path)
     _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
     _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
     about = "form of observation that the agent takes: index, one_hot, factored, tiles, coordinates or "

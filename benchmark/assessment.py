@@ -100,24 +100,21 @@ def assess(
     scenario: ScenarioLike,
     observation: str,
     algorithm: str | None = None,
-    normalization: str | Path | None = None,
     stochastic: bool = False,
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
-    No code from the file of a model or of a normalization is run; one that needs some is refused. A file does
-    not say behind which wrappers a model was trained. Its last observation shows most that change
-    observations, but not, for example, `1 - o`, or one that changes actions; assess a function then.
+    No code from the file of a model is run; one that needs some is refused. A file does not say behind which
+    wrappers a model was trained. Its last observation shows most that change observations, but not, for
+    example, `1 - o`, or one that changes actions; assess a function then.
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`), five
         probabilities, or what `model.predict` returns; a model of Stable-Baselines3, or its `predict`; or the
-        path of a saved one. Of a model's wrappers, only VecNormalize may change observations.
+        path of a saved one. A model's wrappers must not change observations or actions.
       scenario: A name or a path, see `envs.load_scenario`.
       observation: The form of observation that the agent takes, see `envs.observations`.
       algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
-      normalization: The file that `VecNormalize.save` wrote when the model was saved, if it was trained with
-        one. A model in memory knows its VecNormalize.
       stochastic: Whether a model draws its actions; otherwise it acts greedily.
 
     Raises:
@@ -133,12 +130,12 @@ def assess(
         agent = agent.__self__  # type: ignore[attr-defined]
     model = compile_seen(loaded, observation)
     if is_path or is_sb3_class(type(agent)):
-        policy = _policy_of_model(agent, algorithm, model, observation, normalization, stochastic=stochastic)
+        policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
     elif not callable(agent):
         accepted = "a function, a model of Stable-Baselines3, or the path of a saved one"
         raise InputError(f"agent = {_shown(agent)}: accepted: {accepted}.")
-    elif stochastic or normalization is not None:
-        raise InputError("stochastic, normalization: accepted only with a model of Stable-Baselines3.")
+    elif stochastic:
+        raise InputError("stochastic: accepted only with a model of Stable-Baselines3.")
     else:
         policy = _policy_of_function(agent, model, observation)
     check_anchors(model, HORIZON, "start")

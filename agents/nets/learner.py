@@ -25,16 +25,12 @@ from envs.observations import VECTORS
 
 
 class NetSettings(Sb3Settings):
-    """Settings of Stable-Baselines3's algorithms, without those that compiled nets do not have."""
+    """Settings of Stable-Baselines3's algorithms, without features extractors."""
 
     @model_validator(mode="after")
     def _has_no_features_extractor(self) -> Self:
-        policy = self.policy_kwargs
-        for key in sorted(
-            {"features_extractor_class", "features_extractor_kwargs"} & policy.model_fields_set
-        ):
-            found = f"policy_kwargs.{key} = {getattr(policy, key)}"
-            require(not getattr(policy, key), found, "no such key, or the algorithm sb3_dqn or sb3_ppo")
+        is_plain = self.policy_kwargs.features_extractor_class is None
+        require(is_plain, "policy_kwargs.features_extractor_class", "only with sb3_dqn or sb3_ppo")
         return self
 
 

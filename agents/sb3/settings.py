@@ -4,7 +4,6 @@ They are written out here because importing SB3 loads torch, and its signatures 
 sense. A test compares names and defaults with the signatures.
 """
 
-import re
 import sys
 from collections.abc import Set
 from typing import Annotated, Any, ClassVar, Final, Self
@@ -12,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Final, Self
 from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings
-from envs.inputs import InputError, Line, Table, require, shortened
+from envs.inputs import InputError, Table, shortened
 from envs.packages import imported
 
 Count = Annotated[int, Field(ge=1, le=10**9)]
@@ -44,20 +43,11 @@ class PolicyArguments(Table):
     """Units of each hidden layer; an empty list makes a linear net."""
     optimizer_kwargs: OptimizerArguments = OptimizerArguments()
     """Arguments of the optimiser."""
-    features_extractor_class: Line | None = None
+    features_extractor_class: Annotated[str, Field(pattern=r"^[\w.]+:[\w.]+$")] | None = None
     """The class of a net, as `module:attribute`, whose outputs the hidden layers are given instead of the
     observation. `agents.sb3.extractors` has two."""
     features_extractor_kwargs: dict[str, Any] = Field(default_factory=dict)
     """Arguments of this class, besides the observation space."""
-
-    @model_validator(mode="after")
-    def _names_a_class(self) -> Self:
-        name, arguments = self.features_extractor_class, self.features_extractor_kwargs
-        is_named = name is None or bool(re.fullmatch(r"[\w.]+:[\w.]+", name))
-        require(is_named, f"features_extractor_class = {shortened(name or '')}", "module:attribute")
-        where = "features_extractor_kwargs without features_extractor_class"
-        require(name is not None or not arguments, where, "both")
-        return self
 
 
 def _features_extractor(name: str) -> object:

@@ -8,11 +8,11 @@ import json
 import pickle
 import re
 from base64 import b64decode
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from inspect import signature
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 from zipfile import ZipFile
 
 import gymnasium
@@ -21,7 +21,7 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
+from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from envs import Model
 from envs.inputs import InputError
@@ -33,22 +33,21 @@ from envs.packages import imported
 _NEEDED: Final = ("policy_class", "policy_kwargs", "observation_space", "action_space", "_last_obs")
 # Arguments of methods that decide. A state is a memory only if a method returns one, too.
 _ARGUMENTS: Final = {"state", "episode_start", "deterministic", "args", "kwargs"}
-# Where methods are defined that pass on observations and actions as they are, or normalise them.
+# Where methods are defined that pass on observations and actions as they are.
 _UNCHANGING: Final = re.compile(
     r"(envs\.(proxemic|vector)_env|agents\.sb3\.vec_env|gymnasium\.core\.(Reward)?Wrapper"
     r"|gymnasium\.wrappers\.(common|rendering|stateful_reward)|stable_baselines3\.common\.(monitor|vec_env\."
-    r"(base_vec_env|dummy_vec_env|vec_check_nan|vec_monitor|vec_normalize|vec_video_recorder)))\."
+    r"(base_vec_env|dummy_vec_env|vec_check_nan|vec_monitor|vec_video_recorder)))\."
 )
 _PRECISION: Final = 1e-5  # observations have single precision
 _FUNCTION: Final = "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
 
-# What arrays, generators of random numbers and VecNormalize are made of.
+# What arrays and generators of random numbers are made of.
 _DATA: Final = re.compile(
     r"collections\.OrderedDict|numpy\.(ndarray|dtype)"
     r"|numpy\._?core\.(multiarray\.(_reconstruct|scalar)|numeric\._frombuffer)"
     r"|numpy\.random\.(_pickle\.__(bit_)?generator_ctor|_pcg64\.PCG64)"
     r"|numpy\.random\.bit_generator\.(__pyx_unpickle_)?SeedSequence"
-    r"|stable_baselines3\.common\.(running_mean_std\.RunningMeanStd|vec_env\.vec_normalize\.VecNormalize)"
 )
 # Classes that may be named, and the modules of packages that define some.
 _CLASSES: Final = (spaces.Space, torch.nn.Module, torch.optim.Optimizer)
@@ -103,8 +102,7 @@ def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[
     methods = (agent.predict, getattr(agent.policy, "get_distribution", agent.predict))
     extra = {argument for method in methods for argument in [*signature(method).parameters][1:]} - _ARGUMENTS
     if extra:
-        kind = "has a memory" if "lstm_states" in extra else "depends on more than the observation"
-        raise ValueError(f"{name} {kind}: it takes {', '.join(sorted(extra))}")
+        raise ValueError(f"{name} needs more than the observation: it takes {', '.join(sorted(extra))}")
     table = policy_table(agent, observations)
     if table.shape != (len(observations), len(ACTIONS)) or not np.isfinite(table).all():
         policy = type(agent.policy).__name__
@@ -119,9 +117,7 @@ def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[
 AgentTable = tuple[NDArray[np.float64], bool]  # (O, A), and whether it has action values
 
 
-def saved_table(
-    path: Path, algorithm: str, model: Model, observation: str, normalization: str | Path | None = None
-) -> AgentTable:
+def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> AgentTable:
     """Reads the policy of a model that was saved by `model.save`, as `agent_table` does.
 
     `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`. No code from the file
@@ -141,7 +137,7 @@ def saved_table(
         reason = first_line(error).partition(". ")[0]  # torch adds advice on its own arguments
         accepted = f"accepted: what model.save of {algorithm} wrote"
         raise InputError(f"{path}: cannot be loaded: {reason}; {accepted}.") from error
-    return agent_table(agent, str(path), model, observation, normalization)
+    return agent_table(agent, str(path), model, observation)
 
 
 def _attributes(path: Path, cls: Any, modules: set[str]) -> dict[str, Any]:
@@ -150,15 +146,13 @@ def _attributes(path: Path, cls: Any, modules: set[str]) -> dict[str, Any]:
         saved = json.loads(archive.read("data"))
     pickles = {k: v[":serialized:"] for k, v in saved.items() if isinstance(v, dict) and ":serialized:" in v}
     needed = [key for key in _NEEDED if key in pickles]
-    read = {key: unpickled(BytesIO(b64decode(pickles[key])), key, modules) for key in needed}
+    read = {key: unpickled(b64decode(pickles[key]), key, modules) for key in needed}
     fresh = cls(policy=(saved | read)["policy_class"], env=None, device="cpu", _init_setup_model=False)
     # An empty replay buffer would only take memory, and the name of an environment would be imported.
     return {key: vars(fresh).get(key) for key in pickles} | read | {"buffer_size": 1, "env": None}
 
 
-def agent_table(
-    agent: BaseAlgorithm, where: str, model: Model, observation: str, normalization: str | Path | None = None
-) -> AgentTable:
+def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str) -> AgentTable:
     """Reads the policy of an agent, which messages call `where`; an InputError if it does not fit."""
     observations = observation_table(model, observation)
     expected = {
@@ -172,8 +166,11 @@ def agent_table(
             if given != space:
                 setting = f'{model.scenario.name} with observation = "{observation}"'
                 raise InputError(f"{where}: {kind}_space = {given}; accepted in {setting}: {space}.")
-        inputs = net_inputs(agent, where, layers, observations, normalization)
-        table = readable_table(agent, torch.as_tensor(inputs, device=agent.device))
+        last: Any = agent._last_obs
+        if not _has_rows(observations, last) or (last is None and not layers and agent.num_timesteps > 0):
+            what = "its last observation in training is missing, or is not one of this scenario in this form"
+            raise InputError(f"{where}: {what}; accepted: {_FUNCTION}.")
+        table = readable_table(agent, torch.as_tensor(observations, device=agent.device))
     except InputError:
         raise
     except Exception as error:  # whatever the net, or what a file has made of the agent, raises
@@ -197,46 +194,6 @@ def known_layers(env: Any, where: str) -> list[Any]:
     return [env, *(layer for each in inner for layer in known_layers(each, where))]
 
 
-def net_inputs(
-    agent: BaseAlgorithm, where: str, layers: list[Any], table: NDArray[Any], statistics: str | Path | None
-) -> NDArray[Any]:
-    """Returns what an agent's net is given for each row of an observation table, (O, ...).
-
-    That is the row itself, unless its layers include a VecNormalize, or `statistics` is a file that one has
-    saved. The last observation in training, which the agent keeps, has to agree, else an InputError.
-    """
-    if statistics is not None:
-        return _normalized(agent, table, Path(statistics))
-    found = [layer for layer in reversed(layers) if isinstance(layer, VecNormalize)]
-    last: Any = getattr(found[0], "old_obs", None) if found else agent._last_obs
-    if not _has_rows(table, last) or (last is None and not layers and agent.num_timesteps > 0):
-        what = "its last observation in training is missing, or is not one of this scenario in this form"
-        given = "" if layers else "the statistics of its VecNormalize as normalization, or "
-        raise InputError(f"{where}: {what}; accepted: {given}{_FUNCTION}.")
-    for normalizer in found:
-        table = np.asarray(normalizer.normalize_obs(table))
-    return table
-
-
-def _normalized(agent: BaseAlgorithm, table: NDArray[Any], path: Path) -> NDArray[Any]:
-    try:
-        with path.open("rb") as file:
-            normalizer: Any = unpickled(file, "it")
-        if normalizer.observation_space != agent.observation_space:
-            raise ValueError(f"observation_space = {normalizer.observation_space}")
-        inputs = np.asarray(normalizer.normalize_obs(table))
-        if not _has_rows(inputs, agent._last_obs):
-            # Callbacks save an agent before it gets the newest observation, so this is taken out again.
-            newest = np.asarray(normalizer.old_obs)
-            normalizer.obs_rms.update_from_moments(newest.mean(axis=0), newest.var(axis=0), -len(newest))
-            if not _has_rows(np.asarray(normalizer.normalize_obs(table)), agent._last_obs):
-                raise ValueError("these statistics do not give the model's last observation in training")
-    except Exception as error:  # whatever the saved object raises
-        accepted = "what VecNormalize.save wrote when the model was saved"
-        raise InputError(f"{path}: cannot be used: {first_line(error)}; accepted: {accepted}.") from error
-    return inputs
-
-
 def _has_rows(table: NDArray[Any], rows: Any) -> bool:
     """Returns whether a table has all these rows; None stands for no rows."""
     flat = table.reshape(len(table), -1)
@@ -244,7 +201,7 @@ def _has_rows(table: NDArray[Any], rows: Any) -> bool:
     return all(np.isclose(flat, row, _PRECISION, _PRECISION).all(axis=1).any() for row in each)
 
 
-def unpickled(file: IO[bytes], what: str, modules: Collection[str] = ()) -> Any:
+def unpickled(content: bytes, what: str, modules: set[str]) -> Any:
     """Reads a pickle, which messages call `what`, of arrays, spaces, nets' classes and plain values.
 
     Other names raise an UnpicklingError. `modules` are the user's own, where nets may be defined.
@@ -261,7 +218,7 @@ def unpickled(file: IO[bytes], what: str, modules: Collection[str] = ()) -> Any:
             remedy = "if you trust the file, load it in Python, and assess the loaded model"
             raise pickle.UnpicklingError(f"{what} needs {module}.{name}, which could run any code ({remedy})")
 
-    return Unpickler(file).load()
+    return Unpickler(BytesIO(content)).load()
 
 
 def first_line(error: Exception) -> str:

@@ -44,9 +44,6 @@ def make_agent(cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv) -> 
     if isinstance(optimizer, torch.optim.Adam):
         for group in optimizer.param_groups:
             group["fused"] = True
-    # SB3 walks all modules twice per step to switch modes, which its own nets do not have, unlike dropout.
-    if cls.__module__.startswith("stable_baselines3."):
-        agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent
 
 

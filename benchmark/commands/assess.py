@@ -14,7 +14,7 @@ def main(options: argparse.Namespace) -> int:
     agent = options.model
     if options.agent is not None:
         agent = imported(options.agent, "--agent", "function")
-    names = ("scenario", "observation", "algorithm", "normalization", "stochastic")
+    names = ("scenario", "observation", "algorithm", "stochastic")
     assessment = assess(agent, **{name: getattr(options, name) for name in names})
     print(assessment)
     if options.save is not None:

@@ -29,14 +29,6 @@ TRAINING = Training(
     ("name", "expected"),
     [
         ("q_lerning", r"mine.toml: unknown algorithm q_lerning \(did you mean q_learning\?\)"),
-        (
-            "sb3_dnq",
-            r"unknown algorithm sb3_dnq \(did you mean sb3_dqn\?\); accepted: .*, or module:attribute\.$",
-        ),
-        (
-            "stable_baselines:PPO",
-            r"'stable_baselines' \(did you mean stable_baselines3\?\); accepted: a module",
-        ),
         ("agents.policy:mask_polcy", r"no attribute 'mask_polcy' \(did you mean mask_policy\?\)\.$"),
         ("agents.policy:greedy_masks", "is not an algorithm"),
     ],
@@ -45,19 +37,6 @@ def test_wrong_names_get_a_sentence(name: str, expected: str) -> None:
     with pytest.raises(InputError, match=expected) as refusal:
         load_algorithm(name, "mine.toml")
     assert "pip" not in str(refusal.value)  # it would install whatever has the misspelt name
-
-
-def test_schedules_know_which_steps_are_mapped() -> None:
-    assert SCHEDULE.is_mapped.tolist() == [True, False, True]
-    assert Schedule(5).is_mapped.shape == (0,)
-
-
-def test_a_notebook_shows_no_arrays_of_trainings() -> None:
-    deep = DeepTraining(**vars(TRAINING), weights=np.zeros((2, 32), np.uint8))
-    algorithm = load_algorithm("q_learning")
-    settings = algorithm.settings(budget=30)
-    tabular = algorithm.train(MODEL, settings, "index", [np.random.SeedSequence(0)], SCHEDULE)
-    assert not any("array" in repr(training) for training in (TRAINING, deep, tabular))
 
 
 def test_trainings_that_keep_the_contract_pass() -> None:

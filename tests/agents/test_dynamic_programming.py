@@ -4,19 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 
-from agents.dynamic_programming import _sweep, evaluate, solve
+from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
-from agents.process import process_of
 from envs import EVENTS, ZONES, Model, compile_scenario, load_scenario
 from envs.observations import compile_seen
-
-SCENARIOS = ("S1", "S2", "S3")
 
 
 def model_of(name: str, **overrides: Any) -> Model:
@@ -101,19 +95,6 @@ def check(model: Model, policy: NDArray[np.float64], horizon: int) -> None:
     assert [*sums, *result.zone_steps] == pytest.approx(backward(model, policy, horizon), abs=1e-9)
 
 
-@settings(max_examples=30)
-@given(
-    name=st.sampled_from(SCENARIOS),
-    weights=arrays(np.float64, (120, 5), elements=st.floats(0, 1)),
-    horizon=st.integers(1, 60),
-)
-def test_evaluation_equals_backward_sweep(name: str, weights: NDArray[np.float64], horizon: int) -> None:
-    model = model_of(name)
-    policy = weights + 0.01 * (weights.sum(axis=1, keepdims=True) == 0)
-    policy /= policy.sum(axis=1, keepdims=True)
-    check(model, policy, horizon)
-
-
 CIRCLE = {"kind": "circle", "radius": 1}
 ROOM: dict[str, Any] = {
     "grid.rows": 4, "grid.columns": 5, "grid.start": "anywhere", "ping_limit": 2,
@@ -135,24 +116,6 @@ TALKING = {"group": {"people": 3, "apart": [2, 3]}, "regions.target": {"kind": "
 def test_evaluation_of_groups_equals_backward_sweep(scene: dict[str, Any], form: str) -> None:
     model = compile_seen(load_scenario("S1", ROOM | scene), form)
     check(model, np.random.default_rng(1).dirichlet(np.ones(5), model.n_observations), 25)
-
-
-def test_writing_out_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = model_of("S1", **ROOM | WALK)
-    whole = process_of(model)
-    assert len(whole.outcomes) < len(model.observation)  # states share their outcomes
-    for n_states in (1000, 777):
-        monkeypatch.setattr("agents.process._STATES_AT_ONCE", n_states)
-        chunked = process_of.__wrapped__(model)  # type: ignore[attr-defined]
-        assert chunked.outcomes.tobytes() == whole.outcomes.tobytes()
-        assert (chunked.first == whole.first).all()
-
-
-def test_read_only_policies_compile_nothing_again() -> None:
-    policy = uniform_policy(model_of("S1"))
-    for policy.flags.writeable in (True, False):
-        evaluate(model_of("S1"), policy, 1)
-    assert len(_sweep.signatures) == 1  # type: ignore[attr-defined]
 
 
 def test_wrong_policies_are_refused() -> None:

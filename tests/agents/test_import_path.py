@@ -3,24 +3,15 @@
 import inspect
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
-import gymnasium
-import numpy as np
 import pytest
-import torch
 from numpy.random import SeedSequence
-from sb3_contrib import QRDQN
 from stable_baselines3 import A2C, DQN
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 
 from agents import Schedule, Training, load_algorithm
-from agents.sb3.tables import saved_table
 from envs import InputError, Model, compile_scenario, load_scenario
 from envs.inputs import parse
-from envs.observations import observation_table
 from tests.agents.test_sb3 import CHANGING
 from tests.support import ROOT
 
@@ -72,27 +63,6 @@ class Mute(DQN):
         del self.policy.q_net
 
 
-class DropoutPolicy(DQNPolicy):
-    """A Q-network whose training differs from its use."""
-
-    def make_q_net(self) -> QNetwork:
-        net = super().make_q_net()
-        net.q_net.append(torch.nn.Dropout(0.5))
-        return net
-
-
-class DropoutDqn(DQN):
-    """DQN with dropout, which notes the modes of its net before and after training."""
-
-    policy_aliases = {"MlpPolicy": DropoutPolicy}  # noqa: RUF012
-    modes: set[tuple[bool, bool]] = set()  # noqa: RUF012
-
-    def train(self, gradient_steps: int, batch_size: int = 100) -> None:
-        before = self.policy.q_net.training
-        super().train(gradient_steps, batch_size)
-        self.modes.add((before, self.policy.q_net.training))
-
-
 # Training
 
 
@@ -104,13 +74,6 @@ def test_path_and_name_of_a_class_train_the_same() -> None:
         if key != "cpu_time_s":
             assert array.tobytes() == getattr(by_path, key).tobytes(), key
     assert by_path.updates[0] > 0
-
-
-def test_nets_with_modes_are_read_as_they_are_used() -> None:
-    training = trained(f"{HERE}:DropoutDqn", learning_rate=1e-3)
-    assert DropoutDqn.modes == {(False, True)}
-    assert (training.values[0, -1] == training.q[0].astype(np.float32)).all()
-    assert (training.q[0] != 0).all()  # dropout would set half of them to 0
 
 
 def test_steps_that_are_not_those_declared_are_an_error() -> None:
@@ -146,17 +109,11 @@ def test_arguments_that_are_passed_on_are_settings_too() -> None:
     ("name", "values", "expected"),
     [
         ("stable_baselines3:A2C", {"learning_rat": 1.0}, r"learning_rat \(did you mean learning_rate\?\)"),
-        ("stable_baselines3:A2C", {"learning_rate": "fast"}, "A2C cannot be trained"),
-        ("stable_baselines3:A2C", {"n_steps": 5, "n_envs": 3}, "rollouts of 15 steps"),
         ("stable_baselines3:A2C", {"policy_kwargs": {"ortho_int": True}}, "cannot be trained: .*ortho_int"),
-        (f"{HERE}:Demanding", {}, "the key factor is missing"),
-        # Classes that cannot be trained
         ("stable_baselines3:SAC", {}, "SAC cannot be trained: The algorithm only supports .*Box.* Discrete"),
         ("sb3_contrib:ARS", {}, "accepted: a class with an argument gamma"),
-        (f"{HERE}:Mute", {}, "Mute cannot be trained: DQNPolicy has neither action values"),
-        ("stable_baselines3.common.buffers:ReplayBuffer", {}, "is not an algorithm; accepted: "),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_trained_is_refused(name: str, values: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=f"^mine.toml: .*?{expected}") as refusal:
         settings_of(name, **values)
@@ -184,45 +141,3 @@ def test_missing_packages_get_a_sentence_and_names_need_no_torch() -> None:
 
 
 # Saved models
-
-
-def saved(path: Path, cls: Any, observation: str, **arguments: Any) -> BaseAlgorithm:
-    """Trains a model as the users of Stable-Baselines3 do, and saves it."""
-    env = gymnasium.make("envs:Proxemic/S1-v0", observation=observation)
-    model: BaseAlgorithm = cls("MlpPolicy", env, seed=0, device="cpu", **arguments).learn(100)
-    model.save(path)
-    return model
-
-
-def test_saved_models_of_another_package_become_tables(tmp_path: Path) -> None:
-    """`tests/benchmark/test_assessment.py` has those of Stable-Baselines3."""
-    quantiles = {"policy_kwargs": {"n_quantiles": 9}}
-    model = saved(tmp_path / "model.zip", QRDQN, "coordinates", learning_starts=50, **quantiles)
-    table, is_value = saved_table(tmp_path / "model.zip", "sb3_contrib:QRDQN", S1, "coordinates")
-    assert (table.shape, is_value) == ((120, 5), True)
-    actions, _ = model.predict(observation_table(S1, "coordinates"), deterministic=True)
-    assert np.array_equal(table.argmax(axis=1), actions)
-
-
-def test_saved_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
-    dqn, path = "stable_baselines3:DQN", tmp_path / "model.zip"
-
-    def check(expected: str, name: str = dqn, observation: str = "one_hot", model: Model = S1) -> None:
-        with pytest.raises(InputError, match=rf"{expected}.*\.$"):
-            saved_table(path, name, model, observation)
-
-    check("model.zip: there is no such file")
-    path.write_text("no zip", encoding="utf-8")
-    check("model.zip: cannot be loaded: ")
-    saved(path, DQN, "one_hot")
-    check("model.zip: observation_space = Box.*120.*accepted in S1 with", observation="index")
-    changed = compile_scenario(load_scenario("S1", CHANGING))
-    check("model.zip: observation_space = Box.*120.*accepted in S1 with", model=changed)
-    check("model.zip: cannot be loaded: .*; accepted: what model.save of sb3_contrib", "sb3_contrib:QRDQN")
-    check("is not a class of saved models; accepted: a subclass", "agents.sb3.algorithms:DQN")
-    check("unknown form picture", observation="picture")
-    model: Any = saved(path, DQN, "coordinates")
-    with torch.no_grad():
-        next(model.policy.q_net.parameters()).fill_(float("nan"))
-    model.save(path)
-    check("gives no finite number for each of the 5 actions", observation="coordinates")

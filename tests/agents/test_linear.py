@@ -23,9 +23,6 @@ def model_of(scenario: str, observation: str, **overrides: Any) -> Model:
     return compile_seen(load_scenario(scenario, overrides), observation)
 
 
-PAIR: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere", "ping_limit": 1}
-PAIR |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
-PAIR |= {"group": {"people": 2, "apart": [2, 4]}}
 CROWD: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.places": 3, "onlookers.ways": 5}
 
 
@@ -49,40 +46,6 @@ def test_tiles_of_two_tilings_by_hand(
     assert (tiles[..., 0] == first).all()
     second = (rows + shift) // width * per_shifted + (columns + shift) // width
     assert (tiles[..., 1] == first.max() + 1 + second).all()
-
-
-def test_tilings_have_different_displacements() -> None:
-    """With 16 tilings three cells wide, no two of them divide the 14,400 pairs of cells alike."""
-    tiles = tiles_of(model_of("Anywhere", "coordinates"), 16, 3).tiles
-    alike = {tuple(np.unique(column, return_index=True)[1]) for column in tiles.T}
-    assert len(alike) == 16
-    assert all(np.bincount(column - column.min()).max() <= 3**4 for column in tiles.T)
-
-
-def test_parts_without_order_have_tiles_of_their_own() -> None:
-    model = model_of("S2", "coordinates", **MOVES)
-    tiles = tiles_of(model, 4, 3).tiles
-    phase = np.arange(model.n_observations) // 120  # the agent's cell changes fastest
-    assert model.n_observations == 360
-    for tiling in tiles.T:
-        assert all(len({*phase[tiling == tile]}) == 1 for tile in np.unique(tiling))
-
-
-def test_offsets_of_two_people_are_tiled_together() -> None:
-    """Two tilings, 3 cells wide; the second is displaced by 1, 3, 5 and 7 halves of it, modulo a width."""
-    model = model_of("Anywhere", "offset_coordinates", **PAIR)
-    tiles = tiles_of(model, 2, 3).tiles
-    (offsets,) = model.components
-    for t, numbers in enumerate((2 * offsets.numbers, 2 * offsets.numbers + 3)):  # in halves of cells
-        used, tile = np.unique(numbers // 6, axis=0, return_inverse=True)
-        assert (np.unique(tiles[:, t], return_inverse=True)[1] == tile.ravel()).all()
-        assert used.shape[1] == 4
-    at = {tuple(numbers): o for o, numbers in enumerate(offsets.numbers.tolist())}
-    # Seen from [2, 2], people in [0, 2] and [2, 5] are (-2, 0) and (0, 3) away, counted from (-4, -5). From
-    # [2, 1], both are a column more to the right: 6 and 9, in the first tiling beyond the next edges.
-    here, beside = at[2, 5, 4, 8], at[2, 6, 4, 9]
-    assert tiles[here, 0] != tiles[beside, 0]
-    assert tiles[here, 1] == tiles[beside, 1]  # with edges before 1.5, 4.5, 7.5 and 10.5
 
 
 @pytest.mark.parametrize("name", ["linear_q_lambda", "linear_sarsa_lambda"])
@@ -119,25 +82,6 @@ def test_kernel_equals_a_loop_in_plain_python(
         assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
 
 
-def test_loops_are_compiled_once_for_all_settings_and_forms() -> None:
-    changed = {"halved_after": 9, "initial_value": 1, "time_limit": 7, "backward_passes": 1}
-    for name, form, changes in (
-        ("watkins_q_lambda", "index", {}),
-        ("watkins_q_lambda", "index", changed),
-        ("linear_q_lambda", "coordinates", {}),
-        ("linear_q_lambda", "coordinates", changed),
-        ("linear_q_lambda", "coordinates", {"parts": "pairs", "n_tilings": 2}),
-        ("linear_q_lambda", "factored", {}),
-        ("linear_q_lambda", "offset_tiles", {}),
-        ("linear_sarsa_lambda", "coordinates", {}),
-    ):
-        model, algorithm = model_of("Crowd", form, **CROWD), load_algorithm(name)
-        settings = algorithm.settings.model_validate({"budget": 1} | changes)
-        algorithm.train(model, settings, form, [SeedSequence(0)], Schedule(1))
-        loop: Any = algorithm.loop(model, settings, form)[0]  # type: ignore[attr-defined]
-        assert len(loop.func.signatures) == 1, (name, form, changes)
-
-
 def test_single_cells_are_the_table_with_backward_passes() -> None:
     seeds, schedule = [SeedSequence([7, i]) for i in range(2)], Schedule(2000, POINTS)
     table, linear = (
@@ -157,22 +101,6 @@ def test_single_cells_are_the_table_with_backward_passes() -> None:
     )
     assert np.array_equal(table.q, linear.q)
     assert np.array_equal(table.greedy, linear.greedy)
-
-
-def test_an_update_changes_all_observations_that_share_a_tile() -> None:
-    """One update changes the values of all observations that share a tile, and of no other."""
-    algorithm: Any = load_algorithm("linear_q_lambda")
-    model = model_of("S1", "coordinates")
-    settings = algorithm.settings(
-        budget=1, epsilon=0.0, ties="lowest", learning_rate=0.5, n_tilings=2, tile_width=4
-    )
-    training = algorithm.train(model, settings, "coordinates", [SeedSequence(0)], Schedule(1))
-    # UP at the wall of the start cell costs 0.1 and moves the sum of two weights half-way to that.
-    tiles = tiles_of(model, 2, 4).tiles
-    shared = (tiles == tiles[0]).sum(axis=1)
-    assert training.q[0, :, 0].tolist() == pytest.approx((-0.025 * shared).tolist())
-    assert not training.q[0, :, 1:].any()
-    assert {*shared} == {0, 1, 2}
 
 
 def test_an_agent_whose_values_grow_without_limit_has_diverged() -> None:

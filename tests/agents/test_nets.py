@@ -32,7 +32,6 @@ from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from agents.tabular import learner
 from envs import Model, ProxemicVectorEnv, compile_scenario, load_scenario
-from envs.observations import compile_seen
 from tests.agents import MOODS
 from tests.agents.words import uniform, xoshiro
 from tests.support import ROOT
@@ -341,15 +340,6 @@ def test_first_weights_of_ppo_are_orthogonal() -> None:
     assert kstest(scaled, "norm").pvalue > 1e-3
 
 
-def test_forms_of_the_offset_are_encoded_like_the_others() -> None:
-    model = compile_seen(ANYWHERE.scenario, "offset")
-    for form, n_inputs in (("one_hot", 19 * 23), ("coordinates", 2)):
-        one, other = (trained("compiled_dqn", each, [0], model) for each in (form, f"offset_{form}"))
-        assert equal(one, other)
-        net = agent_of("compiled_dqn", f"offset_{form}", model, np.float32, 0)
-        assert n_inputs in net.weights()[0].shape
-
-
 # The same bits
 
 
@@ -440,33 +430,6 @@ def test_bits_are_the_same_on_every_processor(kind: str) -> None:
     assert done.stdout.split() == [DIGEST, kind], done.stderr
 
 
-@pytest.mark.parametrize("kind", [np.float32, np.float64])
-@pytest.mark.parametrize(("n_rows", "n_columns", "n_inner"), [(1, 16, 1), (7, 48, 5), (64, 128, 120)])
-def test_products_are_those_of_matrices_row_by_row(
-    kind: Any, n_rows: int, n_columns: int, n_inner: int
-) -> None:
-    rng = np.random.default_rng(0)
-    a, b = rng.normal(size=(n_inner, n_rows)).astype(kind), rng.normal(size=(n_inner, n_columns)).astype(kind)
-    start = rng.normal(size=n_columns).astype(kind)
-
-    def product(first: int, last: int) -> NDArray[Any]:
-        c = np.full((last - first, n_columns), np.nan, kind)
-        multiply((*c.shape, n_inner), start, a.ravel(), first, b.ravel(), c.ravel())
-        return c
-
-    whole = product(0, n_rows)
-    exact = start + a.T.astype(np.longdouble) @ b.astype(np.longdouble)
-    assert np.abs(whole - exact).max() <= 2 * n_inner * np.finfo(kind).eps * np.abs(exact).max()
-    for r in range(n_rows):
-        assert np.array_equal(product(r, r + 1)[0], whole[r])
-
-
-def _multiply(shape: Any, start: Any, a: Any, first: int, b: Any, c: Any) -> None:
-    """Multiplies some columns of a, from the first on, by b."""
-    columns, rows = (a, first, 1, len(a) // shape[2]), (b, 0, shape[1], 1)
-    arithmetic.multiply(shape, (start, 0), columns, rows, (c, 0, shape[1], 1))
-
-
 def _each(numbers: Any, of: Any) -> Any:
     """Returns a function of every number."""
     result = np.empty_like(numbers)
@@ -475,7 +438,7 @@ def _each(numbers: Any, of: Any) -> Any:
     return result
 
 
-multiply, each = numba.njit(_multiply), numba.njit(_each)
+each = numba.njit(_each)
 tanh = numba.njit(lambda numbers: arithmetic.tanh(numbers))
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.wrappers import RecordVideo
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.monitor import Monitor
@@ -56,18 +55,3 @@ def test_success_in_training_and_evaluation_is_the_exact_one(native: bool, tmp_p
         assert abs(np.mean(episodes) - exact) < 3.3 * math.sqrt(exact * (1 - exact) / len(episodes))
     (log,) = tmp_path.glob("PPO_1/events.out.tfevents.*")
     assert b"rollout/success_rate" in log.read_bytes()
-
-
-@pytest.mark.filterwarnings("ignore:.*human' rendering", "ignore:invalid escape")  # of moviepy's sources
-def test_videos_and_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    shown = gymnasium.make("envs:Proxemic/S1-v0", render_mode="human")
-    recorded = RecordVideo(
-        gymnasium.make("envs:Proxemic/S1-v0", render_mode="rgb_array"), str(tmp_path / "videos")
-    )
-    for each in (shown, recorded):
-        each.reset(seed=0)
-        for action in (1, 3, 4):
-            each.step(action)
-        each.close()
-    assert [path.name for path in tmp_path.glob("videos/*.mp4")] == ["rl-video-episode-0.mp4"]

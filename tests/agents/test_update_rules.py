@@ -8,29 +8,10 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from agents import Schedule, load_algorithm
-from agents.dynamic_programming import expected, solve
-from agents.tabular.updates import UpdateRule, greatest_value
 from envs import Model, compile_scenario, load_scenario
-from tests.agents.test_tabular import RULES
 
-WIDE = {"uncomfortable_radius": 1, "target_radius": 2}
 # A room of 25 cells that the agent enters anywhere, and an issuer whose mood changes at random. Since the
 # first wrong PING ends the episode, and cell and mood are seen, the agent knows its state.
-MOODS: Final[dict[str, Any]] = {
-    "ping_limit": 1,
-    "grid.rows": 5,
-    "grid.columns": 5,
-    "grid.start": "anywhere",
-    "issuer.position": [2, 2],
-    "issuer.feedback": {"kind": "noisy", "noise": 0.5},
-    "regions": {"uncomfortable_radius": 0, "target_radius": 1},
-    "phases": [
-        {"name": "calm", "next": {"tense": 0.3}},
-        {"name": "tense", "next": {"calm": 0.2, "away": 0.1}, "regions": WIDE},
-        {"name": "away", "position": [0, 4], "next": {"calm": 0.4}},
-    ],
-    "observe": ["agent", "phase"],
-}
 
 
 def learned(name: str, model: Model, settings: dict[str, Any]) -> NDArray[np.float64]:
@@ -97,36 +78,3 @@ def test_two_episodes_by_hand(
         assert values[[3, 2, 1], 0] == pytest.approx(q, abs=1e-12)
         if "initial_value" in changes and budget == 6:
             assert values[3].tolist() == [1.9, 1.9, 1.9, 1.9, 2.0]
-
-
-def epsilon_greedy_values(model: Model, discount: float, epsilon: float) -> NDArray[np.float64]:
-    """Returns the fixed point of the operator that mixes mean and maximum of the next values, (S, A)."""
-    q = np.zeros(model.grid_reward.shape)
-    while True:
-        value = epsilon * q.mean(axis=1) + (1 - epsilon) * q.max(axis=1)
-        following = np.where(model.terminated, 0.0, expected(model, value))
-        new = model.grid_reward + model.issuer_reward + discount * following
-        if np.abs(new - q).max() < 1e-12:
-            return np.asarray(new)
-        q = new
-
-
-@pytest.mark.parametrize("name", RULES)
-def test_rules_converge_to_the_values_that_they_should(name: str) -> None:
-    model = compile_scenario(load_scenario("S1", MOODS))
-    discount, epsilon = 0.8, 0.5
-    changes = {"learning_rate": 0.005, "discount": discount, "epsilon": epsilon, "budget": 30_000_000}
-    q = learned(name, model, changes)
-    best, mixed = solve(model, discount).q, epsilon_greedy_values(model, discount, epsilon)
-    goes_on = ~model.is_over
-    assert np.abs(best - mixed)[goes_on].max() > 0.3
-    truth = mixed if "sarsa" in name else best
-    errors = q[model.observation[goes_on]] - truth[goes_on]
-    assert np.abs(errors).max() < 0.1
-    assert np.abs(errors).mean() < 0.02
-
-
-def test_traces_exclude_other_parts() -> None:
-    for part in ("is_on_policy", "has_two_tables"):
-        with pytest.raises(ValueError, match="has_traces: not with is_on_policy or has_two_tables"):
-            UpdateRule(greatest_value, has_traces=True, **{part: True})
