@@ -32,21 +32,13 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
     """Returns the scene as an image, (rows * 40, columns * 40, 3) uint8.
 
     A person is a ring, with a nose if it matters where that person looks; a bystander is a thin ring, an
-    onlooker a small one. People who talk have a dotted circle. The agent, in its cell, is a disc that fits
-    inside the ring.
+    onlooker a small one. The agent, in its cell, is a disc that fits inside the ring.
     """
     cells = np.array([COLOURS[kind] for kind in _kinds(scene)], dtype=np.uint8)
     image = cells.reshape(scene.rows, scene.columns, 3)
     image = image.repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
     image[::CELL_PIXELS] = COLOURS["line"]
     image[:, ::CELL_PIXELS] = COLOURS["line"]
-    if scene.circle is not None:
-        row, column, radius = scene.circle
-        angle = np.arange(0, 2 * np.pi, 0.16 / radius)
-        across = np.stack([row + radius * np.sin(angle), column + radius * np.cos(angle)], axis=1)
-        dots = (across * CELL_PIXELS).astype(int)[:, None] + np.argwhere(np.ones((2, 2)))  # (dots, 4, 2)
-        dots = dots[((dots >= 0) & (dots < image.shape[:2])).all(axis=2)]  # some may be off the grid
-        image[tuple(dots.T)] = COLOURS["person"]
     offset = (np.arange(CELL_PIXELS) - CELL_PIXELS / 2) / CELL_PIXELS  # from a cell's centre, in cells
 
     def paint(cell: int, inside: NDArray[np.bool_], colour: Colour) -> None:

@@ -134,12 +134,6 @@ def test_sizes_are_known_before_a_scenario_is_compiled(scenario: str, form: str)
     assert {name: width for name, (_, width) in declared.observed_sizes.items()} == widths
     if declared.n_people == 1:
         assert declared.n_observations == model.n_observations
-    env, batch = ProxemicEnv(scenario, form, overrides), ProxemicVectorEnv(4, scenario, form, overrides)
-    table = observation_table(model, form)
-    rows = {tuple(np.ravel(table[o]).tolist()) for o in model.observation[model.starts]}
-    for first in (env.reset(seed=1)[0], *batch.reset(seed=1)[0]):
-        assert tuple(np.ravel(first).tolist()) in rows
-    assert env.observation_space.contains(env.step(1)[0])
 
 
 def test_the_guide_has_the_width_of_every_form() -> None:
