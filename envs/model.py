@@ -454,13 +454,8 @@ def _feedback(scenario: Scenario) -> Feedback:
     """
     layout, position = scenario.layout, scenario.grid.position
     n_places, n_phases, n = layout.standing.shape
-    n_pings = scenario.ping_limit if scenario.own_feedback else 1
-    shape, flat = (n_places, n_phases, n_pings, len(position)), (n_places * n_phases, n_pings, len(position))
-    mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
     answering = [[it for it in others if it.feedback] for others in layout.others]
     feedback = [scenario.issuer.feedback] * n + [it.feedback for it in answering[0] if it.feedback]
-    if all(it.kind == "none" for it in feedback):
-        return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)
     stands = np.empty((n_places, n_phases, len(feedback), 2), dtype=np.int_)
     stands[:, :, :n] = position[layout.standing]
     for p, others in enumerate(answering):
@@ -469,54 +464,51 @@ def _feedback(scenario: Scenario) -> Feedback:
     from_start = np.zeros((n_places, len(feedback)), dtype=np.int_)
     far = abs(position[cell][:, None] - stands[place, layout.ticks[tick]]).sum(axis=2)
     np.maximum.at(from_start, place, far)
-    for p in range(n_phases):
-        far = abs(position - stands[:, p, :, None]).sum(axis=3)  # (J, people, C), L1 distances
-        nearest = far.argmin(axis=1)[:, None]  # (J, 1, C)
-        for k, its in enumerate(feedback):
-            value: NDArray[np.float64] | float = -far[:, k, None] / from_start[:, k, None, None]
-            width: NDArray[np.float64] | float = 0.0
-            match its:
-                case BoundedFeedback(kind="uniform", low=low, high=high):
-                    value, width = (low + high) / 2, (high - low) / 2
-                case BoundedFeedback(low=low, high=high):
-                    value = np.where(layout.zone[:, p, None] == ZONES.index("target"), high, low)
-                case NoisyFeedback():
-                    width = its.noise
-                case OwnFeedback():
-                    asked = np.argwhere(nearest == k)[:, [0, 2]]
-                    low, high = _own_rewards(scenario, its, (p, k), asked, far[:, k], from_start[:, k])
-                    value, width = (low + high) / 2, (high - low) / 2
-                case _ if its.kind == "none":
-                    value = 0.0
-            is_nearest = nearest == k
-            mean[:, p] = np.where(is_nearest, value, mean[:, p])
-            noise[:, p] = np.where(is_nearest, width, noise[:, p])
-            is_late[:, p] = np.where(is_nearest, its.kind == "delayed", is_late[:, p])
-    return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)
+    far = abs(position - stands[:, :, :, None]).sum(axis=4)  # (J, P, people, C), L1 distances
+    nearest = far.argmin(axis=2)[:, :, None]  # (J, P, 1, C)
+    n_pings = scenario.ping_limit if scenario.own_feedback else 1
+    mean, noise, is_late = np.zeros((3, n_places, n_phases, n_pings, len(position)))
+    for k, its in enumerate(feedback):
+        value: NDArray[np.float64] | float = -far[:, :, k, None] / from_start[:, None, k, None, None]
+        width: NDArray[np.float64] | float = 0.0
+        match its:
+            case BoundedFeedback(kind="uniform", low=low, high=high):
+                value, width = (low + high) / 2, (high - low) / 2
+            case BoundedFeedback(low=low, high=high):
+                value = np.where(layout.zone[:, :, None] == ZONES.index("target"), high, low)
+            case NoisyFeedback():
+                width = its.noise
+            case OwnFeedback():
+                low, high = _own_rewards(scenario, its, k, nearest == k, far[:, :, k], from_start[:, k])
+                value, width = (low + high) / 2, (high - low) / 2
+            case _ if its.kind == "none":
+                value = 0.0
+        for array, values in ((mean, value), (noise, width), (is_late, float(its.kind == "delayed"))):
+            np.copyto(array, values, where=nearest == k)
+    flat = n_places * n_phases, n_pings, len(position)
+    return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat).astype(np.bool_)
 
 
 def _own_rewards(
     scenario: Scenario,
     feedback: OwnFeedback,
-    at: tuple[int, int],
-    asked: NDArray[np.int_],
+    person: int,
+    is_nearest: NDArray[np.bool_],
     far: NDArray[np.int_],
     from_start: NDArray[np.int_],
 ) -> NDArray[np.float64]:
-    """Returns the lowest and highest rewards by a user's function, (2, J, ping_limit, C).
+    """Returns the lowest and highest rewards by a user's function, (2, J, P, ping_limit, C).
 
-    `at` is the phase and the number of the person. The function is called for the places and cells in
-    `asked`, (n, 2). `far` has the distance of each cell, (J, C), and `from_start` that of the farthest start.
+    The function is called where the person is nearest, (J, P, 1, C). `far` has the distance of each cell,
+    (J, P, C), and `from_start` that of the farthest start, (J,).
     """
-    phase, person = at
     layout, n_pings = scenario.layout, scenario.ping_limit
-    rewards = np.zeros((2, len(far), n_pings, far.shape[1]))
-    for j, c in asked.tolist():
-        zone = ZONES[layout.zone[j, phase, c]]
-        if zone == "issuer" or scenario.grid.is_wall[c]:
-            continue
+    rewards = np.zeros((2, *far.shape[:2], n_pings, far.shape[2]))
+    can_ping = (layout.zone != ZONES.index("issuer")) & ~scenario.grid.is_wall
+    for j, phase, c in np.argwhere(is_nearest[:, :, 0] & can_ping).tolist():
         its = [it for it in scenario.people_in(j, phase) if it.feedback][person]
-        agent, distances = divmod(c, scenario.grid.columns), (int(far[j, c]), int(from_start[j]))
-        seen = partial(Ping, agent, its.position, its.heading, *distances, zone, layout.stages[phase].name)
-        rewards[:, j, :, c] = feedback.answers([*map(seen, range(n_pings))], scenario.name)
+        agent, distances = divmod(c, scenario.grid.columns), (int(far[j, phase, c]), int(from_start[j]))
+        where = ZONES[layout.zone[j, phase, c]], layout.stages[phase].name
+        seen = partial(Ping, agent, its.position, its.heading, *distances, *where)
+        rewards[:, j, phase, :, c] = feedback.answers([*map(seen, range(n_pings))], scenario.name)
     return rewards

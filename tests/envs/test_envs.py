@@ -53,6 +53,23 @@ def test_image_rendering_shows_the_agent_where_it_is() -> None:
     assert {(y // 40, x // 40) for y, x in changed} == {(0, 0), (0, 1)}
 
 
+def test_text_shows_agent_walls_people_and_phase() -> None:
+    def text(name: str, state: int = 0) -> list[str]:
+        env = ProxemicEnv(name, render_mode="ansi")
+        env.s = state
+        return str(env.render()).splitlines()
+
+    walls = text("Walls")
+    assert (walls[0], walls[2]) == ("A . . . # . . . . . . .", ". . . . # # # # # # . #")
+    assert len(walls) == 11  # there is a single phase
+    assert text("TwoPeople")[2] == ". . . . . . . + x x I x"
+    expected = {"calm": "+ x I x + .", "tense": "x x I x x +", "cheerful": ". + I + . ."}
+    for phase, (name, line) in enumerate(expected.items()):
+        lines = text("Moody", phase * 600)
+        assert lines[-2:] == [f"phase: {name}", "event: none"]
+        assert lines[6].endswith(line)
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

@@ -5,7 +5,7 @@ import pytest
 
 from envs import ZONES, compile_scenario, load_scenario
 from envs.render import to_text
-from envs.scene import colour_limits, scene_of
+from envs.scene import scene_of
 
 S1 = compile_scenario(load_scenario("S1"))
 
@@ -22,14 +22,6 @@ def test_scene_of_the_paper_by_hand() -> None:
     assert np.flatnonzero(scene.is_over).tolist() == [6 * 12 + 8]
     # 5 x 5 cells, of which 3 x 3 are uncomfortable or, in the middle, the issuer's.
     assert [scene.zone.count(zone) for zone in ZONES] == [95, 16, 8, 1]
-
-
-def test_colour_limits_leave_out_outliers_and_what_is_not_known() -> None:
-    values = np.concatenate([np.linspace(0, 1, 101), [np.nan, np.inf]])
-    assert colour_limits(values) == pytest.approx((0.01, 0.99))
-    assert colour_limits(np.append(np.zeros(1000), 99.0)) == (0.0, 1e-9)
-    assert colour_limits(np.full(3, np.nan)) == (0.0, 1.0)
-    assert colour_limits(np.full((2, 2), 5.0)) == (5.0, 5.0 + 1e-9)
 
 
 def test_walls_belong_to_no_region() -> None:
