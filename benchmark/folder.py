@@ -65,13 +65,13 @@ class Folder:
             for form in variant["settings"]
         }
 
-    def title(self, side: str) -> str:
-        """Returns what readers call a learner, or a side of a contrast, see `titled`."""
-        return titled(side, self.titles)
+    def title(self, learner: str) -> str:
+        """Returns what readers call a learner."""
+        return self.titles.get(learner, learner)
 
-    def phrase(self, side: str) -> str:
+    def phrase(self, learner: str) -> str:
         """Returns the title for a sentence, in which a table gets an article."""
-        title = self.title(side)
+        title = self.title(learner)
         return f"the {title}" if re.search(r"\btable\b", title) else title
 
     def __contains__(self, file: str) -> bool:
@@ -137,15 +137,6 @@ def digests(path: Path, but: Collection[str] = ()) -> dict[str, str]:
     }
 
 
-def titled(side: str, titles: Mapping[str, str]) -> str:
-    """Returns a side of a contrast with the titles of learners.
-
-    >>> titled("q, offset @ S1", {"q, offset": "table of offsets"})
-    'table of offsets @ S1'
-    """
-    return " @ ".join(titles.get(part, part) for part in side.split(" @ "))
-
-
 def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     """Returns a table with a column of learners, if it can have one, and with their titles."""
     frame = frame.copy()
@@ -153,5 +144,5 @@ def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
         learners = frame["variant"] + ", " + frame["observation"]
         frame.insert([*frame].index("variant"), "learner", learners)
     for column in {"learner", "reference", "x", "y"} & {*frame}:
-        frame[column] = frame[column].map(lambda side: titled(side, titles), na_action="ignore")
+        frame[column] = frame[column].map(lambda name: titles.get(name, name), na_action="ignore")
     return frame

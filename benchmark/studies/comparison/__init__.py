@@ -1,12 +1,10 @@
-"""Comparisons of learners: what each reached, how they differ, what they cost, and what they have learned.
-
-Learners are compared across scenarios and conditions.
-"""
+"""Comparisons of learners: what each reached, how they differ, what they cost, and what they have learned."""
 
 from pathlib import Path
 from typing import Final
 
-from benchmark.studies.comparison import figures, tables
+from benchmark.studies.comparison import figures as figures
+from benchmark.studies.comparison import tables
 from benchmark.studies.comparison.analysis import analyse
 from benchmark.studies.comparison.declared import ComparisonDeclared, check
 from benchmark.studies.study import Study
@@ -23,11 +21,8 @@ STUDY: Final = Study(
         tables.summary,
         tables.aggregate,
         tables.rliable,
-        figures.profiles,
         tables.curves,
         tables.steps,
-        tables.same_input,
-        tables.scenarios,
         tables.cost,
         tables.scores,
         tables.agents,

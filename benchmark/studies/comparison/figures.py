@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from agents.policy import mask_policy
-from benchmark.drawing.maps import draw_policy, gallery, policy_legend
+from benchmark.drawing.maps import draw_policy, policy_legend
 from benchmark.drawing.style import WIDTH, colour_map, figure_of, ink_on, name_lines, name_rows
 from benchmark.drawing.tables import show
+from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.folder import with_titles
 from benchmark.studies.comparison import tables
 from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis
-from benchmark.studies.comparison.tables import FEW, OUTCOMES, WORDS, estimated, labelled, models_of
+from benchmark.studies.comparison.tables import AGGREGATES, WORDS
 from benchmark.studies.data import Style, style_of
 from benchmark.studies.item import COLUMNS, drawing
 from envs.people import FEEDBACK
@@ -36,29 +37,20 @@ _STYLES: Final[dict[str, Style]] = {
 _COLUMNS: Final = 3  # of panels and maps
 _N_MARKERS: Final = 6  # of a curve
 _FEW_RUNS: Final = 20  # fewer are drawn one by one: their exact intervals would hide them
-_MAX_CONTRASTS: Final = 36
 _CHARACTERS, _MAX_COLUMNS = 66, 8  # of the names of a figure's columns in a line; columns with level names
-_THRESHOLDS: Final = np.linspace(0.0, 1.0, 51)
 
 
 @tables.contrasts.figure(
     "Contrasts: differences in success with 90 % (thick) and 95 % intervals, the margin (grey), and verdicts."
 )
-def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
-    """Draws contrasts in success, a row each, unless there are too many."""
-    if len(table) > _MAX_CONTRASTS:
-        return None
+def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
+    """Draws contrasts in success, a row each."""
     titles = {name: learner.title for name, learner in analysis.experiment.learners.items()}
-    rows = [row for _, row in with_titles(labelled(table), titles).iterrows()]
-    parts = [
-        (
-            f"{row['x']}\nagainst {row['y']}",
-            row["scenario"],
-            "declared later" * (row.get("declared") == "later"),
-        )
-        for row in rows
-    ]
-    names = [", ".join(filter(None, each)) for each in parts]
+    rows, names = [row for _, row in with_titles(table, titles).iterrows()], []
+    for row in rows:
+        name = [f"{row['x']}\nagainst {row['y']}", row["scenario"]]
+        name += ["declared later"] if row.get("declared") == "later" else []
+        names.append(", ".join(filter(None, name)))
     with figure_of(1, 1, (WIDTH, 0.38 * len(rows) + 1.2)) as (figure, axes):
         axis, margin = axes[0, 0], float(table["success_margin"].iloc[0])
         axis.axvspan(-margin, margin, color="0.92", lw=0)
@@ -80,23 +72,14 @@ def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure 
 
 
 @tables.summary.figure("How often each learner succeeds after training.")
-def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
+def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
     """Draws success by scenario and learner, with means over scenarios if these are pooled."""
-    frame, every = labelled(table), analysis.experiment.learners
-    learners = [
-        name for name in frame["learner"].unique() if name in {*analysis.plan.drawn, *analysis.plan.curves}
-    ]
+    frame, every, plan = with_titles(table, {}), analysis.experiment.learners, analysis.plan
+    learners = [name for name in frame["learner"].unique() if name in {*plan.drawn, *plan.curves}]
     values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
-    scenarios = [*frame["scenario"].unique()]
-    if len(scenarios) > FEW:  # the highest first
-        scenarios.sort(key=lambda name: -values.loc[name].sum())
-    scenarios, groups = _grouped(analysis, scenarios)
-    values = values.loc[scenarios]
-    if len(scenarios) > 1 and analysis.aggregate and "condition" not in analysis.names:
-        means = {
-            f"{row['variant']}, {row['observation']}": row["success"].value for row in analysis.aggregate
-        }
-        values.loc["mean"] = pd.Series(means)
+    values = values.loc[frame["scenario"].unique()]
+    if len(values) > 1 and analysis.is_pooled:
+        values.loc["mean"] = values.mean()
     is_crowded = len(learners) > _MAX_COLUMNS  # then their names are turned
     characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 11)
     titles = [fill(every[name].title, characters, break_on_hyphens=False) for name in learners]
@@ -113,47 +96,23 @@ def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | 
         axis.xaxis.tick_top()
         axis.tick_params(length=0, labelsize="small", labelrotation=0)
         axis.tick_params(axis="x", labelrotation=90 * is_crowded)
-        for at, title in groups.items():
-            style = {"va": "top", "fontsize": "small", "transform": axis.get_yaxis_transform()}
-            axis.text(1.01, at + 0.1, fill(title, 20), **style)
-            axis.axhline(at, color="black", lw=1.2 * bool(at))
+        axis.axhline(0, color="black", lw=0)  # unseen; with it, the published files stay the same
         figure.supxlabel("success after training, mean over runs", fontsize="small")
     return figure
-
-
-def _grouped(analysis: ComparisonAnalysis, scenarios: list[str]) -> tuple[list[str], dict[int, str]]:
-    """Returns scenarios, sorted by outcome if each has its own, and the titles of their groups.
-
-    The key of each title is the index of the group's first scenario.
-    """
-    if analysis.is_pooled or not analysis.outcomes:
-        return scenarios, {0: ""}
-    rows = labelled(pd.DataFrame(analysis.outcomes))
-    outcome_of = dict(zip(rows["scenario"], rows["outcome"], strict=True))
-    ranked = sorted(scenarios, key=lambda name: [*OUTCOMES].index(outcome_of[name]))
-    first = {outcome_of[name]: at for at, name in reversed([*enumerate(ranked)])}
-    return ranked, {at: OUTCOMES[outcome] for outcome, at in reversed(first.items())}
 
 
 @tables.curves.figure(
     "Mean success during training; shades: 95 % intervals; thin lines: single runs, where there are fewer "
     f"than {_FEW_RUNS}."
 )
-def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
-    """Draws success over training, a panel for each of few scenarios.
+def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
+    """Draws success over training, a panel for each scenario.
 
     Learners are named at the ends of their lines, in the last panel of each row.
     """
-    frame, learners = labelled(table), analysis.experiment.learners
-    if frame["scenario"].nunique() > FEW:
-        return None
+    frame, runs, learners = with_titles(table, {}), analysis.curves, analysis.experiment.learners
     frame = frame[(frame["step"] > 0) & frame["learner"].isin(analysis.plan.curves)]
-    runs = labelled(analysis.curves[[*analysis.names, "seed", "step", "success"]])
     panels = [*frame.groupby("scenario", sort=False)]
-    feedback = {
-        name: f": {FEEDBACK.get(each.issuer.feedback.kind, 'own feedback')}"
-        for name, each in analysis.experiment.scenarios.items()
-    }
     n_columns = min(len(panels), _COLUMNS)
     n_rows = math.ceil(len(panels) / n_columns)
     with figure_of(n_rows, n_columns, (WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
@@ -171,8 +130,8 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
                     ends = curve["success_low"], curve["success_high"]  # exact, which seaborn's are not
                     axis.fill_between(curve["step"], *ends, color=style["color"], alpha=0.12, lw=0)
                 lines[learners[str(learner)].title] = curve["success"].iloc[-1], style
-            title = str(scenario).replace(" under ", "\n").replace("/", "\n")
-            axis.set_title(title + feedback[str(scenario).partition(" under ")[0]], fontsize="small")
+            kind = analysis.experiment.scenarios[str(scenario)].issuer.feedback.kind
+            axis.set_title(f"{scenario}: {FEEDBACK.get(kind, 'own feedback')}", fontsize="small")
             axis.set(xlim=(float(rows["step"].min()), float(rows["step"].max())))
             axis.xaxis.set_major_locator(MaxNLocator(3))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))
@@ -189,14 +148,12 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | N
     "does better than one of the first baseline; bars: 95 % intervals of a bootstrap within scenarios. "
     "Dotted: the score of giving up at once."
 )
-def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | None:
-    """Draws a row of panels for each endpoint, unless there are several conditions."""
-    frame = labelled(table)
+def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
+    """Draws a row of panels for each endpoint."""
+    frame = with_titles(table, {})
     frame = frame[frame["learner"].isin(analysis.plan.drawn)]
-    if "condition" in frame or frame.empty:
-        return None
     labels, learners = COLUMNS["comparison_labels"], analysis.experiment.learners
-    measures = [name for name in (*tables.AGGREGATES, "p_improvement") if name in frame]
+    measures = [name for name in (*AGGREGATES, "p_improvement") if name in frame]
     names = [*frame[frame["endpoint"] == ENDPOINTS[0]].sort_values("mean", kind="stable")["learner"]]
     titles = [fill(learners[name].title, 30, break_on_hyphens=False) for name in names]
     line = max(0.3, 0.17 * max(title.count("\n") + 1 for title in titles))
@@ -209,7 +166,7 @@ def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | 
                     axis.plot([row[f"{key}_low"], row[f"{key}_high"]], [y, y], lw=3, color=style["color"])
                     axis.plot(row[key], y, ms=5, **{**style, "ls": ""})
                 level = rows["giving_up"].iloc[0]
-                if key in tables.AGGREGATES and not np.isnan(level):
+                if key in AGGREGATES and not np.isnan(level):
                     at = 1 - level if key == "optimality_gap" else level
                     axis.axvline(at, color="0.35", lw=0.8, ls=":")
                 axis.set(title="\n".join(labels.get(key, key).rsplit(" ", 1)), ylim=(-0.6, len(rows) - 0.4))
@@ -223,54 +180,22 @@ def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure | 
 
 
 @drawing(
-    "profiles",
-    "performance profiles: the share of runs with a higher clipped score",
-    "Performance profiles: the share of runs whose clipped score is above a threshold; shade: 95 % interval. "
-    "Dotted: the score of giving up at once.",
-)
-def profiles(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure | None:
-    """Draws the profiles of the learners that the outcome is about, unless there are several conditions."""
-    drawn = [(name, own) for _, name, own in analysis.matrices("score") if name in analysis.plan.drawn]
-    if not drawn or "condition" in analysis.names:
-        return None
-    with figure_of(1, 1, (WIDTH, 3.6)) as (figure, axes):
-        axis = axes[0, 0]
-        for name, scores in drawn:
-            style = style_of(name, analysis.experiment)
-            shares, ends = estimated(scores, lambda own: (own[..., None] > _THRESHOLDS).mean(axis=(0, 1)))
-            title = fill(analysis.experiment.learners[name].title, 30, break_on_hyphens=False)
-            axis.plot(_THRESHOLDS, shares, lw=1.3, ms=4, markevery=10, label=title, **style)
-            axis.fill_between(_THRESHOLDS, *ends, color=style["color"], alpha=0.12, lw=0)
-        axis.axvline(tables.giving_up(analysis), color="0.35", lw=0.8, ls=":")
-        axis.set(xlim=(0, 1), ylim=(-0.03, 1.03), xlabel="clipped score τ", ylabel="share of runs above τ")
-        figure.legend(loc="outside lower center", ncols=3, fontsize="small")
-    return figure
-
-
-@tables.scenarios.figure("The scenarios.")
-def draw_scenarios(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure:
-    """Draws each scenario."""
-    return gallery([*models_of(analysis).values()])
-
-
-@drawing(
     "policies",
     "what the first run of each learner does after training",
     "What the first run of each learner does after training in the first scenario, before any PING.",
 )
-def policies(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure | None:
-    """Draws the policies of compared learners that have runs in the first scenario."""
-    runs, experiment = analysis.data.runs, analysis.experiment
-    scenario, condition = (str(runs[key].iloc[0]) for key in ("scenario", "condition"))
-    own = runs[(runs["scenario"] == scenario) & (runs["condition"] == condition)].groupby("learner")
-    names = [name for name in analysis.plan.drawn if name in own.groups]
+def policies(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure:
+    """Draws the policies of compared learners in the first scenario."""
+    experiment, names = analysis.experiment, analysis.plan.drawn
+    scenario = next(iter(experiment.scenarios))
     n_columns = min(len(names), _COLUMNS)
     n_rows, norm = -(-len(names) // n_columns), Normalize(0.0, 1.0)
     with figure_of(n_rows, n_columns, (WIDTH, 2.6 * n_rows + 1.0)) as (figure, axes):
         figure.set_layout_engine("compressed")
         for axis, name in zip(axes.flat, names, strict=False):
-            first, learner = own.get_group(name).iloc[0], experiment.learners[name]
-            found = analysis.data.records(experiment.population(condition, scenario, name)).subset(0, 1)
+            learner = experiment.learners[name]
+            found = analysis.data.records(experiment.population(DEFAULT_CONDITION, scenario, name))
+            found, first = found.subset(0, 1), analysis.runs.query("learner == @name").iloc[0]
             policy = found.arrays[learner.declared.policy][0, -1]
             if learner.declared.policy == "greedy":
                 policy = mask_policy(policy)

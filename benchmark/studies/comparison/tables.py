@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,23 +10,28 @@ import pandas as pd
 
 from agents.dynamic_programming import evaluate
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
-from benchmark.analysis.frames import KEYS, Floats, by_step, learned
+from benchmark.analysis.frames import Floats, by_step, learned
 from benchmark.analysis.intervals import Estimate, proportion
-from benchmark.analysis.records import anchors, unbounded_scores
-from benchmark.drawing.maps import in_words
+from benchmark.analysis.records import unbounded_scores
 from benchmark.drawing.tables import write_csv
+from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.folder import SCORES, Folder
 from benchmark.studies import explorer
-from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis, Row, effort
+from benchmark.studies.comparison.analysis import (
+    ENDPOINTS,
+    NAMES,
+    ComparisonAnalysis,
+    Row,
+    by_learner,
+    effort,
+)
 from benchmark.studies.comparison.contrasts import VERDICTS
 from benchmark.studies.item import COLUMNS, Item, expanded, no_rows, writing
-from envs import ACTIONS, Model
+from envs import ACTIONS, compile_scenario
 from envs.model import PING
-from envs.observations import compile_seen
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
-FEW: Final = 4  # scenarios whose learners are listed, and drawn over training
-OUTCOMES: Final = COLUMNS["comparison_outcomes"]  # what they mean, in the order of scenarios in a figure
+OUTCOMES: Final = COLUMNS["comparison_outcomes"]  # what they mean
 WORDS: Final = {verdict: COLUMNS["comparison_labels"].get(verdict, verdict) for verdict in VERDICTS}
 AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")
 _DRAWS: Final = 1_000  # of a bootstrap
@@ -52,17 +56,9 @@ def _measured(frame: pd.DataFrame) -> pd.DataFrame:
 contrasts = _item(
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
-    "scenario condition x y success_verdict score_verdict success_except n success_difference "
+    "scenario x y success_verdict score_verdict success_except n success_difference "
     "success_p_different success_p_equivalent score_difference wrong_pings_difference",
     where=_measured,
-)
-
-
-same_input = replace(
-    contrasts,
-    name="same_input",
-    description="exploratory: nets against tables and linear learners of the same input",
-    compute=lambda analysis: analysis.same_input,
 )
 
 
@@ -76,21 +72,19 @@ outcomes = _item(
 @_item(
     "summary",
     "each scenario and learner after training",
-    "scenario condition learner policy n success greedy_success score unbounded_score steps wrong_pings "
+    "scenario learner policy n success greedy_success score unbounded_score steps wrong_pings "
     "training_wrong_pings every_cell_success",
-    where=lambda frame: frame if frame["scenario"].nunique() <= FEW else no_rows(frame),
     best="success",
 )
 def summary(analysis: ComparisonAnalysis) -> list[Row]:
-    """Returns the cells, without columns that name the same in all tables."""
-    hidden = {*KEYS}.difference(analysis.names)
-    return [{key: value for key, value in cell.items() if key not in hidden} for cell in analysis.cells]
+    """Returns the cells."""
+    return [*analysis.cells.values()]
 
 
 aggregate = _item(
     "aggregate",
     "every learner over all scenarios, after training",
-    "condition learner policy runs success score every_cell_success",
+    "learner policy runs success score every_cell_success",
     best="success",
 )
 
@@ -98,7 +92,7 @@ aggregate = _item(
 @_item(
     "rliable",
     "the usual measures of deep RL: aggregates of success and of the clipped score over runs and scenarios",
-    f"endpoint condition learner n {' '.join(AGGREGATES)} p_improvement",
+    f"endpoint learner n {' '.join(AGGREGATES)} p_improvement",
     best="iqm",
 )
 def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
@@ -106,26 +100,27 @@ def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
     from rliable import metrics
 
     plan, measures = analysis.plan, [getattr(metrics, f"aggregate_{key}") for key in AGGREGATES]
-    level = {"score": giving_up(analysis)} if analysis.is_pooled else {}
     for endpoint in ENDPOINTS:
-        matrices = analysis.matrices(endpoint)
-        baselines = [each for each in matrices if each[1] in plan.baseline[:1]]
-        for names, name, values in matrices:
+        matrices = {  # (runs, scenarios)
+            name: np.stack([own[endpoint].to_numpy() for own in scenarios], axis=1)
+            for _, name, scenarios in analysis.pooled
+        }
+        for names, name, _ in analysis.pooled:
+            values = matrices[name]
             row: Row = {"endpoint": endpoint, **names, "n": len(values)}
-            points, (low, high) = estimated(values, lambda x: np.array([measure(x) for measure in measures]))
+            points, (low, high) = _estimated(values, lambda x: np.array([measure(x) for measure in measures]))
             row |= {key: Estimate(points[i], low[i], high[i]) for i, key in enumerate(AGGREGATES)}
-            row["giving_up"] = level.get(endpoint, math.nan)
-            for given, baseline, others in baselines if name in plan.drawn else ():
-                if baseline != name and given.get("condition") == names.get("condition"):
-                    (point,), ((low,), (high,)) = estimated((values, others), _improvement)
-                    row |= {"p_improvement": Estimate(point, low, high), "over": baseline}
+            row["giving_up"] = giving_up(analysis) if endpoint == "score" else math.nan
+            if name in plan.drawn and plan.baseline and name != plan.baseline[0]:
+                (point,), ((low,), (high,)) = _estimated((values, matrices[plan.baseline[0]]), _improvement)
+                row |= {"p_improvement": Estimate(point, low, high), "over": plan.baseline[0]}
             yield row
 
 
 def giving_up(analysis: ComparisonAnalysis) -> float:
     """Returns the clipped score of an agent that does nothing but PING, mean over scenarios."""
     horizon, scores = analysis.experiment.declared.horizon, []
-    for model in models_of(analysis).values():
+    for model in map(compile_scenario, analysis.experiment.scenarios.values()):
         policy = np.eye(len(ACTIONS))[np.full(model.n_observations, PING)]
         found = evaluate(model, policy, horizon).grid_return
         scores.append(np.clip(unbounded_scores(np.asarray(found), model, horizon, "start"), 0.0, 1.0))
@@ -137,7 +132,7 @@ def _improvement(x: Floats, y: Floats) -> float:
     return float(np.mean(x[:, None] > y) + np.mean(x[:, None] == y) / 2)
 
 
-def estimated(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats]:
+def _estimated(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats]:
     """Returns what a measure is of scores, (K,), and its 95 % interval, (2, K).
 
     The interval has percentiles of a bootstrap that draws runs anew within each scenario (Agarwal et al.
@@ -158,7 +153,7 @@ def estimated(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats]
 def curves(analysis: ComparisonAnalysis) -> pd.DataFrame:
     """Computes means over runs at every evaluation."""
     frames = []
-    for names, _, rows in analysis.populations(analysis.curves):
+    for names, _, rows in by_learner(analysis.curves):
         means = {name: proportion(by_step(rows, name)) for name in ENDPOINTS}
         frames.append(pd.DataFrame(expanded({**names, "step": rows["step"].unique(), **means})))
     return pd.concat(frames, ignore_index=True)
@@ -167,12 +162,12 @@ def curves(analysis: ComparisonAnalysis) -> pd.DataFrame:
 @_item(
     "steps",
     f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
-    "scenario condition learner n budget share median_step step final_success",
+    "scenario learner n budget share median_step step final_success",
     best="-step",
 )
 def steps(analysis: ComparisonAnalysis) -> Iterator[Row]:
     """Computes when runs, and the mean over runs, have learned."""
-    for names, _, rows in analysis.populations(analysis.curves):
+    for names, _, rows in by_learner(analysis.curves):
         success, evaluations = by_step(rows, "success"), rows["step"].unique().tolist()
         mean, indices = success.mean(axis=0), learned(success, evaluations, ENOUGH)
         first, when = int(learned(mean[None], evaluations, ENOUGH)[0]), np.array([*evaluations, np.inf])
@@ -196,8 +191,8 @@ def steps(analysis: ComparisonAnalysis) -> Iterator[Row]:
     best="-cpu_time_s",
 )
 def cost(analysis: ComparisonAnalysis) -> Iterator[Row]:
-    """Computes medians over all scenarios and conditions, and the range of CPU time."""
-    for names, learner, rows in analysis.populations(analysis.runs, "scenario", "condition"):
+    """Computes medians over all scenarios, and the range of CPU time."""
+    for names, name, rows in by_learner(analysis.runs, NAMES[1:]):
         seconds = rows["cpu_time_s"].to_numpy()
         yield {
             **names,
@@ -209,53 +204,15 @@ def cost(analysis: ComparisonAnalysis) -> Iterator[Row]:
             "updates": np.median(rows["updates"].to_numpy()),
             "parameters": rows["parameters"].iloc[0],
             "peak_memory_mb": rows["peak_memory_mb"].median(),
-            **effort(learner),
+            **effort(analysis.experiment.learners[name]),
         }
-
-
-@_item(
-    "scenarios",
-    "what each scenario is, and what is possible in it",
-    "scenario description observed cells states observations random_return random_success optimal_return",
-)
-def scenarios(analysis: ComparisonAnalysis) -> Iterator[Row]:
-    """Describes scenarios, unless they are pooled, by the first learner's view of them."""
-    experiment, runs = analysis.experiment, analysis.data.runs
-    if len(experiment.scenarios) <= 1 or analysis.is_pooled:
-        return
-    models = models_of(analysis)
-    for name in experiment.scenarios:
-        model = models[name]
-        random, optimal = anchors(model, experiment.declared.horizon, "start")
-        own = runs[runs["scenario"] == name]
-        yield {
-            "scenario": name,
-            "description": model.scenario.description,
-            "cells": len(model.position),
-            "states": len(model.observation),
-            "observations": model.n_observations,
-            "observed": in_words(model.scenario.observe),
-            "random_return": random,
-            "random_success": own["random_success"].iloc[0],
-            "optimal_return": optimal,
-        }
-
-
-def models_of(analysis: ComparisonAnalysis) -> dict[str, Model]:
-    """Returns each scenario, compiled as its first learner sees it."""
-    models = dict[str, Model]()
-    for population in analysis.experiment.populations:
-        scenario, learner = population.scenario, population.learner
-        if scenario.name not in models:
-            models[scenario.name] = compile_seen(scenario, learner.observation)
-    return models
 
 
 @writing("scores", "every run at the end of training, compressed", SCORES)
 def scores(analysis: ComparisonAnalysis, path: Path) -> None:
     """Writes `runs`; `every_cell_` marks episodes that start in any cell, `diverged_at` may be infinite."""
     runs = analysis.runs
-    names = [*analysis.names, "policy", "seed", *RESULTS, *(f"every_cell_{name}" for name in RESULTS)]
+    names = [*NAMES, "policy", "seed", *RESULTS, *(f"every_cell_{name}" for name in RESULTS)]
     names += ["greedy_success", *runs.loc[:, "target_cells_marked":"diverged_at"]]
     write_csv(runs[[name for name in names if name in runs]], path)
 
@@ -264,32 +221,20 @@ def scores(analysis: ComparisonAnalysis, path: Path) -> None:
 def agents(analysis: ComparisonAnalysis, path: Path) -> None:
     """Writes what all learners but reference implementations have learned."""
     drawn = [
-        analysis.experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
-        for names, learner, rows in analysis.populations(analysis.runs)
-        if not learner.reference_for
+        analysis.experiment.population(DEFAULT_CONDITION, scenario, name)
+        for name, scenario in analysis.cells
+        if name in analysis.plan.learners
     ]
     explorer.write([analysis.data.records(population) for population in drawn], path)
 
 
-def labelled(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns a table with "SCENARIO under CONDITION" for its scenarios, and a column of learners."""
-    table = table.copy()
-    names = [table[key].fillna("") for key in ("scenario", "condition") if key in table]
-    table["scenario"] = [" under ".join(filter(None, parts)) for parts in zip(*names, strict=True)] or ""
-    if "variant" in table:
-        table["learner"] = table["variant"] + ", " + table["observation"]
-    return table
-
-
 def headline(folder: Folder) -> str | None:
-    """Returns how often each outcome came up, or else each verdict on success."""
+    """Returns the outcome, or else how often each verdict on success came up."""
+    if "outcomes.csv" in folder:
+        return f"Whether deep RL earns its keep: {OUTCOMES[folder.frame('outcomes')['outcome'][0]]}."
     if "contrasts.csv" not in folder:
         return None
-    has_outcomes = "outcomes.csv" in folder
-    name, column = ("outcomes", "outcome") if has_outcomes else ("contrasts", "success_verdict")
-    start = "Whether deep RL earns its keep" if has_outcomes else "Verdicts on success"
-    table, parts = folder.frame(name), []
-    for ending, text in (OUTCOMES if has_outcomes else WORDS).items():
-        if len(rows := table[table[column] == ending]):
-            parts.append(f"{text} ({len(rows)} of {len(table)})")
-    return f"{start}: {'; '.join(parts)}."
+    verdicts = folder.frame("contrasts")["success_verdict"]
+    counts = verdicts.map(WORDS).value_counts()
+    parts = [f"{text} ({n} of {len(verdicts)})" for text, n in counts.items()]
+    return f"Verdicts on success: {'; '.join(parts)}."

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -16,7 +16,6 @@ from agents.policy import uniform_policy
 from agents.tabular.learner import TabularAlgorithm
 from agents.tabular.updates import Q_LEARNING
 from benchmark.analysis.frames import keys_of
-from benchmark.analysis.records import Records
 from benchmark.experiments import Experiment, Learner, Population
 from benchmark.experiments.schema import Variant
 from benchmark.studies.comparison import STUDY
@@ -45,25 +44,20 @@ class Made(NamedTuple):
     score: float | None = None  # of every run; by default as its success
     policy: str = "greedy"
     reference_for: str = ""
-    budget: int = BUDGET
     every_run: bool = False  # whether the success is that of every run instead of a share of them
-    observation: str = "index"
 
 
 class Cell(NamedTuple):
-    """The runs of a learner in a scenario under a condition."""
+    """The runs of a learner in a scenario."""
 
     name: str
     success: ArrayLike  # (N,) after training, or (N, T)
     scenario: str = "S1"
     family: str = "tabular"
     policy: str = "greedy"
-    budget: int = BUDGET
     score: ArrayLike | None = None  # by default as success
-    condition: str = "default"
     reference_for: str = ""
     wrong_pings: ArrayLike = 0  # (N, T) of training, since its start
-    observation: str = "index"
 
 
 @lru_cache
@@ -77,32 +71,23 @@ def analysis_of(
     cells: Sequence[Cell],
     contrasts: Sequence[tuple[str, str]] = (),
     baseline: Sequence[str] = (),
-    *,
-    random: float | None = None,
-    records: Mapping[str, Records] = MappingProxyType({}),
     **report: Any,
 ) -> ComparisonAnalysis:
-    """Returns a comparison of cells.
+    """Returns a comparison of cells; further keys are those of `[report]`.
 
-    Sides of contrasts name learners without their observation. Records are those of a scenario, whoever is
-    asked for. Further keys are those of `[report]`.
+    Contrasts and baselines are named without their observation.
     """
-    learners = {f"{cell.name}, {cell.observation}": _learner(cell) for cell in cells}
-
-    def side(name: str) -> str:
-        full = {learner.variant: name for name, learner in learners.items()}
-        return " @ ".join(full.get(part, part) for part in name.split(" @ "))
-
-    report["contrasts"] = tuple((side(x), side(y)) for x, y in contrasts)
-    report["baseline"] = tuple(map(side, baseline))
-    conditions = {cell.condition: SimpleNamespace(name=cell.condition, axes={}) for cell in cells}
+    learners = {f"{cell.name}, index": _learner(cell) for cell in cells}
+    report["contrasts"] = tuple((f"{x}, index", f"{y}, index") for x, y in contrasts)
+    report["baseline"] = tuple(f"{name}, index" for name in baseline)
+    condition = SimpleNamespace(name="default", axes={})
     scenarios = {cell.scenario: load_scenario(cell.scenario) for cell in cells}
     runs, curves, populations = [], [], []
     for cell in cells:
         success = _over_training(cell.success)
-        seeds, steps = range(len(success)), np.linspace(0, cell.budget, success.shape[1], dtype=int)
-        learner = learners[f"{cell.name}, {cell.observation}"]
-        made: Any = (conditions[cell.condition], scenarios[cell.scenario], learner, (), seeds, seeds)
+        seeds, steps = range(len(success)), np.linspace(0, BUDGET, success.shape[1], dtype=int)
+        learner = learners[f"{cell.name}, index"]
+        made: Any = (condition, scenarios[cell.scenario], learner, (), seeds, seeds)
         populations.append(Population(*made))
         over_time = {"success": success, "unbounded_score": success}
         if cell.score is not None:
@@ -110,18 +95,17 @@ def analysis_of(
         over_time["score"] = over_time["unbounded_score"].clip(0, 1)
         over_time["training_wrong_pings"] = np.broadcast_to(np.asarray(cell.wrong_pings), success.shape)
         final: dict[str, Any] = {name: values[:, -1] for name, values in over_time.items()}
-        final |= {"policy": cell.policy, "budget": cell.budget, "diverged_at": np.inf, "seed": seeds}
+        final |= {"policy": cell.policy, "budget": BUDGET, "diverged_at": np.inf, "seed": seeds}
         final |= dict.fromkeys(("steps", "wrong_pings", "uncomfortable_steps", "greedy_success"), 0)
-        final["random_success"] = random_success(cell.scenario) if random is None else random
+        final["random_success"] = random_success(cell.scenario)
         runs.append(pd.DataFrame(keys_of(populations[-1]) | final))
         over = {"seed": np.repeat(seeds, len(steps)), "step": np.tile(steps, len(seeds))}
         over |= {name: values.ravel() for name, values in over_time.items()}
         curves.append(pd.DataFrame(keys_of(populations[-1]) | over))
-    declared: Any = SimpleNamespace(name="made", horizon=200, conditions=conditions)
+    declared: Any = SimpleNamespace(name="made", horizon=200, conditions={})
     data: Any = SimpleNamespace(
         experiment=Experiment(declared, Path("made.toml"), learners, scenarios, populations),
         declared=ComparisonDeclared(kind="comparison", **report),
-        records=lambda population: records[population.scenario.name],
     )
     data.runs, data.curves = (pd.concat(rows, ignore_index=True) for rows in (runs, curves))
     return analyse(data)
@@ -136,8 +120,8 @@ def _over_training(final: ArrayLike) -> NDArray[np.float64]:
 def _learner(cell: Cell) -> Learner:
     name, policy = _ALGORITHMS[cell.family], cast(Any, cell.policy)
     about = {"seeds": len(np.asarray(cell.success)), "policy": policy, "reference_for": cell.reference_for}
-    declared = Variant(algorithm=name, observations=(cell.observation,), **about)
-    return Learner(cell.name, cell.observation, declared, load_algorithm(name), cell.family, None)
+    declared = Variant(algorithm=name, observations=("index",), **about)
+    return Learner(cell.name, "index", declared, load_algorithm(name), cell.family, None)
 
 
 def compared(
@@ -154,9 +138,8 @@ def compared(
         for scenario, share in zip(scenarios, shares, strict=False):
             success = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
             score = None if made.score is None else np.full(made.n, made.score)
-            own = made.family, made.policy, made.budget, score
-            cell = Cell(name, success, scenario, *own, reference_for=made.reference_for)
-            cells.append(cell._replace(observation=made.observation))
+            own = made.family, made.policy, score
+            cells.append(Cell(name, success, scenario, *own, reference_for=made.reference_for))
     others = [name for name, made in learners.items() if name not in baseline and not made.reference_for]
     pairs = contrasts or [(name, table) for name in others for table in baseline]
     return analysis_of(cells, pairs, baseline, **more)

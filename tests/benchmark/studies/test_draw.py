@@ -1,11 +1,7 @@
-"""Folders of results: what is in them, that drawing again gives the same, and what marks them."""
+"""Folders of results: what is in them, that drawing again gives the same, and what is refused."""
 
 import hashlib
 import json
-import re
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,13 +13,11 @@ import pytest
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications
 from benchmark.experiments.search import Chosen
-from benchmark.folder import SCORES
+from benchmark.folder import SCORES, Folder
 from benchmark.publish import document, draw
-from benchmark.publish.document import Document
 from benchmark.studies import report_of
 from benchmark.studies.comparison.analysis import ComparisonAnalysis
 from envs import InputError
-from tests.benchmark.execution.test_processes import PATIENCE_S, until
 from tests.benchmark.studies.conftest import EXPERIMENT, Drawn, experiment_of, trained
 from tests.support import ROOT, mistyped_columns, specifications
 
@@ -34,46 +28,19 @@ PUBLISHED = [
 ]
 
 
-def without(path: Path, *names: str, text: str = EXPERIMENT, **reporting: object) -> Experiment:
-    """Loads the experiment without some algorithms, and with other keys in its report."""
-    text = f'stream = "small"\n{text}'
-    for name in names:
-        text = re.sub(rf"^{name} = .*\n|^\[algorithms.{name}\]\n(.+\n)*", "", text, flags=re.MULTILINE)
-    for key, value in reporting.items():
-        text = re.sub(rf"^{key} = .*$", f"{key} = {json.dumps(value)}", text, flags=re.MULTILINE)
-    return experiment_of(path / "changed.toml", text)
-
-
 def analysis_of(experiment: Experiment, store: Store) -> ComparisonAnalysis:
     report = report_of(experiment)
     found: ComparisonAnalysis = report.study.analyse(report.data(store))
     return found
 
 
-@pytest.mark.slow
-def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) -> None:
-    for name in ("small.toml", "runs.db"):
-        shutil.copy(drawn.results / name, tmp_path)
-    arguments = ["report", str(tmp_path / "small.toml"), "--results", str(tmp_path)]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "benchmark", *arguments],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,  # whatever it starts has it, too
-    )
-    until(lambda: [*tmp_path.glob(".small.making/*.csv")])
-    assert process.poll() is None
-    process.kill()
-    process.communicate(timeout=PATIENCE_S)  # returns when none of them is left
-
-
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
     drawn_names = ["contrasts", "summary", "curves", "rliable"]
     tables = [*drawn_names, "aggregate", "outcomes", "steps", "cost"]
-    expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in (*drawn_names, "profiles")}
-    assert names == expected | {"README.md", "manifest.json", SCORES}
+    expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in drawn_names}
+    assert names == expected | {"README.md", "manifest.json", SCORES, "agents.json.gz"}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
-    assert mistyped_columns(drawn.folder / SCORES) == []
     scores = pd.read_csv(drawn.folder / SCORES)
     assert len(scores) == len(all_specifications(drawn.experiment))
     assert scores["score"].between(0, 1).all()
@@ -84,19 +51,10 @@ def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(dr
     manifest = json.loads((drawn.folder / "manifest.json").read_text())
     digests = sorted(run.digest for run in all_specifications(drawn.experiment))
     assert manifest["digest"] == hashlib.sha256("".join(digests).encode()).hexdigest()
-    assert manifest["algorithms"]["check"]["reference_for"] == "table"
-
-
-def test_two_learners_with_the_same_title_are_refused(tmp_path: Path) -> None:
-    text = EXPERIMENT.replace("sarsa = { ", 'sarsa = { title = "check on the cells\' index", ')
-    with pytest.raises(
-        InputError, match='"check on the cells\' index" is the name of sarsa, index and of check, index; '
-    ):
-        experiment_of(tmp_path / "twice.toml", text)
 
 
 def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
-    for name in ("summary", "aggregate", "curves", "cost"):
+    for name in ("aggregate", "curves", "cost"):
         assert "check" in {*pd.read_csv(drawn.folder / f"{name}.csv")["variant"]}, name
     summary = pd.read_csv(drawn.folder / "summary.csv")
     assert [*summary["variant"].unique()] == ["table", "check", "sarsa", "ppo", "net"]
@@ -104,26 +62,22 @@ def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
         assert analysis_of(drawn.experiment, store).plan.drawn == ["table, index", "net, one_hot"]
 
 
-@pytest.mark.parametrize("folder", ["drawn", *PUBLISHED], ids=str)
-def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -> None:
-    found = Document(drawn.folder if isinstance(folder, str) else folder)
-    if "aggregate.csv" not in found.folder:  # nothing is pooled
-        return
-    aggregate, scores = (pd.read_csv(found.folder.path / name) for name in ("aggregate.csv", SCORES))
-    keys = ["variant", "observation"]
-    alone: Any = scores.groupby([*keys, "scenario"])[["success", "score"]].mean()
-    means: Any = alone.groupby(keys).mean()
-    for row in aggregate.to_dict("records"):
-        expected = means.loc[(row["variant"], row["observation"])]
+@pytest.mark.parametrize("path", [None, *PUBLISHED], ids=str)
+def test_tables_say_what_the_runs_say(drawn: Drawn, path: Path | None) -> None:
+    folder = Folder(path or drawn.folder)
+    if SCORES not in folder:
+        pytest.skip("its runs are not published")
+    scores = folder.frame(SCORES)
+    scores["learner"] = scores["variant"] + ", " + scores["observation"]
+    alone: Any = scores.groupby(["learner", "scenario"])[["success", "score"]].mean()
+    means: Any = alone.groupby("learner").mean()
+    for row in folder.frame("aggregate").to_dict("records"):
+        expected = means.loc[f"{row['variant']}, {row['observation']}"]
         assert [row["success"], row["score"]] == pytest.approx(expected.tolist(), abs=1e-5)
-    if "scenario" not in (contrasts := found.folder.frame("contrasts")):
-        for row in contrasts.to_dict("records"):
-            sides = [re.split(", | @ ", row[side]) for side in "xy"]
-            x, y = ((means if len(side) == 2 else alone).loc[tuple(side)] for side in sides)
-            assert row["success_difference"] == pytest.approx(x["success"] - y["success"], abs=2e-5)
-
-
-# Identity
+    for row in folder.frame("contrasts").to_dict("records"):
+        is_alone = isinstance(row.get("scenario"), str)
+        x, y = (alone.loc[row[side], row["scenario"]] if is_alone else means.loc[row[side]] for side in "xy")
+        assert row["success_difference"] == pytest.approx(x["success"] - y["success"], abs=2e-5)
 
 
 def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> None:
@@ -148,17 +102,12 @@ def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
     }
 
 
-# Runs that are missing
-
-
-def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> None:
-    pairs = [["net, one_hot", "table, index"]]
-    small = without(tmp_path, "sarsa", contrasts=pairs)
-    runs = all_specifications(small)
-    failed = specifications(small, "default", "S1", "net", "one_hot", [1])[0]
-    absent = specifications(small, "default", "S3", "ppo", "one_hot", [0, 1])
+def test_missing_runs_are_refused(drawn: Drawn, tmp_path: Path) -> None:
+    runs = all_specifications(drawn.experiment)
+    failed = specifications(drawn.experiment, "default", "S1", "net", "one_hot", [1])[0]
+    absent = specifications(drawn.experiment, "default", "S3", "ppo", "one_hot", [0, 1])
     lost = {run.digest for run in (failed, *absent)}
-    report = report_of(small).check()
+    report = report_of(drawn.experiment).check()
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs if run.digest not in lost]))
         other.add([Record(failed.digest, failed.content, "failed", {}, {}, "RuntimeError: oh")])
@@ -171,11 +120,11 @@ def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> Non
 
 def test_divergence_is_shown(tmp_path: Path) -> None:
     text = EXPERIMENT.replace("batch_size = 8,", "batch_size = 8, learning_rate = 1e38,")
-    experiment = without(tmp_path, "ppo", "check", text=text)
+    experiment = experiment_of(tmp_path / "changed.toml", f'stream = "small"\n{text}')
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
         found = analysis_of(experiment, store)
-        nets = [cell for cell in found.cells if cell["variant"] == "net"]
-        assert [cell["diverged"] for cell in nets] == [12, 12]
-        assert [cell["unbounded_score"] for cell in nets] == pytest.approx([0, 0], abs=1e-9)  # as random
-        assert np.isfinite(found.runs["diverged_at"]).equals(found.runs["variant"] == "net")
+    nets = [cell for cell in found.cells.values() if cell["variant"] == "net"]
+    assert [cell["diverged"] for cell in nets] == [12, 12]
+    assert [cell["unbounded_score"] for cell in nets] == pytest.approx([0, 0], abs=1e-9)  # as random
+    assert np.isfinite(found.runs["diverged_at"]).equals(found.runs["variant"] == "net")
