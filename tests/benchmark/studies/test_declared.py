@@ -101,10 +101,7 @@ def test_mistakes_get_one_sentence_before_any_run(tmp_path: Path, reporting: str
             "algorithms.x = {} settings = {{ budget = 400 }} }}",
             r"accepted: the same for all, not \[200, 400\]",
         ),
-        (
-            "grids.all.axes.noise = {{ high = {{}}, low = {{ settings.time_limit = 40 }} }}",
-            "readings, grids: ",
-        ),
+        ("grids.all.axes.noise = {{ 0 = {{}}, 1 = {{ settings.time_limit = 40 }} }}", "readings, grids: "),
     ],
 )
 def test_experiments_that_cannot_be_compared_are_refused(tmp_path: Path, more: str, word: str) -> None:

@@ -265,7 +265,6 @@ def test_verdicts_on_disjoint_sets() -> None:
         ('"algorithms.q_learning.observations" = ["index", "offset"]', "algorithms"),
         ('scenarios = ["S1", "S2", "Egg"]', "scenarios"),
         ('"readings.origin.scenario" = { observe = ["agent", "issuer"] }', r"scenarios: S1 \(origin\)"),
-        ('"report.looks" = [2]', r".report.: unknown key looks"),
     ],
 )
 def test_a_replication_takes_one_table_in_scenarios_like_the_papers(
