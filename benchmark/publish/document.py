@@ -119,17 +119,14 @@ class Document:
     @property
     def learners(self) -> str:
         """Markdown that lists the learners: their names, and where their settings come from; or empty."""
-        rows = []
-        for variant, declared in self.folder.manifest["algorithms"].items():
+        manifest, rows = self.folder.manifest, []
+        for variant, declared in manifest["algorithms"].items():
             search = declared["tuned_by"].partition(":")[0]
-            for observation in declared["settings"]:
-                name = f"{variant}, {observation}"
+            settings = f"search `{search}`" if search else "declared"
+            more = {} if manifest["search"] else {"settings": settings, "runs": str(declared["runs"])}
+            for name in (f"{variant}, {observation}" for observation in declared["settings"]):
                 row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`"}
-                row |= {
-                    "policy": declared["policy"],
-                    "settings": f"search `{search}`" if search else "declared",
-                }
-                rows.append(row | {"runs": str(declared["runs"])})
+                rows.append({**row, "policy": declared["policy"], **more})
         return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
 
     @property

@@ -34,7 +34,7 @@ SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # in an SVG
 _ESCAPED: Final = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
-_MAX_ROWS: Final = 60  # in a table; of longer ones, there is a link to the CSV file
+_MAX_ROWS: Final = 100  # in a table; of longer ones, there is a link to the CSV file
 _MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _TABLE: Final = re.compile("<table>.*?</table>", re.DOTALL)  # which a document has as Markdown
