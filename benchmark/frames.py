@@ -18,7 +18,7 @@ with needed_by("benchmark.frames"):
     from benchmark.publish.manifest import digest_of
     from benchmark.studies import report_of
 
-_PUBLISHED: Final = ((SCORES, "runs.csv"), ("curves.csv", "success.csv", "learning.csv"))  # runs, curves
+_PUBLISHED: Final = ((SCORES, "runs.csv"), ("curves.csv", "learning.csv"))  # runs, curves
 _RESULTS: Final = Path(__file__).parents[1] / "results"
 Where = str | Path
 

@@ -21,7 +21,6 @@ MINIATURE = {
         "seeds = 15": "seeds = 2",
         "budget = 5000": "budget = 1000",
         '"settings.budget" = 20000': '"settings.budget" = 1000',
-        '"report.looks" = [15]': '"report.looks" = [2]',
     },
     LEARNER: {
         "seeds = 20": "seeds = 2",
