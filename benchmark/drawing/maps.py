@@ -209,11 +209,6 @@ def _which(model: Model, context: int) -> str:
     return ", ".join([place] * (model.n_places > 1) + [phase] * bool(phase))
 
 
-def in_words(parts: Sequence[str]) -> str:
-    """Returns parts of the state as readers see them."""
-    return ", ".join(parts).replace("wrong_pings", "wrong PINGs")
-
-
 def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     scene = scene_of(model, context)
     zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
