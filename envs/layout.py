@@ -58,12 +58,6 @@ class Layout:
             probability[i, 0] = max(1.0 - math.fsum(chances.values()), 0.0)
         return ticks, probability
 
-    @property
-    def moves(self) -> bool:
-        """Whether someone moves during an episode."""
-        is_other = any(people != self.others[0] for people in self.others)
-        return is_other or any(stage.position is not None for stage in self.stages)
-
     @cached_property
     def places(self) -> tuple[tuple[Cell, ...], ...]:
         """(J,) the cells of the person and the group when an episode starts."""

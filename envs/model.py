@@ -297,12 +297,9 @@ def _compile_places(
     next_delayed[:, PING] = comes_late
     ticks, chances = scenario.layout.following
     next_tick = np.broadcast_to(ticks[tick][:, None], (*event.shape, ticks.shape[1]))  # (S, A, K)
-    if scenario.layout.moves:
-        is_person = zone_of == ZONES.index("issuer")  # (J * P, C)
-        next_context = place[:, None, None] * n_phases + scenario.layout.ticks[next_tick]
-        waits = is_person[next_context, next_cell[:, :, None]] & ~terminated[:, :, None]
-        next_tick = np.where(waits, tick[:, None, None], next_tick)
-    next_tick = np.where(terminated[:, :, None], tick[:, None, None], next_tick)
+    next_context = place[:, None, None] * n_phases + scenario.layout.ticks[next_tick]
+    waits = zone_of[next_context, next_cell[:, :, None]] == ZONES.index("issuer")
+    next_tick = np.where(waits | terminated[:, :, None], tick[:, None, None], next_tick)
     next_delayed = np.where(terminated, delayed[:, None], next_delayed)
     next_pings = np.minimum(wrong_pings, n_pings - 1)
     parts = [part[:, :, None] for part in (next_delayed, next_pings, next_cell)]

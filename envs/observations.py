@@ -9,6 +9,7 @@ equal the form of cells with the same encoding.
 
 import json
 import math
+from functools import lru_cache
 from itertools import product
 from typing import Any, Final
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from envs.inputs import InputError, unknown_name
 from envs.model import Model, compile_scenario
-from envs.scenario import Scenario
+from envs.scenario import Scenario, load_scenario
 from envs.tiles import tiles_of
 
 _ENCODINGS: Final = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
@@ -71,6 +72,7 @@ def is_relative(observation: str) -> bool:
     return bool(_PARTS.get(observation, ("", ""))[0])
 
 
+@lru_cache(maxsize=256)
 def seen_as(scenario: Scenario, observation: str) -> Scenario:
     """Returns a scenario with the components that an agent is given in a form."""
     check_form(observation)
@@ -79,7 +81,8 @@ def seen_as(scenario: Scenario, observation: str) -> Scenario:
         _check_planes(scenario)
     if not relative or "issuer" not in scenario.observe:
         return scenario
-    return scenario.seen_by_offset()
+    further = [name for name in scenario.observe if name in ("phase", "wrong_pings")]
+    return load_scenario(scenario, {"observe": ["offset", *further]})
 
 
 def compile_seen(scenario: Scenario, observation: str) -> Model:

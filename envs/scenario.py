@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from envs import inputs
-from envs.inputs import InputError, Name, Table, require
+from envs.inputs import Name, Table, require
 from envs.layout import Layout, draw_onlookers, draw_places, resolve, timeline, walkers
 from envs.people import MAX_STATES, Group, Issuer, Onlookers, OwnFeedback, Person, Phase, Reward
 from envs.regions import ZONES, Cell, Grid, Regions, Ring, listed
@@ -113,16 +113,6 @@ class Scenario(Table):
             return self
         return self.model_copy(update={"draw": draw})
 
-    def seen_by_offset(self) -> Self:
-        """Returns the scenario with offsets observed in place of the agent's and people's cells."""
-        others = tuple(name for name in self.observe if name in ("phase", "wrong_pings"))
-        seen = self.model_copy(update={"observe": ("offset", *others)})
-        try:
-            seen._check_observations()
-        except ValueError as error:
-            raise InputError(f"{self.name}: {error}.") from error
-        return seen
-
     @property
     def n_people(self) -> int:
         """How many people are drawn, the issuer included."""
@@ -208,12 +198,9 @@ class Scenario(Table):
         self._check_cells()
         self._check_sizes()
         self._check_starts()
-        self._check_observations()
-        return self
-
-    def _check_observations(self) -> None:
         n, accepted = self.n_observations, f"at most {MAX_STATES}"
-        require(n <= MAX_STATES, f"observe = {list(self.observe)}: {n} observations", accepted)
+        require(n <= MAX_STATES, f"{observe}: {n} observations", accepted)
+        return self
 
     def _check_phases(self) -> None:
         inputs.distinct(tuple(phase.name for phase in self.phases), "phases: name ")

@@ -204,7 +204,7 @@ def _which(model: Model, context: int) -> str:
     """Returns which of a scenario's positions and phases a map shows."""
     place = f"place {context // len(model.scenario.layout.stages) + 1} of {model.n_places}"
     phase = scene_of(model, context).phase
-    if model.scenario.layout.moves:
+    if phase.isdecimal():  # of people who walk
         phase = f"phase {phase} of {len(model.scenario.layout.stages)}"
     return ", ".join([place] * (model.n_places > 1) + [phase] * bool(phase))
 

@@ -9,7 +9,7 @@ import pytest
 
 from envs import InputError, compile_scenario, load_scenario
 from envs.model import PING
-from envs.observations import observation_table
+from envs.observations import observation_table, seen_as
 from tests.envs.test_model import assert_same_arrays, model_of
 
 RADII = {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
@@ -95,7 +95,7 @@ def test_a_changed_copy_is_the_reloaded_scenario() -> None:
     first = load_scenario("ThreeTalking", changes)
     assert compile_scenario(first).n_places == 6  # nothing that was derived for this may stay
     reloaded = load_scenario("ThreeTalking", changes | {"draw": 8, "observe": ["offset"]})
-    for changed in (first.drawn(8).seen_by_offset(), first.seen_by_offset().drawn(8)):
+    for changed in (seen_as(first.drawn(8), "offset"), seen_as(first, "offset").drawn(8)):
         assert changed == reloaded
         assert_same_arrays(model_of(changed), model_of(reloaded))
 
