@@ -20,7 +20,6 @@ from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT, small_experiment, toml, variant
 
 EXPERIMENT = small_experiment(horizon=200)
-LONG = {"evaluation_every": 20_000, "map_every": 20_000}
 VALUES: Final[tuple[Any, ...]] = (
     *(True, -1, 0, 1.5, float("nan"), 10**400, "", "x" * 5000, "\u001b[31m", "a\nb", "../x", "marker:x"),
     *([], [[]], [1] * 1000, {}, {"a": {"a": 1}}),
@@ -51,15 +50,9 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (small_experiment(horizon=int("9" * 4000)), "horizon = 9999"),
         # From [0, 0], the target region of S1 is ten steps away.
         (small_experiment(horizon=10), "S1: no policy succeeds within horizon = 10; "),
-        # By hand: 120 observations, 50,001 times 1 byte of greedy actions and 5 values of 4 bytes.
-        (
-            small_experiment(**LONG, settings={"budget": 10**9, "record_every": 1000}),
-            f"records of {120 * 50_001 * 21 / 1e6:,.0f} MB",
-        ),
-        # By hand: 100,000 for each of two forms; the days are 200,000 / (24 * 60 * 60).
         (
             small_experiment(algorithms={"table": variant("q_learning", "index", "offset", seeds=100_000)}),
-            "up to 200,000 runs, which take 2.3 days at a second each; accepted: at most 100,000.",
+            "up to 200,000 runs; accepted: at most 100,000.",
         ),
         (small_experiment(algorithms={"table": variant("exiting:a")}), "would end this process"),
         (small_experiment(report="exiting:a"), "would end this process"),
@@ -165,17 +158,9 @@ def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["watch", "--save=--"], "the value --"),
-        (["run", "reproduce", "--seeds", "9" * 5000], "--seeds 999"),
-        (["run", "\u001b[31mred"], "unknown experiment"),
-        (["run"], "EXPERIMENT; 'python -m benchmark run --help'"),
-    ],
-)
-def test_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str) -> None:
-    assert expected in refused(capsys, *arguments)
+def test_arguments(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--seeds 999" in refused(capsys, "run", "reproduce", "--seeds", "9" * 5000)
+    assert "EXPERIMENT; 'python -m benchmark run --help'" in refused(capsys, "run")
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Every target of make, and every command's help."""
+"""Every target of make."""
 
 import re
 import shutil
@@ -7,21 +7,15 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from benchmark.__main__ import main
-from tests.support import ROOT, git, make, mistyped_columns
+from tests.support import ROOT, make, mistyped_columns
 
 TARGETS = re.findall(r"^([\w-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
 # Of each target: what makes it a miniature, what it says, and what it makes.
 MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "help": ([], [f"make {name} " for name in TARGETS], set()),
     "test": (["TESTS=envs/inputs.py"], ["passed"], set()),
-    "test-slow": (["TESTS=tests/test_chaos.py"], ["1 passed"], set()),
+    "test-slow": (["TESTS=tests/benchmark/commands/test_export.py"], ["1 passed"], set()),
     "check": (["CHECKED=tests/__init__.py"], ["no issues found in 1 source file"], set()),
-    "chaos": (
-        ["CHAOS=--kills 1"],
-        ["disk full", "interrupted: 1; runs lost, repeated or different: 0"],
-        set(),
-    ),
     "report": ([], [], {"README.md", "index.html"}),
     "when": (["SMOKE=1"], ["the page is"], {"runs.db", "when_smoke/map.svg"}),
     "sb3": (["SMOKE=1"], ["the page is"], {"runs.db", "sb3_smoke/policies.svg"}),
@@ -30,7 +24,7 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
 
 
 # Other tests use what these make; `groups` differs from `when` in their experiment alone.
-TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "tune", "fuzz", "groups"}
+TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "tune", "groups"}
 
 
 @pytest.mark.slow
@@ -50,28 +44,6 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
         assert mistyped_columns(table) == []
         rows = {"q_learning_kernel", "vector_env_1000", "evaluate", "net_ppo_one_hot"}
         assert rows <= set(pd.read_csv(table)["name"])
-
-
-@pytest.mark.slow
-def test_what_git_ignores_is_not_checked(tmp_path: Path) -> None:
-    """Such as results that are not published, and all else that commands write."""
-    word = "receive".replace("ei", "ie")  # else this file would be found
-    for name in ("Makefile", "pyproject.toml", ".gitignore"):
-        shutil.copy(ROOT / name, tmp_path)
-    git(tmp_path, "init", "--quiet")
-    ignored = [f"results/mine_{kind}/README.md" for kind in ("smoke", "seeds_0-9")]
-    ignored += ["build/lib/mine.py", "dist/mine.html", "logs/mine.py", "results/mine/mine.json", "film.webp"]
-    ignored += ["results/index.html", "results/reproduce/mine/index.html", "results/runs.db"]
-    for path in (tmp_path / name for name in [*ignored, "README.md", "mine.py"]):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(f'X: int = "{word}"\n', encoding="utf-8")
-    (tmp_path / "results" / "mine" / ".gitignore").write_text("*\n", encoding="utf-8")
-    (tmp_path / "mine.py").write_text('"""A module."""\n', encoding="utf-8")
-    done = make("check", cwd=tmp_path)
-    assert "no issues found in 1 source file" in done.stdout
-    assert [line for line in done.stdout.splitlines() if "==>" in line] == [
-        f"README.md:1: {word} ==> receive"
-    ]
 
 
 def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
@@ -94,11 +66,3 @@ def test_seeds_are_passed_on_or_refused(target: str) -> None:
     refused = make("--dry-run", target, "SEEDS=many")
     assert refused.returncode == 2
     assert "SEEDS=many: accepted: a whole number, 2 or more" in refused.stderr
-
-
-def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("run", "report", "verify", "watch", "export", "speed"):
-        with pytest.raises(SystemExit) as ended:
-            main([name, "--help"])
-        assert ended.value.code == 0
-        assert "--results" in capsys.readouterr().out

@@ -1,10 +1,8 @@
 """The replication in miniature, through the real commands; and what the command line refuses."""
 
 import dataclasses
-import os
 import re
 import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment, schema
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
-from tests.support import ROOT, mistyped_columns, specifications
+from tests.support import mistyped_columns, specifications
 
 PARTS = 20  # of the nine claims
 
@@ -87,29 +85,6 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
     assert "1 runs done, 51 were done already" in capsys.readouterr().out
     with Store(tmp_path / "runs.db") as store, Store(results / "runs.db") as other:
         assert arrays_of(store.get([forged.digest])) == arrays_of(other.get([forged.digest]))
-
-
-@pytest.mark.slow
-def test_read_only_archive_is_verified(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    if os.geteuid() == 0 and not all(path.stat().st_mode & 0o1 for path in (ROOT, *ROOT.parents)):
-        pytest.skip("nobody but the superuser, who could write all the same, may read this checkout")
-    with tempfile.TemporaryDirectory() as folder:
-        archive = Path(folder)
-        shutil.copytree(results, archive, dirs_exist_ok=True)
-        paths = [archive, *archive.rglob("*")]
-        for path in paths:
-            path.chmod(0o555 if path.is_dir() else 0o444)
-        user = os.geteuid()
-        try:
-            os.seteuid(user or 65534)  # the superuser could write all the same
-            assert main(["verify", "reproduce", "--smoke", "--results", folder, "--runs", "1"]) == 0
-        finally:
-            os.seteuid(user)
-            for path in paths:
-                path.chmod(0o755)
-    said = capsys.readouterr().out
-    assert re.search(r"reproduce_smoke: identical to .* \((\d+) of \1 files\)\.", said)
-    assert "problems found" not in said
 
 
 def test_list_describes_everything(

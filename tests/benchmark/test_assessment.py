@@ -102,8 +102,8 @@ def test_answers_that_mean_ping(answer: object) -> None:
 @pytest.mark.parametrize(
     "answer",
     [
-        5, -1, 2.0, True, None, "UP", [1], [0.5, 0.5], [0.2, 0.2, 0.2, 0.2, 0.3], [1.1, -0.1, 0, 0, 0],
-        [math.nan] * 5, [math.inf, 0, 0, 0, 0], (3, 1), (None, None), np.array([4]), {}, [[1], [2, 3]],
+        5, -1, 2.0, True, None, "UP", [0.5, 0.5], [0.2, 0.2, 0.2, 0.2, 0.3], [1.1, -0.1, 0, 0, 0],
+        [math.nan] * 5, (3, 1), [[1], [2, 3]],
     ],
 )  # fmt: skip
 def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
@@ -152,15 +152,6 @@ def test_mistakes_get_one_sentence(agent: Any, options: dict[str, Any], expected
         assess(agent, **{"scenario": "S1", "observation": "index", **options})
 
 
-def test_tables_that_are_too_large_are_refused_before_anything_is_compiled(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("envs.observations.compile_scenario", lambda _: pytest.fail("compiled"))
-    monkeypatch.setattr("envs.observations.MAX_TABLE", 50_000_000)
-    with pytest.raises(InputError, match="one_hot: 236,280 observations of 236 numbers"):
-        assess(lambda _: 0, scenario="ThreeTalking", observation="one_hot")
-
-
 def towards(offset: int) -> int:
     """Walks to a cell at Chebyshev distance 2 from the issuer, columns first, and PINGs there."""
     row, column = divmod(offset, 23)
@@ -173,14 +164,7 @@ def towards(offset: int) -> int:
 
 
 def test_offset_is_enough_for_the_optimum_where_the_issuer_is_seen() -> None:
-    by_number = assess(towards, scenario="Anywhere", observation="offset")
-    assert by_number.unbounded_score == 1
-
-    def by_coordinates(o: NDArray[np.float32]) -> int:
-        return towards(round(float(o[0]) * 18) * 23 + round(float(o[1]) * 22))
-
-    other = assess(by_coordinates, scenario="Anywhere", observation="offset_coordinates")
-    assert (other.policy == by_number.policy).all()
+    assert assess(towards, scenario="Anywhere", observation="offset").unbounded_score == 1
 
 
 # Map

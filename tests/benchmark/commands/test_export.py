@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -96,22 +94,6 @@ def test_files_act_as_recorded(folder: Path, variant: str) -> None:
         assert probabilities == pytest.approx(arrays["stochastic"][-1], abs=1e-6)
 
 
-@pytest.mark.slow
-def test_the_file_needs_none_of_this_project(folder: Path, tmp_path: Path) -> None:
-    assert export(folder, "ppo", "alone.zip") == 0
-    code = f"""
-import sys
-sys.path[:] = [path for path in sys.path if path != {str(ROOT)!r}]
-sys.meta_path[:] = [finder for finder in sys.meta_path if "editable" not in str(finder)]
-from stable_baselines3 import PPO
-model = PPO.load({str(folder / "alone.zip")!r})
-assert model.predict(model.observation_space.sample())[0] in range(5)
-assert not {{"agents", "benchmark", "envs"}} & {{*sys.modules}}
-"""
-    done = subprocess.run([sys.executable, "-I", "-c", code], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-
-
 def test_documented_reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     assert export(folder, "table", "table.npz", "--scenario", "S1") == 0
@@ -133,14 +115,3 @@ def test_a_different_run_is_not_written(folder: Path, capsys: pytest.CaptureFixt
         assert (folder / "other.npz").exists() == (code == 0)
     assert "not written, since the repeated run differs in q." in capsys.readouterr().err
     assert [*folder.glob(".making*")] == []
-
-
-def test_mistakes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, message in (
-        (["table", "table.zip"], "table.zip: accepted: a name that ends in .npz."),
-        (["ppo, index", "a.zip"], 'unknown learner ppo, index; accepted: "dqn, coordinates", "dqn, one_hot'),
-        (["ppo", "a.zip", "--condition", "odd"], "ppo, one_hot: unknown condition odd; accepted: default."),
-    ):
-        assert export(folder, *arguments) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert message in line
