@@ -39,20 +39,6 @@ def test_no_arrow_points_backwards(layer: str) -> None:
         assert not imported(path) & above, path
 
 
-ROOMS = ("experiments", "execution", "analysis", "drawing", "studies", "publish", "commands")
-
-
-@pytest.mark.parametrize("room", ROOMS)
-def test_no_arrow_points_backwards_inside_benchmark(room: str) -> None:
-    """A function may still import from a later room when it is called: `load_study`, say."""
-    above = {f"benchmark.{later}" for later in ROOMS[ROOMS.index(room) + 1 :]}
-    for path in sorted((ROOT / "benchmark" / room).rglob("*.py")):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ImportFrom):
-                package = ".".join(str(node.module).split(".")[:2])
-                assert package not in above, f"{path} imports {node.module}"
-
-
 def test_only_the_deep_learners_load_torch() -> None:
     loading = {
         str(path.relative_to(ROOT))
