@@ -13,6 +13,7 @@ from numpy.random import SeedSequence
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from agents.arrays import Bools, Floats, Ints
 from agents.policy import ALL_ACTIONS
 from envs import ACTIONS, Model
 from envs.inputs import Table
@@ -44,7 +45,7 @@ class Schedule:
     """(T,) when policies are recorded: rising, from 0 to at most the budget."""
     map_steps: tuple[int, ...] = ()
     """(V,) those of them when the values of all observations are, too."""
-    may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
+    may_end: Callable[[int, Floats], bool] | None = None
     """Whether training may end, given the index of an evaluation step and the table (O, A) there. Among the
     shipped algorithms, only nets ask. After an early end, the remaining evaluations repeat the last one."""
     log: str = ""
@@ -53,7 +54,7 @@ class Schedule:
     """Gets each trained net: a model of Stable-Baselines3, or an agent of `agents.nets`."""
 
     @property
-    def is_mapped(self) -> NDArray[np.bool_]:
+    def is_mapped(self) -> Bools:
         """(T,) whether each evaluation step is a map step."""
         return np.isin(np.array(self.evaluation_steps, dtype=np.int64), self.map_steps)
 
@@ -64,22 +65,22 @@ class Training:
 
     greedy: NDArray[np.uint8]
     """(N, T, O) masks of greedy actions, see `agents.policy`."""
-    q: NDArray[np.float64]
+    q: Floats
     """(N, O, A) final action values, NaN if the agent diverged; (N, 0, A) if the algorithm learns none."""
-    stochastic: NDArray[np.float64]
+    stochastic: Floats
     """(N, T, O, A) probabilities of a policy that is learned directly, not from action values; else
     (N, 0, O, A)."""
     values: NDArray[np.float32]
     """(N, V, O, A) at the map steps: probabilities, else action values; NaN after divergence."""
-    disagreements: NDArray[np.int64]
+    disagreements: Ints
     """(N, T) wrong PINGs so far."""
-    cpu_time_s: NDArray[np.float64]
+    cpu_time_s: Floats
     """(N, T) CPU seconds spent on training so far."""
-    updates: NDArray[np.int64]
+    updates: Ints
     """(N,) updates of the table, or gradient steps."""
-    parameters: NDArray[np.int64]
+    parameters: Ints
     """(N,) learned parameters."""
-    diverged_at: NDArray[np.int64]
+    diverged_at: Ints
     """(N,) the first evaluation step whose policy was not finite, or -1; it then counts as random."""
 
 
@@ -146,9 +147,7 @@ class SequentialAlgorithm(Algorithm):
         return self.training(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 
-def snapshots(
-    tables: NDArray[np.float64], final: NDArray[np.float64], schedule: Schedule, *, is_value: bool
-) -> Fields:
+def snapshots(tables: Floats, final: Floats, schedule: Schedule, *, is_value: bool) -> Fields:
     """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
 
     The tables (T, O, A) hold action values or probabilities, NaN from where the agent diverged; so does the

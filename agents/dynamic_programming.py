@@ -17,6 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.arrays import Bools, Floats, Indices, Ints
 from agents.compiled import compiled
 from agents.policy import Policy
 from envs.model import ACTIONS, TARGET_PING, Model
@@ -26,55 +27,30 @@ VERSION: Final = 2  # part of every run's identity: raise it when a change alter
 
 _N_SUMS = 5 + len(ZONES)
 
-Numbers = NDArray[np.float64]
 # What sweeps read of a model: next states, their probabilities, ends and observations.
-Dynamics = tuple[NDArray[np.int32], Numbers, NDArray[np.bool_], NDArray[np.int32]]
+Dynamics = tuple[Indices, Floats, Bools, Indices]
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """Exact expectations over an episode; each field has the leading axes of the policies."""
 
-    grid_return: Numbers  # without the issuer's rewards, so that scenarios can be compared
-    scenario_return: Numbers  # with the issuer's rewards
-    success: Numbers  # probability that the episode ends by PING in the target region
-    steps: Numbers  # until the episode ends or is truncated
-    wrong_pings: Numbers
-    zone_steps: Numbers  # (..., 4) steps that end in each of ZONES
+    grid_return: Floats  # without the issuer's rewards, so that scenarios can be compared
+    scenario_return: Floats  # with the issuer's rewards
+    success: Floats  # probability that the episode ends by PING in the target region
+    steps: Floats  # until the episode ends or is truncated
+    wrong_pings: Floats
+    zone_steps: Floats  # (..., 4) steps that end in each of ZONES
 
 
 class Solution(NamedTuple):
     """The optimal values of a model."""
 
-    q: Numbers  # (S, A) value of each action if the best actions follow
-    value: Numbers  # (S,)
+    q: Floats  # (S, A) value of each action if the best actions follow
+    value: Floats  # (S,)
 
 
-class Starts(NamedTuple):
-    """Where episodes start, place by place: no episode leaves the n_block states of its place.
-
-    Sweeps go through the places one by one, which keeps what they read in the caches.
-    """
-
-    state: NDArray[np.int64]  # those with a probability above 0, rising
-    probability: Numbers  # the probability of each of them
-    first: NDArray[np.int64]  # (places + 1,) index of the first start of each place
-    n_block: int  # states of a place
-
-
-def starts_of(model: Model, start: Numbers) -> Starts:
-    """Returns the starts of a distribution over states, (S,)."""
-    states, n_block = np.flatnonzero(start), len(start) // model.n_places
-    first = np.searchsorted(states, n_block * np.arange(model.n_places + 1))
-    return Starts(states, start[states], first, n_block)
-
-
-def dynamics(model: Model) -> Dynamics:
-    """Returns what sweeps read of a model."""
-    return model.next_state, model.probability, model.terminated, model.observation
-
-
-def from_starts(model: Model, start: str = "start") -> Numbers:
+def from_starts(model: Model, start: str = "start") -> Floats:
     """Returns the probabilities of states, (S,), to be an episode's first; they are all equal, or zero.
 
     `start` says which can be: "start", those of the model; "unseen", those with the issuer in an
@@ -102,9 +78,15 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
     # If some were read-only, `_sweep` would be compiled again.
     batch = np.require(policy.reshape(-1, *shape), requirements=("C", "W"))
     sums = np.zeros((len(batch), _N_SUMS))
-    starts, is_success = starts_of(model, from_starts(model, start)), model.event == TARGET_PING
+    dynamics = model.next_state, model.probability, model.terminated, model.observation
+    is_success = model.event == TARGET_PING
     counted = model.grid_reward, model.issuer_reward, is_success, model.is_wrong_ping, model.zone
-    _sweep(batch, dynamics(model), counted, starts, horizon, sums)
+    # No episode leaves the states of its place. Going place by place keeps what is read in the caches.
+    probability, n_block = from_starts(model, start), len(model.observation) // model.n_places
+    states = np.flatnonzero(probability)
+    first = np.searchsorted(states, n_block * np.arange(model.n_places + 1))
+    starts = states, probability[states], first, n_block
+    _sweep(batch, dynamics, counted, starts, horizon, sums)
     sums = sums.reshape(*policy.shape[:-2], _N_SUMS)
     grid, issuer, success, steps, wrong_pings = np.moveaxis(sums[..., :5], -1, 0)
     return Evaluation(grid, grid + issuer, success, steps, wrong_pings, sums[..., 5:])
@@ -112,29 +94,34 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
 
 @compiled
 def _sweep(
-    policies: Numbers,
+    policies: Floats,
     dynamics: Dynamics,
-    counted: tuple[Numbers, Numbers, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.int8]],
-    starts: Starts,
+    counted: tuple[Floats, Floats, Bools, Bools, NDArray[np.int8]],
+    starts: tuple[Ints, Floats, Ints, int],
     horizon: int,
-    sums: Numbers,
+    sums: Floats,
 ) -> None:
-    """Carries the state distribution of each policy forward and writes its expectations into `sums`."""
+    """Carries the state distribution of each policy forward and writes its expectations into `sums`.
+
+    `starts` holds the states in which episodes start, rising, their probabilities, the index of the first of
+    each place, and how many states a place has.
+    """
+    states, start_probability, first, n_block = starts
     grid_reward, issuer_reward, is_success, is_wrong_ping, zone = counted
     next_state, outcome, _, observation = dynamics
-    n_transitions = starts.n_block * grid_reward.shape[1] * next_state.shape[2]
+    n_transitions = n_block * grid_reward.shape[1] * next_state.shape[2]
     index = np.full(len(grid_reward), -1, dtype=np.int32)  # where states are in `reached`, or -1
-    reached = np.empty(starts.n_block, dtype=np.int64)  # the states reached, in the order of their discovery
+    reached = np.empty(n_block, dtype=np.int64)  # the states reached, in the order of their discovery
     ends = np.empty((n_transitions, 2), dtype=np.int32)  # where each transition begins and ends in `reached`
     probability = np.empty(n_transitions)  # of each transition
     for n in range(len(policies)):
-        for g in range(len(starts.first) - 1):
-            some = slice(starts.first[g], starts.first[g + 1])
+        for g in range(len(first) - 1):
+            some = slice(first[g], first[g + 1])
             n_reached, n_listed = _list_transitions(
-                policies[n], dynamics, starts.state[some], index, reached, ends, probability
+                policies[n], dynamics, states[some], index, reached, ends, probability
             )
             visits = np.zeros(n_reached)
-            _count_visits(starts.probability[some], ends[:n_listed], probability, horizon, visits)
+            _count_visits(start_probability[some], ends[:n_listed], probability, horizon, visits)
             for i in range(n_reached):
                 s = reached[i]
                 index[s] = -1
@@ -151,13 +138,13 @@ def _sweep(
 
 @numba.njit
 def _list_transitions(
-    policy: Numbers,
+    policy: Floats,
     dynamics: Dynamics,
-    starts: NDArray[np.int64],
-    index: NDArray[np.int32],
-    reached: NDArray[np.int64],
-    ends: NDArray[np.int32],
-    probability: Numbers,
+    starts: Ints,
+    index: Indices,
+    reached: Ints,
+    ends: Indices,
+    probability: Floats,
 ) -> tuple[int, int]:
     """Lists the states that a policy can reach, and its transitions; returns how many there are."""
     next_state, outcome, terminated, observation = dynamics
@@ -184,7 +171,7 @@ def _list_transitions(
 
 @numba.njit
 def _count_visits(
-    start_probability: Numbers, ends: NDArray[np.int32], probability: Numbers, horizon: int, visits: Numbers
+    start_probability: Floats, ends: Indices, probability: Floats, horizon: int, visits: Floats
 ) -> None:
     """Adds up the expected number of steps in each state."""
     before, after = np.zeros_like(visits), np.empty_like(visits)
@@ -238,7 +225,7 @@ def largest_success(model: Model, horizon: int) -> float:
     return float(from_starts(model) @ solution.value)
 
 
-def expected(model: Model, value: Numbers) -> Numbers:
+def expected(model: Model, value: Floats) -> Floats:
     """Returns the expected value of the next state, (S, A), from the values of all states, (S,)."""
     if model.n_outcomes == 1:
         return np.asarray(value[model.next_state[:, :, 0]])

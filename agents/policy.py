@@ -6,9 +6,10 @@ A set of actions is represented by a mask, the sum of 2**action over its members
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agents.arrays import Bools, Floats
 from envs.model import ACTIONS, Model
 
-Policy = NDArray[np.float64]  # (..., O, A), rows summing to one
+Policy = Floats  # (..., O, A), rows summing to one
 ALL_ACTIONS = 2 ** len(ACTIONS) - 1
 
 
@@ -28,7 +29,7 @@ def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> NDArray[np.uint8]:
     return np.asarray(best @ (1 << np.arange(len(ACTIONS))), dtype=np.uint8)
 
 
-def contains(masks: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def contains(masks: NDArray[np.uint8]) -> Bools:
     """Returns whether each mask contains each action, (..., A)."""
     return np.asarray(masks[..., None] >> np.arange(len(ACTIONS)) & 1, dtype=np.bool_)
 

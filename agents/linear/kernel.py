@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.arrays import Floats, Ints, Words
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, STEP, Process, U, draw_start, draw_step, draw_word, keep_step
 from agents.tabular.kernel import MIN_TRACE, Constants, Plan, Results, choose_action, find_best, record
@@ -17,9 +18,7 @@ from envs.tiles import Tiles
 
 
 @numba.njit
-def _add_up(
-    weights: NDArray[np.float64], features: Tiles, o: np.uint64, q: NDArray[np.float64], row: int
-) -> None:
+def _add_up(weights: Floats, features: Tiles, o: np.uint64, q: Floats, row: int) -> None:
     """Writes the action values of an observation into a row of q; sums are in the order of features."""
     q[row] = 0.0
     for i in features.rows[o]:
@@ -29,13 +28,7 @@ def _add_up(
 
 
 @numba.njit
-def _tabulate(
-    weights: NDArray[np.float64],
-    features: Tiles,
-    takes_lowest: bool,
-    q: NDArray[np.float64],
-    greedy: NDArray[np.int64],
-) -> None:
+def _tabulate(weights: Floats, features: Tiles, takes_lowest: bool, q: Floats, greedy: Ints) -> None:
     """Writes the action values (O, A) and masks of greedy actions (O,), 0 where values are not finite."""
     for o in range(len(features.rows)):
         _add_up(weights, features, U(o), q, o)
@@ -45,11 +38,11 @@ def _tabulate(
 
 @numba.njit
 def _learn(
-    weights: NDArray[np.float64],
+    weights: Floats,
     features: Tiles,
-    traced: NDArray[np.int64],
-    strengths: NDArray[np.float64],
-    renewed: NDArray[np.int64],
+    traced: Ints,
+    strengths: Floats,
+    renewed: Ints,
     n_traces: int,
     step: int,
     decay: float,
@@ -83,7 +76,7 @@ def _learn(
 
 @numba.njit
 def _pass_back(
-    weights: NDArray[np.float64],
+    weights: Floats,
     features: Tiles,
     steps: NDArray[np.void],
     constants: Constants,
@@ -115,7 +108,7 @@ def train(
     constants: Constants,
     is_on_policy: bool,
     plan: Plan,
-    streams: NDArray[np.uint64],
+    streams: Words,
     results: Results,
 ) -> None:
     """Trains N agents from streams (N, 4), by Sarsa(lambda) if on-policy, else by Watkins's Q(lambda)."""

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.arrays import Indices, Words
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, inlined, like
@@ -55,14 +56,14 @@ class Dqn(NamedTuple):
     target: Numbers  # (P,) the parameters of the target net
     target_values: Values  # its outputs since the last synchronisation
     replay: Steps  # (C * E,) as in Stable-Baselines3, a row per step of the envs
-    observed: NDArray[np.int32]  # (B,) of a mini-batch, as all down to `distinct`
+    observed: Indices  # (B,) of a mini-batch, as all down to `distinct`
     action: NDArray[np.int8]  # (B,)
     returns: Numbers  # (B,) up to the next observation
     discount: Numbers  # (B,) of the value of the next observation
-    next_observed: NDArray[np.int32]  # (B,)
+    next_observed: Indices  # (B,)
     distinct: Distinct
     envs: Envs
-    stream: NDArray[np.uint64]  # (4,) of the mini-batches
+    stream: Words  # (4,) of the mini-batches
 
 
 @inlined

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
 from pydantic import model_validator
 
+from agents.arrays import Ints
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
 from agents.nets.net import Net, Parameters, net_of, read, unpadded
@@ -46,7 +46,7 @@ class Agent(ABC):
         model: Model,
         settings: DqnSettings | PpoSettings,
         observation: str,
-        points: NDArray[np.int64],
+        points: Ints,
         seed: SeedSequence,
         kind: Kind,
     ) -> None:

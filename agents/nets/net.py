@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from agents.arrays import Bools, Floats, Indices, Ints, Words
 from agents.compiled import compiled
 from agents.nets.arithmetic import LANES, Kind, Numbers, inlined, like, log, multiply, tanh
 from agents.nets.stepping import draw
@@ -27,17 +27,17 @@ class Net(NamedTuple):
     """A net's shape, where its parameters lie, what it reads, and room for calls; rows have W numbers."""
 
     n_inputs: int
-    n_outputs: NDArray[np.int64]  # (L,)
-    width: NDArray[np.int64]  # (L,) of the outputs, with padding
-    weights_at: NDArray[np.int64]  # (L,) of weights (inputs with padding, width)
-    biases_at: NDArray[np.int64]  # (L,)
+    n_outputs: Ints  # (L,)
+    width: Ints  # (L,) of the outputs, with padding
+    weights_at: Ints  # (L,) of weights (inputs with padding, width)
+    biases_at: Ints  # (L,)
     end: int  # the index after its last parameter
     is_relu: bool  # whether each layer but the last is followed by ReLU, else by tanh
-    ones: NDArray[np.int32]  # (O, ones) which inputs are 1, in sparse forms; else (O, 0)
+    ones: Indices  # (O, ones) which inputs are 1, in sparse forms; else (O, 0)
     table: Numbers  # (O, inputs) in other forms; else (O, 0)
     n_rows: int  # B
     stride: int  # W
-    observed: NDArray[np.int32]  # (B,)
+    observed: Indices  # (B,)
     rows: Numbers  # (B * inputs,)
     hidden: Numbers  # (L * B * W,) outputs of each layer after activation
     slopes: Numbers  # (L * B * W,) of the loss by the outputs of each layer before activation
@@ -49,14 +49,14 @@ class Values(NamedTuple):
     """The largest outputs of a net, as far as they are computed."""
 
     largest: Numbers  # (O,)
-    is_known: NDArray[np.bool_]  # (O,)
+    is_known: Bools  # (O,)
 
 
 class Distinct(NamedTuple):
     """The observations of a mini-batch, each once."""
 
-    observed: NDArray[np.int32]  # (B,)
-    row: NDArray[np.int64]  # (O,) the index of an observation among them
+    observed: Indices  # (B,)
+    row: Ints  # (O,) the index of an observation among them
 
 
 class Parameters(NamedTuple):
@@ -67,8 +67,8 @@ class Parameters(NamedTuple):
     first: Numbers  # (P,) moments
     second: Numbers  # (P,)
     sums: Numbers  # (256,) partial sums of a norm, which fill vector registers
-    betas: NDArray[np.float64]  # (2,) powers of Adam's betas
-    n_steps: NDArray[np.int64]  # (1,)
+    betas: Floats  # (2,) powers of Adam's betas
+    n_steps: Ints  # (1,)
 
 
 def net_of(
@@ -107,7 +107,7 @@ def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
 
 
 @inlined
-def list_distinct(observed: NDArray[np.int32], distinct: Distinct) -> int:
+def list_distinct(observed: Indices, distinct: Distinct) -> int:
     """Lists the observations of a mini-batch (B,), each once, and returns how many there are."""
     for o in observed:
         distinct.row[o] = -1
@@ -120,7 +120,7 @@ def list_distinct(observed: NDArray[np.int32], distinct: Distinct) -> int:
 
 
 @inlined
-def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int) -> int:
+def forward(net: Net, values: Numbers, observed: Indices, n_rows: int) -> int:
     """Computes the outputs for some observations; returns where they begin in `net.hidden`."""
     hidden, stride, size = net.hidden, net.stride, net.n_rows * net.stride
     width, n_inputs = net.width[0], net.n_inputs
@@ -160,7 +160,7 @@ def best_output(net: Net, at: int) -> int:
 
 
 @inlined
-def compute_values(net: Net, parameters: Numbers, observed: NDArray[np.int32], values: Values) -> None:
+def compute_values(net: Net, parameters: Numbers, observed: Indices, values: Values) -> None:
     """Fills missing values; index O (terminal) is skipped."""
     lacking, n_lacking = net.observed, 0
     for i in range(len(observed) + 1):
@@ -176,7 +176,7 @@ def compute_values(net: Net, parameters: Numbers, observed: NDArray[np.int32], v
 
 
 @inlined
-def backward(net: Net, parameters: Parameters, observed: NDArray[np.int32], n_rows: int) -> None:
+def backward(net: Net, parameters: Parameters, observed: Indices, n_rows: int) -> None:
     """Computes the gradient of a loss, after `forward`, from its slopes by the outputs in `net.slopes`."""
     values, gradient = parameters.values, parameters.gradient
     hidden, slopes, transposed = net.hidden, net.slopes, net.transposed
@@ -304,7 +304,7 @@ def read(net: Net, values: Numbers, outputs: Numbers) -> None:
 
 
 @compiled
-def draw_uniform(net: Net, values: Numbers, stream: NDArray[np.uint64]) -> None:
+def draw_uniform(net: Net, values: Numbers, stream: Words) -> None:
     """Draws weights and biases as PyTorch's linear layers do: uniform, bounded by 1 / sqrt(inputs)."""
     n_in = net.n_inputs
     for i in range(len(net.width)):
@@ -317,9 +317,7 @@ def draw_uniform(net: Net, values: Numbers, stream: NDArray[np.uint64]) -> None:
 
 
 @compiled
-def draw_orthogonal(
-    net: Net, values: Numbers, stream: NDArray[np.uint64], gains: tuple[float, float]
-) -> None:
+def draw_orthogonal(net: Net, values: Numbers, stream: Words, gains: tuple[float, float]) -> None:
     """Draws orthogonal weights as PyTorch does, with the gains of hidden layers and the last; no biases.
 
     The rows or columns, whichever are fewer, are normal numbers, made orthogonal by Gram and Schmidt's method
@@ -344,7 +342,7 @@ def draw_orthogonal(
 
 
 @inlined
-def _draw_normal(stream: NDArray[np.uint64]) -> float:
+def _draw_normal(stream: Words) -> float:
     """Draws a standard normal number by Marsaglia's polar method, one of the two."""
     while True:
         x, y = 2.0 * draw(stream) - 1.0, 2.0 * draw(stream) - 1.0

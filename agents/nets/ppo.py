@@ -13,8 +13,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from agents.arrays import Bools, Indices, Ints, Words
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, exp, inlined, like, log
@@ -57,19 +57,19 @@ class Ppo(NamedTuple):
     parameters: Parameters
     probability: Numbers  # (O, A) the actor's, as far as they are computed since the last update
     log_probability: Numbers  # (O, A)
-    is_known: NDArray[np.bool_]  # (O,)
+    is_known: Bools  # (O,)
     values: Values  # the critic's since the last update
     steps: Steps  # (E * L,) of a rollout, as Stable-Baselines3 flattens it, env after env
     old_log_probability: Numbers  # (E * L,)
     advantage: Numbers  # (E * L,)
     value_target: Numbers  # (E * L,) Stable-Baselines3's `returns`
-    order: NDArray[np.int64]  # (E * L,) a permutation
-    observed: NDArray[np.int32]  # (B,) of a mini-batch
+    order: Ints  # (E * L,) a permutation
+    observed: Indices  # (B,) of a mini-batch
     distinct: Distinct
     batch_probability: Numbers  # (B, A) of distinct observations
     batch_log_probability: Numbers  # (B, A)
     envs: Envs
-    stream: NDArray[np.uint64]  # (4,) of the permutations
+    stream: Words  # (4,) of the permutations
 
 
 @inlined
@@ -182,7 +182,7 @@ def _learn(agent: Ppo) -> None:
 
 
 @inlined
-def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> bool:
+def _slope_of_actor(agent: Ppo, chosen: Ints, n_distinct: int) -> bool:
     """Computes the slopes of clipped surrogate and entropy; returns whether learning is to go on."""
     constants, actor, advantages = agent.constants, agent.actor, agent.advantage
     slopes, n_rows = actor.slopes, len(chosen)
@@ -222,7 +222,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
 
 
 @inlined
-def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> None:
+def _slope_of_critic(agent: Ppo, chosen: Ints, n_distinct: int) -> None:
     """Computes the slopes of the squared error by the critic's outputs."""
     constants, critic = agent.constants, agent.critic
     at = net.forward(critic, agent.parameters.values, agent.distinct.observed, n_distinct)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.arrays import Bools, Indices, Ints, Words
 from agents.compiled import compiled
 from agents.nets.arithmetic import inlined
 from agents.process import Process, Stream, U, draw_number, draw_start, draw_step, process_of
@@ -20,36 +21,34 @@ class Envs(NamedTuple):
 
     process: Process
     time_limit: int
-    stream: NDArray[np.uint64]  # (4,)
-    state: NDArray[np.int64]  # (E,)
-    steps: NDArray[np.int64]  # (E,) of the episode
-    n_steps: NDArray[np.int64]  # (1,) of all envs and episodes
-    disagreements: NDArray[np.int64]  # (1,) wrong PINGs
-    points: NDArray[np.int64]  # (T,) evaluation steps
-    counts: NDArray[np.int64]  # (T,) wrong PINGs up to each of them, once it is over
+    stream: Words  # (4,)
+    state: Ints  # (E,)
+    steps: Ints  # (E,) of the episode
+    n_steps: Ints  # (1,) of all envs and episodes
+    disagreements: Ints  # (1,) wrong PINGs
+    points: Ints  # (T,) evaluation steps
+    counts: Ints  # (T,) wrong PINGs up to each of them, once it is over
 
 
 class Steps(NamedTuple):
     """Steps from which an agent learns."""
 
-    observed: NDArray[np.int32]
+    observed: Indices
     action: NDArray[np.int8]
     reward: NDArray[np.float32]
-    next_observed: NDArray[np.int32]  # O where the episode terminates
-    truncated: NDArray[np.bool_]  # by the time limit alone
+    next_observed: Indices  # O where the episode terminates
+    truncated: Bools  # by the time limit alone
 
 
 @inlined
-def draw(stream: NDArray[np.uint64]) -> float:
+def draw(stream: Words) -> float:
     """Draws a number from [0, 1) from a stream (4,), which changes."""
     number, after = draw_number(_words(stream))
     stream[0], stream[1], stream[2], stream[3] = after
     return float(number)
 
 
-def envs_of(
-    model: Model, settings: Sb3Settings, stream: NDArray[np.uint64], points: NDArray[np.int64]
-) -> Envs:
+def envs_of(model: Model, settings: Sb3Settings, stream: Words, points: Ints) -> Envs:
     """Returns the envs of an agent that has drawn where its first episodes start."""
     n_envs = settings.n_envs
     sizes = n_envs, n_envs, 1, 1, len(points)
@@ -72,7 +71,7 @@ def _start(envs: Envs) -> None:
 
 
 @inlined
-def _words(stream: NDArray[np.uint64]) -> Stream:
+def _words(stream: Words) -> Stream:
     return stream[0], stream[1], stream[2], stream[3]
 
 

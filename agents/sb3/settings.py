@@ -118,11 +118,9 @@ class Sb3Settings(LearnerSettings):
                     self.__dict__[key] = steps
                     self.model_fields_set.add(key)
                 return self
-        below = self.budget // self.rollout * self.rollout
-        accepted = [n for n in (below, below + self.rollout) if n]
         raise ValueError(
             f"budget = {self.budget} is not a whole number of rollouts of {self.rollout} steps "
-            f"({key} = {default}); accepted with this rollout: {' or '.join(map(str, accepted))}"
+            f"({key} = {default}); accepted: a multiple of {self.rollout}"
         )
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
+from agents.arrays import Floats
 from envs import Model
 from envs.inputs import InputError
 from envs.model import ACTIONS
@@ -83,7 +84,7 @@ def _batches(observations: torch.Tensor) -> list[torch.Tensor]:
     return [observations[i : i + _AT_ONCE] for i in range(0, len(observations), _AT_ONCE)]
 
 
-def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
+def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:
     """Returns (O, A) action values or probabilities of observations; not finite after divergence."""
     output = output_of(agent)
     agent.policy.set_training_mode(False)
@@ -96,7 +97,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
     return np.asarray(table if output.is_value else table / table.sum(axis=1, keepdims=True))
 
 
-def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
+def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:
     """Returns `policy_table` of an agent of any class; raises an exception if a table is not enough."""
     name = type(agent).__name__
     methods = (agent.predict, getattr(agent.policy, "get_distribution", agent.predict))
@@ -114,7 +115,7 @@ def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[
     return table
 
 
-AgentTable = tuple[NDArray[np.float64], bool]  # (O, A), and whether it has action values
+AgentTable = tuple[Floats, bool]  # (O, A), and whether it has action values
 
 
 def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> AgentTable:

@@ -24,6 +24,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.arrays import Floats, Ints, Words
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
 from agents.process import N_ACTIONS, STEP, Process, Stream, U, draw_start, draw_step, draw_word, keep_step
@@ -31,7 +32,6 @@ from agents.tabular.updates import Successor, UpdateRule
 from envs.sources import digest_when_loaded
 
 N_CHOICES: Final = 60
-Numbers = NDArray[np.float64]
 inlined: Final = numba.njit(forceinline=True)
 MIN_TRACE: Final = 1e-3  # below this weight a trace is dropped
 
@@ -62,21 +62,21 @@ class Plan(NamedTuple):
     budget: int
     by_episode: bool  # whether the unit is an episode; else it is a step
     record_every: int
-    points: NDArray[np.int64]  # (T + 1,) evaluation steps, and another that is never reached
-    map_index: NDArray[np.int64]  # (T,) index of each evaluation step among the map steps; -1 if it is none
+    points: Ints  # (T + 1,) evaluation steps, and another that is never reached
+    map_index: Ints  # (T,) index of each evaluation step among the map steps; -1 if it is none
 
 
 class Results(NamedTuple):
     """Where a loop writes, see `TabularTraining`; linear learners do not use the last four fields."""
 
-    q: Numbers  # (N, O, A)
+    q: Floats  # (N, O, A)
     greedy: NDArray[np.uint8]  # (N, T, O)
     values: NDArray[np.float32]  # (N, V, O, A)
-    disagreements: NDArray[np.int64]  # (N, T)
-    max_q: Numbers  # (N, R)
-    table_max_q: Numbers  # (N, R), or (N, 0) if it is not recorded
-    steps_taken: NDArray[np.int64]  # (N,)
-    episodes_ended: NDArray[np.int64]  # (N,)
+    disagreements: Ints  # (N, T)
+    max_q: Floats  # (N, R)
+    table_max_q: Floats  # (N, R), or (N, 0) if it is not recorded
+    steps_taken: Ints  # (N,)
+    episodes_ended: Ints  # (N,)
 
 
 class Turn(NamedTuple):
@@ -98,13 +98,13 @@ class Turn(NamedTuple):
 class Table(NamedTuple):
     """What an agent learns, and what follows from it; all change in place."""
 
-    q: Numbers  # (O, A)
-    highest: Numbers  # (O,) the largest action value of each observation
-    greedy: NDArray[np.int64]  # (O,) masks of greedy actions
-    tree: Numbers  # (2,) if the largest value of the table is not recorded; else see `_new_tree`
-    halves: Numbers  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
-    traced: NDArray[np.int64]  # (O * A,) pairs o * A + a with traces, the latest last; or (0,)
-    weights: Numbers  # (O * A,) of these traces
+    q: Floats  # (O, A)
+    highest: Floats  # (O,) the largest action value of each observation
+    greedy: Ints  # (O,) masks of greedy actions
+    tree: Floats  # (2,) if the largest value of the table is not recorded; else see `_new_tree`
+    halves: Floats  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
+    traced: Ints  # (O * A,) pairs o * A + a with traces, the latest last; or (0,)
+    weights: Floats  # (O * A,) of these traces
     kept: NDArray[np.void]  # (time limit,) of type STEP, the steps of the episode; (0,) without passes
 
 
@@ -122,7 +122,7 @@ class Move(NamedTuple):
     takes_lowest: bool
 
 
-Kernel = Callable[[Process, Constants, Plan, NDArray[np.uint64], Results], None]
+Kernel = Callable[[Process, Constants, Plan, Words, Results], None]
 
 
 @numba.njit
@@ -135,7 +135,7 @@ def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.
 
 
 @numba.njit
-def find_best(q: Numbers, o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
+def find_best(q: Floats, o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
     """Returns the largest action value of an observation, and the mask of its greedy actions."""
     q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
     best = max(max(max(q0, q1), max(q2, q3)), q4)
@@ -145,9 +145,7 @@ def find_best(q: Numbers, o: np.uint64, takes_lowest: bool) -> tuple[float, int]
 
 
 @numba.njit
-def record(
-    results: Results, n: int, i: int, i_map: int, q: Numbers, greedy: NDArray[np.int64], disagreements: int
-) -> None:
+def record(results: Results, n: int, i: int, i_map: int, q: Floats, greedy: Ints, disagreements: int) -> None:
     """Writes what is recorded of an agent at an evaluation step, which may be a map step."""
     results.disagreements[n, i] = disagreements
     results.greedy[n, i] = greedy
@@ -156,7 +154,7 @@ def record(
 
 
 @numba.njit
-def _new_tree(n_observations: int, value: float) -> Numbers:
+def _new_tree(n_observations: int, value: float) -> Floats:
     """Returns a tree in which each inner node is the larger of its two children, the largest at node 1."""
     leaves = 1
     while leaves < n_observations:
@@ -168,7 +166,7 @@ def _new_tree(n_observations: int, value: float) -> Numbers:
 
 
 @inlined
-def _update_tree(tree: Numbers, o: np.uint64, best: float) -> None:
+def _update_tree(tree: Floats, o: np.uint64, best: float) -> None:
     node = len(tree) // 2 + int(o)
     tree[node] = best
     while node > 1:
@@ -180,7 +178,7 @@ def _update_tree(tree: Numbers, o: np.uint64, best: float) -> None:
 
 
 @numba.njit
-def _trace(traced: NDArray[np.int64], weights: Numbers, n_traces: int, decay: float, pair: np.uint64) -> int:
+def _trace(traced: Ints, weights: Floats, n_traces: int, decay: float, pair: np.uint64) -> int:
     """Decays the traces, drops those below `MIN_TRACE`, sets that of a pair to 1; returns their number."""
     n_kept = 0
     for i in range(n_traces):
@@ -193,9 +191,7 @@ def _trace(traced: NDArray[np.int64], weights: Numbers, n_traces: int, decay: fl
 
 
 @inlined
-def _renew(
-    q: Numbers, highest: Numbers, greedy: NDArray[np.int64], tree: Numbers, o: np.uint64, takes_lowest: bool
-) -> None:
+def _renew(q: Floats, highest: Floats, greedy: Ints, tree: Floats, o: np.uint64, takes_lowest: bool) -> None:
     """Finds the best actions of an observation whose values have changed."""
     highest[o], greedy[o] = find_best(q, o, takes_lowest)
     if len(tree) > 2:
@@ -221,13 +217,13 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
 
     @inlined
     def learn(
-        q: Numbers,
-        highest: Numbers,
-        greedy: NDArray[np.int64],
-        tree: Numbers,
-        halves: Numbers,
-        traced: NDArray[np.int64],
-        weights: Numbers,
+        q: Floats,
+        highest: Floats,
+        greedy: Ints,
+        tree: Floats,
+        halves: Floats,
+        traced: Ints,
+        weights: Floats,
         move: Move,
     ) -> int:
         """Moves the value of an action, and of earlier ones by traces; returns their number."""
@@ -259,7 +255,7 @@ def _draw_if(is_needed: bool, stream: Stream) -> tuple[np.uint64, Stream]:
 
 @inlined
 def _best_of_half(
-    has_two_tables: bool, rows: Numbers, row: np.uint64, takes_lowest: bool, word: np.uint64
+    has_two_tables: bool, rows: Floats, row: np.uint64, takes_lowest: bool, word: np.uint64
 ) -> np.uint64:
     """Returns a best action by one of two tables; a word's lower half chooses."""
     if not has_two_tables:
@@ -286,8 +282,8 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
         table: Table,
         turn: Turn,
         until: int,
-        max_q: Numbers,
-        table_max_q: Numbers,
+        max_q: Floats,
+        table_max_q: Floats,
     ) -> Turn:
         # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
         first, outcomes, n_outcomes, _, observation, starts, is_noisy = process
@@ -366,9 +362,7 @@ def compile_kernel(update: UpdateRule) -> Kernel:
     """
     advance, has_two_tables, has_traces = _compile_advance(update), update.has_two_tables, update.has_traces
 
-    def train(
-        process: Process, constants: Constants, plan: Plan, streams: NDArray[np.uint64], results: Results
-    ) -> None:
+    def train(process: Process, constants: Constants, plan: Plan, streams: Words, results: Results) -> None:
         """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
         has_tree, value = results.table_max_q.shape[1] > 0, constants.initial_value
         n_observations = process.n_observations

@@ -16,6 +16,7 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from agents.arrays import Floats, Ints
 from agents.contract import Algorithm, Family, LearnerSettings, Schedule, Training
 from agents.policy import ALL_ACTIONS
 from agents.process import process_of
@@ -115,10 +116,10 @@ class TabularTraining(Training):
     """What training N agents returns in addition to the fields that every algorithm has; R records."""
 
     # (N, R) max_a Q(o_t, a) of the visited o_t before its update; of an episode, the largest
-    max_q: NDArray[np.float64]
-    table_max_q: NDArray[np.float64]  # (N, R) the largest Q of the table then; R = 0 if it is not recorded
-    steps_taken: NDArray[np.int64]  # (N,)
-    episodes_ended: NDArray[np.int64]  # (N,)
+    max_q: Floats
+    table_max_q: Floats  # (N, R) the largest Q of the table then; R = 0 if it is not recorded
+    steps_taken: Ints  # (N,)
+    episodes_ended: Ints  # (N,)
 
 
 class ValueAlgorithm(Algorithm, Generic[TrainingT]):

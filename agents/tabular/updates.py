@@ -13,20 +13,21 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from agents.arrays import Floats
 
 
 class Successor(NamedTuple):
     """What an update rule may read: the next observation, and the values before the update."""
 
-    q: NDArray[np.float64]  # (O, A) action values, by which the agent acts
+    q: Floats  # (O, A) action values, by which the agent acts
     observation: np.uint64
     highest: float  # the largest action value of the observation
     greedy: int  # mask of its greedy actions, see `agents.policy`
     epsilon: float  # probability of a uniformly random action
     action: np.uint64  # the next action if the rule is on-policy; else meaningless
     # The last three are meaningless unless the rule has two tables.
-    tables: NDArray[np.float64]  # (O, 2, A) their action values; q is their mean
+    tables: Floats  # (O, 2, A) their action values; q is their mean
     learned: np.uint64  # which of them is updated, 0 or 1
     best: np.uint64  # a best action of the observation by that table
 
