@@ -66,8 +66,6 @@ def finding(tables: Tables) -> Names:
         ),
         "wrong_pings": tables.numbers("cells", "disagreements", "learner", **_AT),
         "cpu": tables.numbers("cpu", "cpu_time_s", "learner", "time", **_AT),
-        "fastest": tables.numbers("cells", "steps_fastest", "learner", **_AT),
-        "slowest": tables.numbers("cells", "steps_slowest", "learner", **_AT),
         "shuffled": lambda learner: steps(learner, "code", "permuted 100"),
         "n_points": tables.count("contrasts", grid=_GRIDS, x=DQN, y=TABLE),
         "beside_sb3": lambda learner: steps(learner, "reference", "room 10x12, places 16"),

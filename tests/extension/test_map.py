@@ -41,4 +41,3 @@ def test_a_learner_and_an_axis_join_the_map(tmp_path: Path) -> None:
     assert mine["solved"].mean() > 0.5
     contrasts = pd.read_csv(tmp_path / "mine" / "contrasts.csv")
     assert {*contrasts.loc[contrasts["grid"] == "pings", "point"]} == {"pings 1", "pings 5"}
-    assert "sarsa, offset" in (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
