@@ -37,8 +37,6 @@ def main(options: argparse.Namespace) -> int:
     if options.log is not None:
         _check_log(options)
     with Store(options.results / "runs.db") as store:
-        if has_stages:
-            print(f"{name}: at most {experiment.declared.most_runs:,} runs over all stages.", file=sys.stderr)
         for stage, groups in enumerate(report.stages(store, seeds), start=1):
             runs = runs_of(groups)
             if options.log is not None:

@@ -99,11 +99,11 @@ def check_seeds(declared: Declaration, variant: str, path: Path, n_seeds: int = 
             raise InputError(f"{found}; accepted: seeds other than {own.start} to {own.stop - 1}.")
 
 
-def check_unseen(scenario: Scenario, variant: Variant) -> None:
+def check_unseen(scenario: Scenario, variant: Variant, path: Path) -> None:
     """Refuses, by an InputError, a scenario of the search that a variant names, under whatever name."""
     if other := _search(variant.source[0]).scenarios.get(content_of(scenario)):
-        reason = f"{scenario.name} is {other}, a scenario of the search"
-        raise InputError(f"{reason}; accepted: other scenarios.")
+        reason = f"{scenario.name} is {other}, a scenario of the search {variant.source[0]}"
+        raise InputError(f"{path}: {reason}; accepted: other scenarios.")
 
 
 def content_of(scenario: Scenario) -> str:

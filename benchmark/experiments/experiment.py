@@ -6,22 +6,20 @@ Nothing after `load_experiment` looks up a name again, or asks in which way a co
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.experiments import choices, schema
 from benchmark.experiments.run import RunSpecification
 from benchmark.experiments.search import Chosen
 from envs import InputError, Scenario, load_scenario, model
-from envs.inputs import check_all, override, parse, unknown_name
-from envs.observations import ENCODINGS, SPARSE, check_sparse, seen_as
-from envs.sources import digest_of_source
-from envs.tiles import check_tiles
+from envs.inputs import override, parse, unknown_name
+from envs.observations import ENCODINGS
 
 MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 
@@ -35,7 +33,7 @@ class Learner:
     declared: schema.Variant
     algorithm: Algorithm
     family: str
-    """What its variant counts as, see `_Loading.learners` and `Algorithm.family`."""
+    """What its variant counts as, see `_learners` and `Algorithm.family`."""
     chosen: Chosen | None
     """What its search has chosen for it, if it has one."""
     changed: tuple[str, ...] = ()
@@ -58,7 +56,6 @@ class Learner:
         return f"{of}, {self.observation}" if of else ""
 
 
-_TILES: Final[dict[str, Any]] = {"n_tilings": 0, "parts": "joint"}  # settings of features, if there are any
 _OBSERVED: Final = {
     "index": " on the cells' index",
     "one_hot": " on one-hot cells",
@@ -161,8 +158,6 @@ class Experiment:
             return next(population for population in alike if population.scenario.name == name)
         other = load_scenario(scenario, alike[0].condition.scenario_changes(name))
         firsts = tuple(replace(first, scenario=other) for first in alike[0].firsts)
-        for first in firsts:
-            check_size(first)  # as if it were declared
         return replace(alike[0], scenario=other, firsts=firsts)
 
 
@@ -170,210 +165,136 @@ def load_experiment(experiment: str | Path, *, smoke: bool = False) -> Experimen
     """Reads an experiment, and checks it together with the algorithms and scenarios that it names.
 
     It is the name of a shipped experiment, or the path of a TOML file. With `smoke`, it is a miniature, with
-    two runs of each learner and a twenty-fifth of the budget. Mistakes are an InputError with a sentence for
-    each. Its report checks what it demands.
+    two runs of each learner and a twenty-fifth of the budget. A mistake is an InputError with a sentence. Its
+    report checks what it demands.
     """
     declared, path = schema.read_experiment(experiment)
-    loaded = _Loading(declared.miniature() if smoke else declared, path).experiment()
-    code = {each for population in loaded.populations for each in population.first.code.items()}
-    for name in sorted(name for name, digest in code if digest_of_source(name) != digest):
-        what = f"the module {name}, or one that it imports, has changed since it was loaded"
-        raise InputError(f"{loaded.path}: {what}; restart this program or the notebook's kernel.")
-    return loaded
-
-
-class _Loading:
-    """Resolves what a file declares, and collects its mistakes."""
-
-    def __init__(self, declared: schema.Declaration, path: Path) -> None:
-        self.declared, self.path = declared, path
-        self.mistakes: dict[str, str] = {}  # lines, by their distinctive part
-
-    def experiment(self) -> Experiment:
-        """Returns the experiment; raises an InputError with all mistakes at once."""
-        declared, variants = self.declared, self.declared.algorithms
-        if declared.most_runs > MAX_RUNS:
-            found = f"up to {declared.most_runs:,} runs"
-            raise InputError(f"{self.path}: {found}; accepted: at most {MAX_RUNS:,}.")
-        check_all(  # everything else depends on these
-            *(partial(_check_observations, declared, name, self.path) for name in variants),
-            *(partial(choices.check_source, declared, name, self.path) for name in variants),
-            partial(_check_scenarios, declared, self.path),
-        )
-        learners = {learner.name: learner for name in variants for learner in self.learners(name)}
-        conditions = declared.conditions.values()
-        populations = [*chain(*(self.populations(each, learners.values()) for each in conditions))]
-        for name in variants:
-            with self.noted():
-                choices.check_seeds(declared, name, self.path)
-        if self.mistakes:
-            raise InputError(*self.mistakes.values())
-        _check_titles(learners.values(), str(self.path))
+    declared = declared.miniature() if smoke else declared
+    for name in declared.algorithms:
+        choices.check_source(declared, name, path)
+    with _of_file(str(path)):
         scenarios = {Path(name).stem: load_scenario(name) for name in declared.scenarios}
-        path = self.path.with_stem(declared.name)  # a miniature has a file of chosen settings of its own
-        return Experiment(declared, path, learners, scenarios, populations)
-
-    @contextmanager
-    def noted(self, prefix: str = "", common: str = "") -> Iterator[None]:
-        """Collects mistakes, after a prefix; lines that differ only in a first part `common` count once."""
-        try:
-            yield
-        except InputError as error:
-            for line in error.args:
-                self.mistakes.setdefault(line.removeprefix(common), prefix + line)
-
-    def learners(self, name: str) -> Iterator[Learner]:
-        """Yields the learners of a variant.
-
-        A variant counts as what its algorithm is, but a net without hidden layers is linear, or a table if it
-        learns from one-hot observations alone: it has a row of weights for each observation. If this differs
-        between its forms of observation or its picks, the variant counts as what its algorithm is.
-        """
-        variant, first = self.declared.algorithms[name], next(iter(self.declared.conditions.values()))
-        algorithm = load_algorithm(variant.algorithm)
-        learners: list[Learner] = []
-        families: set[str] = {algorithm.family}
-        for observation in variant.observations:
-            chosen = None
-            with self.noted():
-                chosen = choices.chosen_for(self.declared, name, observation)
-            changed = tuple(choices.changed_settings(self.declared, name))
-            learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed))
-        with suppress(InputError):  # `populations` reports wrong settings
-            families = {_family(it, own) for it in learners for own in self._settings(it, first)}
-        family = families.pop() if len(families) == 1 else algorithm.family
-        yield from (replace(learner, family=family) for learner in learners)
-
-    def populations(self, condition: schema.Condition, learners: Iterable[Learner]) -> Iterator[Population]:
-        """Yields the populations of a condition whose scenario, settings and sizes are accepted."""
-        names = [Path(scenario).stem for scenario in self.declared.scenarios]
-        for table, change in condition.changes.items():
-            for name in {*(change.scenarios or ())}.difference(names):
-                with self.noted():
-                    unknown_name(f"{self.path}: {table}.scenarios", "scenario", name, names)
-        accepted: list[tuple[Learner, list[LearnerSettings]]] = []
-        for learner in learners:
-            if condition.has(learner.variant, learner.observation):
-                with self.noted(common=f"{self._where(learner, condition)}: "):
-                    accepted.append((learner, self._settings(learner, condition)))
-        tables = [f"{table}.scenario" for table, change in condition.changes.items() if change.scenario]
-        for path, name in zip(self.declared.scenarios, names, strict=True):
-            with self.noted(f"{self.path}: {' with '.join(tables)}: ", f"{name}: "):
-                scenario = load_scenario(path, condition.scenario_changes(name))
-                for learner, settings in accepted:
-                    yield self._population(condition, scenario, learner, settings)
-
-    def _population(
-        self, condition: schema.Condition, scenario: Scenario, learner: Learner, picks: list[LearnerSettings]
-    ) -> Population:
-        """Returns a population; its size, and whether its scenario is one of a search, is checked."""
-        declared, variant = self.declared, learner.declared
-        seeds, settings = declared.seeds_of(learner.variant, condition), picks[0]
-        evaluation_every, map_every = declared.evaluation_every, declared.map_every
-        if declared.is_miniature:
-            evaluation_every = max(settings.budget // 4, 1)
-            map_every = 2 * evaluation_every
-        solved = None
-        if declared.solved is not None:  # the version is that of what is recorded
-            solved = declared.solved.model_dump(mode="json")
-            solved |= {"policy": variant.policy, "version": 2}
-        run = RunSpecification(
-            stream=declared.stream or declared.name,
-            condition=condition.name,
-            scenario=scenario,
-            variant=learner.variant,
-            algorithm=variant.algorithm,
-            versions={
-                "algorithm": learner.algorithm.version,
-                "evaluation": dynamic_programming.VERSION,
-                "model": model.VERSION,
-            },
-            observation=learner.observation,
-            settings=settings,
-            horizon=declared.horizon,
-            evaluation_every=evaluation_every,
-            map_every=map_every,
-            evaluated_from=declared.evaluated_from,
-            seed=seeds[0],
-            solved=solved,
-        )
-        where = f"{self.path}: algorithms.{learner.variant}"
-        firsts = tuple(replace(run, settings=pick) for pick in picks)
-        with self.noted(f"{where}: "):
-            for first in firsts:
-                check_size(first)
-            if declared.solved and evaluation_every >= settings.budget:
-                accepted = f"less than budget = {settings.budget} with [solved]"
-                raise InputError(f"evaluation_every = {evaluation_every}; accepted: {accepted}.")
-        if variant.tuned_by:
-            with self.noted(f"{where}.tuned_by: "):
-                choices.check_unseen(scenario, variant)
-        beside = declared.seeds_of(variant.reference_for or learner.variant, condition)
-        return Population(condition, scenario, learner, firsts, seeds, beside)
-
-    def _settings(self, learner: Learner, condition: schema.Condition) -> list[LearnerSettings]:
-        """Returns a learner's settings under a condition, checked; several if a search has several picks."""
-        shared, cls = self.declared.settings, learner.algorithm.settings
-        for name in shared:
-            if name not in cls.model_fields:
-                where = f"{self.path}: [settings], which {learner.variant} shares"
-                unknown_name(where, "key", name, cls.model_fields)
-        own = {
-            f"{name}.{inner}" if inner else name: value
-            for name, table in learner.declared.settings.items()
-            for inner, value in (table.items() if isinstance(table, dict) else [("", table)])
-        }
-        changed = own | condition.settings_changes(learner.variant)
-        found = learner.chosen
-        picks = [{}] if found is None else [pick.settings for pick in found.picks or (found,)]
-        where = self._where(learner, condition)
-        given = [override(shared | pick, changed, where) for pick in picks]
-        if self.declared.is_miniature:
-            given = [_in_miniature(each, cls) for each in given]
-        settings = [parse(cls, each, where) for each in given]
-        budgets = {(each.budget, getattr(each, "budget_unit", "")) for each in settings}
-        if len(budgets) > 1:
-            accepted = "one for all picks of a search, since their runs are compared as one learner's"
-            raise InputError(f"{where}: several budgets; accepted: {accepted}.")
-        return settings
-
-    def _where(self, learner: Learner, condition: schema.Condition) -> str:
-        """Returns the tables that a learner's settings come from, for messages."""
-        parts = [f"{self.path}: algorithms.{learner.variant}.settings"]
-        parts += ["[settings]"] * bool(self.declared.settings)
-        parts += [f"tuned_by = {learner.declared.tuned_by}"] * (learner.chosen is not None)
-        parts += [f"{table}.settings" for table, change in condition.changes.items() if change.settings]
-        parts += [f"search ({condition.name})"] * bool(condition.of_variants)
-        return " with ".join(parts)
+    learners = {it.name: it for name in declared.algorithms for it in _learners(declared, name, path)}
+    populations = [
+        _population(declared, condition, scenario, learner, path)
+        for condition in declared.conditions.values()
+        for scenario in _scenarios(declared, condition, path)
+        for learner in learners.values()
+        if condition.has(learner.variant, learner.observation)
+    ]
+    if (n_runs := sum(len(population.seeds) for population in populations)) > MAX_RUNS:
+        raise InputError(f"{path}: {n_runs:,} runs; accepted: at most {MAX_RUNS:,}.")
+    for name in declared.algorithms:
+        choices.check_seeds(declared, name, path)
+    titles = [learner.title for learner in learners.values()]
+    if len({*titles}) < len(titles):
+        raise InputError(f"{path}: algorithms: accepted: learners whose titles differ.")
+    # A miniature has a file of chosen settings of its own.
+    return Experiment(declared, path.with_stem(declared.name), learners, scenarios, populations)
 
 
-def _check_observations(declared: schema.Declaration, name: str, path: Path) -> None:
+@contextmanager
+def _of_file(where: str) -> Iterator[None]:
+    """Says to which part of a file mistakes belong."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(*(f"{where}: {line}" for line in error.args)) from error
+
+
+def _learners(declared: schema.Declaration, name: str, path: Path) -> Iterator[Learner]:
+    """Yields the learners of a variant.
+
+    A variant counts as what its algorithm is, but a net without hidden layers is linear, or a table if it
+    learns from one-hot observations alone: it has a row of weights for each observation. If this differs
+    between its forms of observation or its picks, the variant counts as what its algorithm is.
+    """
     variant, where = declared.algorithms[name], f"{path}: algorithms.{name}"
-    accepted = load_algorithm(variant.algorithm, where).observations
-    of = variant.reference_for
-    of_variant = declared.algorithms[of].observations if of else accepted
+    algorithm = load_algorithm(variant.algorithm, where)
+    changed = tuple(choices.changed_settings(declared, name))
+    of = declared.algorithms.get(variant.reference_for)
+    accepted = [form for form in algorithm.observations if of is None or form in of.observations]
+    learners: list[Learner] = []
     for observation in variant.observations:
         if observation not in accepted:
             unknown_name(where, f"observation for {variant.algorithm}", observation, accepted)
-        if observation not in of_variant:
-            reason = f"{of} does not learn from {observation}; accepted: {', '.join(of_variant)}"
-            raise InputError(f"{where}.observations: {reason}.")
+        chosen = choices.chosen_for(declared, name, observation)
+        learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed))
+    first = next(iter(declared.conditions.values()))
+    families = {_family(it, own) for it in learners for own in _settings(declared, it, first, path)}
+    family = families.pop() if len(families) == 1 else algorithm.family
+    yield from (replace(learner, family=family) for learner in learners)
 
 
-def _check_scenarios(declared: schema.Declaration, path: Path) -> None:
-    try:
-        check_all(*(partial(load_scenario, scenario) for scenario in declared.scenarios))
-    except InputError as error:
-        raise InputError(*(f"{path}: {line}" for line in error.args)) from error
+def _scenarios(declared: schema.Declaration, condition: schema.Condition, path: Path) -> Iterator[Scenario]:
+    """Yields the scenarios as they are under a condition."""
+    tables = [f"{table}.scenario" for table, change in condition.changes.items() if change.scenario]
+    with _of_file(f"{path}: {' with '.join(tables)}"):
+        for name in declared.scenarios:
+            yield load_scenario(name, condition.scenario_changes(Path(name).stem))
 
 
-def _check_titles(learners: Iterable[Learner], where: str) -> None:
-    first: dict[str, str] = {}
-    for learner in learners:
-        other = first.setdefault(learner.title, learner.name)
-        if other != learner.name:
-            found = f'"{learner.title}" is the name of {other} and of {learner.name}'
-            raise InputError(f"{where}: algorithms: {found}; accepted: titles that differ.")
+def _population(
+    declared: schema.Declaration,
+    condition: schema.Condition,
+    scenario: Scenario,
+    learner: Learner,
+    path: Path,
+) -> Population:
+    variant, seeds = learner.declared, declared.seeds_of(learner.variant, condition)
+    if variant.tuned_by:
+        choices.check_unseen(scenario, variant, path)
+    picks = _settings(declared, learner, condition, path)
+    evaluation_every, map_every = declared.evaluation_every, declared.map_every
+    if declared.is_miniature:
+        evaluation_every = max(picks[0].budget // 4, 1)
+        map_every = 2 * evaluation_every
+    solved = None
+    if declared.solved is not None:  # the version is that of what is recorded
+        solved = declared.solved.model_dump(mode="json") | {"policy": variant.policy, "version": 2}
+    run = RunSpecification(
+        stream=declared.stream or declared.name,
+        condition=condition.name,
+        scenario=scenario,
+        variant=learner.variant,
+        algorithm=variant.algorithm,
+        versions={
+            "algorithm": learner.algorithm.version,
+            "evaluation": dynamic_programming.VERSION,
+            "model": model.VERSION,
+        },
+        observation=learner.observation,
+        settings=picks[0],
+        horizon=declared.horizon,
+        evaluation_every=evaluation_every,
+        map_every=map_every,
+        evaluated_from=declared.evaluated_from,
+        seed=seeds[0],
+        solved=solved,
+    )
+    firsts = tuple(replace(run, settings=pick) for pick in picks)
+    beside = declared.seeds_of(variant.reference_for or learner.variant, condition)
+    return Population(condition, scenario, learner, firsts, seeds, beside)
+
+
+def _settings(
+    declared: schema.Declaration, learner: Learner, condition: schema.Condition, path: Path
+) -> list[LearnerSettings]:
+    """Returns a learner's settings under a condition, checked; several if a search has several picks."""
+    cls, found = learner.algorithm.settings, learner.chosen
+    own = {
+        f"{name}.{inner}" if inner else name: value
+        for name, table in learner.declared.settings.items()
+        for inner, value in (table.items() if isinstance(table, dict) else [("", table)])
+    }
+    changed = own | condition.settings_changes(learner.variant)
+    where = f"{path}: algorithms.{learner.variant}.settings"
+    where += f" ({condition.name})" * (condition.name != schema.DEFAULT_CONDITION)
+    picks = [{}] if found is None else [pick.settings for pick in found.picks or (found,)]
+    given = [override(declared.settings | pick, changed, where) for pick in picks]
+    if declared.is_miniature:
+        given = [_in_miniature(each, cls) for each in given]
+    return [parse(cls, each, where) for each in given]
 
 
 def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> dict[str, object]:
@@ -386,26 +307,12 @@ def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> di
 
 
 def _family(learner: Learner, settings: LearnerSettings) -> str:
-    """Returns what a learner counts as with these settings, see `_Loading.learners`."""
+    """Returns what a learner counts as with these settings, see `_learners`."""
     net = dict(getattr(settings, "policy_kwargs", None) or {})
     layers = net.get("net_arch")
     if layers is None or len(layers) > 0 or net.get("features_extractor_class"):
         return learner.algorithm.family
     return "tabular" if ENCODINGS[learner.observation] == "one_hot" else "linear"
-
-
-def check_size(run: RunSpecification) -> None:
-    """Refuses, by an InputError, observations and records of a run that do not fit into memory."""
-    scenario = seen_as(run.scenario, run.observation)
-    if ENCODINGS[run.observation] == "one_hot":
-        widths = [width for _, width in scenario.observed_sizes.values()]
-        check_sparse(scenario.n_observations, sum(widths))
-    n_tilings, parts = (getattr(run.settings, key, default) for key, default in _TILES.items())
-    check_tiles(scenario, n_tilings, parts)
-    if ENCODINGS[run.observation] in SPARSE:
-        for key in sorted({"n_tilings", "parts", "tile_width"} & run.settings.model_fields_set):
-            found = f"{key} = {getattr(run.settings, key)} with {run.observation}, which has its own features"
-            raise InputError(f"{found}; accepted: no {key}, or a form of coordinates.")
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:

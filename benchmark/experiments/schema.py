@@ -237,6 +237,10 @@ class Declaration(Table):
         require(len(given) < 2, " and ".join(given), "one of readings, grids and search")
         is_named = not self.readings or DEFAULT_CONDITION in self.readings
         require(is_named, "readings", f"one named {DEFAULT_CONDITION} among them")
+        stems = [Path(name).stem for name in self.scenarios]
+        for name, reading in self.readings.items():
+            for stem in {*(reading.scenarios or ())}.difference(stems):
+                require(False, f"readings.{name}.scenarios: {stem}", ", ".join(stems))
         known = {*self.algorithms, *self._learners}
         for name, grid in self.grids.items():
             for learner in grid.learners:
@@ -266,9 +270,7 @@ class Declaration(Table):
     def _check_searched(self, name: str) -> None:
         variant, where = self.algorithms[name], f"algorithms.{name}"
         require(bool(variant.search), where, "a table search, as the experiment has one")
-        fixed = sorted({"budget", "budget_unit", "time_limit"} & variant.search.keys())
-        require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
-        require(variant.seeds * len(self.scenarios) > 1, f"{where}.seeds = 1", "at least 2 with one scenario")
+        require("budget" not in variant.search, f"{where}.search.budget", "other settings")
         seeds, fresh = self.seeds_of_search(name)
         accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its finalists use"
         require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
@@ -323,18 +325,6 @@ class Declaration(Table):
         assert self.search is not None
         first, n = self.algorithms[variant].first_seed, self.algorithms[variant].seeds
         return range(first, first + n), self.search.fresh
-
-    @property
-    def most_runs(self) -> int:
-        """The number of runs, at most, over all stages; one that several conditions share counts for each."""
-        n = 0
-        for condition, (learner, variant) in product(self.conditions.values(), self._learners.items()):
-            if condition.has(variant, learner.removeprefix(f"{variant}, ")):
-                n += len(self.seeds_of(variant, condition))
-        if (search := self.search) is not None:
-            # Trial 0 and the best trial of each scenario are run again, too.
-            n += len(self._learners) * (search.parts * search.finalists + 2) * search.seeds
-        return n * len(self.scenarios)
 
     @cached_property
     def conditions(self) -> dict[str, Condition]:
@@ -398,12 +388,14 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
         accepted = f"any name but {', '.join(_RESERVED)}"
         raise InputError(f"{path}: results are named after the file; accepted: {accepted}.")
     read = inputs.parse(Declaration, _with_references(_read(path), str(path)), str(path), name=path.stem)
-    # The path of a scenario is one from the current folder, or else from that of the experiment.
-    scenarios = [
-        beside if isfile(beside := join(path.parent, name)) and not isfile(name) else name  # noqa: PTH113, PTH118
-        for name in read.scenarios
-    ]
-    return read.model_copy(update={"scenarios": tuple(scenarios)}), path
+    scenarios = tuple(_beside(path, name) for name in read.scenarios)
+    return read.model_copy(update={"scenarios": scenarios}), path
+
+
+def _beside(path: Path, name: str) -> str:
+    """Returns a path from the folder of an experiment's file, if there is such a file, else as it is."""
+    beside = join(path.parent, name)  # noqa: PTH118
+    return beside if isfile(beside) else name  # noqa: PTH113
 
 
 def _path(experiment: str | Path) -> Path:
@@ -415,8 +407,6 @@ def _path(experiment: str | Path) -> Path:
             raise InputError(f"{path}: {reason}; rename it.")
         return path
     if str(experiment) not in names:
-        if isfile(file := f"{experiment}.toml"):  # noqa: PTH113
-            raise InputError(f"experiments: unknown experiment {experiment}; accepted: the file {file}.")
         inputs.unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
     return shipped
 
@@ -431,13 +421,10 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         find_modules_in(str(path.parent.resolve()))
     if "extends" in data:
         extension = inputs.parse(Extension, data, str(path))
-        beside = join(path.parent, extension.extends)  # noqa: PTH118
-        is_beside = isfile(beside) and not isfile(extension.extends)  # as of a scenario  # noqa: PTH113
-        base = _path(beside if is_beside else extension.extends)
-        if not base.exists():
-            raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: there is no such file.")
-        if base in (path, *extended_by):
-            raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
+        base = _path(_beside(path, extension.extends))
+        if not base.exists() or base in (path, *extended_by):
+            reason = f"extends = {json.dumps(extension.extends)}"
+            raise InputError(f"{path}: {reason}: accepted: another experiment that exists.")
         data = _read(base, (path, *extended_by))
         # These may be false of this one.
         texts = ["note", *(["report.question"] if "report" in data else [])]
