@@ -12,7 +12,6 @@ from stable_baselines3 import A2C, DQN
 from agents import Schedule, Training, load_algorithm
 from envs import InputError, Model, compile_scenario, load_scenario
 from envs.inputs import parse
-from tests.agents.test_sb3 import CHANGING
 from tests.support import ROOT
 
 HERE = __name__
@@ -55,25 +54,7 @@ class Hidden(A2C):
         super().__init__(policy, env, n_steps=2 * n_steps, **kwargs)
 
 
-class Mute(DQN):
-    """Its policy has neither values nor probabilities."""
-
-    def _setup_model(self) -> None:
-        super()._setup_model()
-        del self.policy.q_net
-
-
 # Training
-
-
-def test_path_and_name_of_a_class_train_the_same() -> None:
-    model = compile_scenario(load_scenario("S2", CHANGING))
-    values: dict[str, Any] = {"train_freq": 2, "learning_rate": 1e-3, "n_envs": 2}
-    by_name, by_path = (trained(path, model, **values) for path in ("sb3_dqn", "stable_baselines3:DQN"))
-    for key, array in vars(by_name).items():
-        if key != "cpu_time_s":
-            assert array.tobytes() == getattr(by_path, key).tobytes(), key
-    assert by_path.updates[0] > 0
 
 
 def test_steps_that_are_not_those_declared_are_an_error() -> None:

@@ -1,6 +1,5 @@
 """Tile coding: features by hand; learners equal to the table's, and to loops in plain Python."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,7 @@ from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
 from agents.policy import ALL_ACTIONS
-from benchmark.experiments import load_experiment
-from envs import InputError, Model, load_scenario
+from envs import Model, load_scenario
 from envs.observations import compile_seen
 from envs.tiles import tiles_of
 from tests.agents.test_tabular import MOVES
@@ -82,27 +80,6 @@ def test_kernel_equals_a_loop_in_plain_python(
         assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
 
 
-def test_single_cells_are_the_table_with_backward_passes() -> None:
-    seeds, schedule = [SeedSequence([7, i]) for i in range(2)], Schedule(2000, POINTS)
-    table, linear = (
-        load_algorithm(name).train(
-            model_of("S2", form, **MOVES),
-            load_algorithm(name).settings.model_validate(
-                {"budget": 2000, "time_limit": 50, "epsilon": 0.2, "backward_passes": 2} | changes
-            ),
-            form,
-            seeds,
-            schedule,
-        )
-        for name, form, changes in (
-            ("watkins_q_lambda", "index", {}),
-            ("linear_q_lambda", "coordinates", {"n_tilings": 1, "tile_width": 1}),
-        )
-    )
-    assert np.array_equal(table.q, linear.q)
-    assert np.array_equal(table.greedy, linear.greedy)
-
-
 def test_an_agent_whose_values_grow_without_limit_has_diverged() -> None:
     algorithm: Any = load_algorithm("linear_q_lambda")
     settings = algorithm.settings(
@@ -115,22 +92,3 @@ def test_an_agent_whose_values_grow_without_limit_has_diverged() -> None:
     assert np.isnan(training.q).all()
     assert (training.greedy[0, 2] == ALL_ACTIONS).all()
     assert (training.greedy[0, 1] != ALL_ACTIONS).any()
-
-
-def test_features_that_do_not_fit_memory_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(
-        """
-        description = "Too many features."
-        scenarios = ["Anywhere"]
-        horizon = 200
-        evaluation_every = 1000
-        map_every = 1000
-        settings = { budget = 1000, n_tilings = 1024 }
-        [algorithms]
-        tiles = { algorithm = "linear_q_lambda", observations = ["coordinates"], seeds = 2 }
-        """,
-        encoding="utf-8",
-    )
-    with pytest.raises(InputError, match=r"mine.toml: algorithms.tiles: n_tilings = 1024: "):
-        load_experiment(path)
