@@ -46,16 +46,6 @@ class Case(NamedTuple):
         x, y = (Means([c[endpoint].value for c in own], [c["n"] for c in own]) for own in self.cells)
         return x, y
 
-    def random_success(self, side: int) -> float:
-        """Returns how often the random policy succeeds, mean over the cells of a side."""
-        own = self.cells[side]
-        return float(1 / len(own) * sum(cell["random_success"] for cell in own))
-
-    def p_random(self, side: int) -> float:
-        """Returns the p-value of a side's succeeding no more often than the random policy."""
-        means = self.means("success")[side]
-        return p_above(means.weights, *means, self.random_success(side))
-
 
 @dataclass(frozen=True, eq=False)
 class ComparisonAnalysis:
@@ -128,8 +118,8 @@ class ComparisonAnalysis:
     def _compared(self, cases: Sequence[Case]) -> list[Row]:
         """Returns these contrasts, whose p-values are adjusted together."""
         rows = [_difference(case) for case in cases]
-        for side, key in enumerate(("p_random_x", "p_random_y")):
-            for row, p in zip(rows, holm([case.p_random(side) for case in cases]), strict=True):
+        for key in ("p_random_x", "p_random_y"):
+            for row, p in zip(rows, holm([row[key] for row in rows]), strict=True):
                 row[key] = p
         for endpoint in ENDPOINTS:
             margin: float = getattr(self.data.declared.margins, endpoint)
@@ -201,17 +191,17 @@ def _cell(names: Row, learner: Learner, runs: pd.DataFrame) -> Row:
 
 
 def _difference(case: Case) -> Row:
-    """Returns a row without its endpoints: number of runs, policies, wrong PINGs, and the random policy."""
+    """Returns a row without its endpoints; p-values are not adjusted."""
     both = [cell for own in case.cells for cell in own]
     row: Row = {"scenario": case.scenarios[0] if len(case.scenarios) == 1 else ""}
     row |= dict(zip("xy", case.pair, strict=True)) | {"n": min(cell["n"] for cell in both)}
-    for side, own in enumerate(case.cells):
-        row[f"policy_{'xy'[side]}"] = own[0]["policy"]
-        row["random_success"] = case.random_success(side)
-        row[f"wrong_pings_{'xy'[side]}"] = float(
-            np.mean([cell["training_wrong_pings"].value for cell in own])
-        )
+    p_random = {}
+    for side, own, means in zip("xy", case.cells, case.means("success"), strict=True):
+        row[f"policy_{side}"] = own[0]["policy"]
+        row["random_success"] = means.weights[0] * sum(cell["random_success"] for cell in own)
+        p_random[f"p_random_{side}"] = p_above(means.weights, *means, row["random_success"])
+        row[f"wrong_pings_{side}"] = float(np.mean([cell["training_wrong_pings"].value for cell in own]))
     value = row["wrong_pings_x"] - row["wrong_pings_y"]
     reaches = [cell["training_wrong_pings"].high - cell["training_wrong_pings"].value for cell in both]
     reach = float(np.linalg.norm(reaches)) / len(case.scenarios)
-    return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
+    return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)} | p_random

@@ -44,21 +44,11 @@ def _item(name: str, description: str, shown: str = "", **more: Any) -> Item[Com
     return found(lambda analysis: getattr(analysis, name))
 
 
-def _measured(frame: pd.DataFrame) -> pd.DataFrame:
-    """Marks equivalences whose difference is significant."""
-    is_shown = (frame["success_verdict"] == "equivalent") & (frame["success_p_different"] <= 0.05)
-    texts = frame["success_margin"].map("within {:g}, but measurably ".format)
-    texts += np.where(frame["success_difference"] > 0, "better", "worse")
-    success, score = (frame[f"{endpoint}_verdict"].map(WORDS) for endpoint in ENDPOINTS)
-    return frame.assign(success_verdict=np.where(is_shown, texts, success), score_verdict=score)
-
-
 contrasts = _item(
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
     "scenario x y success_verdict score_verdict success_except n success_difference "
     "success_p_different success_p_equivalent score_difference wrong_pings_difference",
-    where=_measured,
 )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmark.analysis.records import anchors, load_records, optimal_values, overlap
+from benchmark.analysis.records import anchors, load_records, optimal_values
 from benchmark.execution.driver import run
 from benchmark.execution.executors import Threads
 from benchmark.execution.store import Store
@@ -42,13 +42,6 @@ def test_scores_lie_between_the_exact_anchors() -> None:
     assert population(n=1, grid_return=returns).unbounded_scores()[0] == pytest.approx([1, 0, 0.5, -1])
 
 
-def test_target_cells_are_those_of_the_region() -> None:
-    # Chebyshev distance 2 from the issuer at row 6, column 8: a ring of sixteen cells.
-    square = [(row, column) for row in range(4, 9) for column in range(6, 11)]
-    ring = [(row, column) for row, column in square if row in (4, 8) or column in (6, 10)]
-    assert [divmod(int(cell), 12) for cell in np.flatnonzero(population().in_target)] == ring
-
-
 def test_ping_is_valued_where_its_value_is_positive() -> None:
     q = np.full((2, 120, 5), 0.5)  # what the table of a run began with is no value of PING
     q[:, 7:9, PING] = 0.4, -0.1
@@ -66,11 +59,6 @@ def test_stochastic_policies_value_ping_where_it_is_the_likeliest() -> None:
     stochastic[0, 0, 9] = [0.1, 0.1, 0.1, 0.1, 0.6]  # not after training
     marked = population(n=1, stochastic=stochastic, q=np.ones((1, 120, 5))).values_ping
     assert np.flatnonzero(marked[0]).tolist() == [7]
-
-
-def test_overlap_by_hand() -> None:
-    cells = np.array([[1, 1, 0, 0], [1, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1]], dtype=bool)
-    assert overlap(cells, cells[0]).tolist() == [1, 0.5, 0.5, 0]
 
 
 def test_optimal_values_by_hand() -> None:

@@ -10,9 +10,8 @@ from rliable import metrics
 from scipy import stats
 
 from benchmark.analysis.records import anchors
-from benchmark.studies.comparison.figures import draw_curves
 from envs import compile_scenario, load_scenario
-from tests.benchmark.studies.made import Cell, Made, analysis_of, compared, item, table
+from tests.benchmark.studies.made import Cell, analysis_of, table
 
 NEVER = math.inf
 FEW = {"few": 19, "many": 20, "hidden": 20}  # runs of learners
@@ -94,21 +93,6 @@ def test_usual_measures_by_a_second_method() -> None:
         assert frame["p_improvement"].isna().to_dict() == {"table": True, "net": False}
 
 
-def test_few_runs_are_drawn_one_by_one_since_their_interval_would_hide_them() -> None:
-    cells = [Cell(name, np.ones((n, 5)), scenario) for scenario in ("S1", "S2") for name, n in FEW.items()]
-    analysis = analysis_of(cells, curves=("few, index", "many, index"))
-    figure = draw_curves(analysis, table("curves", analysis))
-    assert figure is not None
-    first, last = figure.axes
-    assert first.get_title() == "S1: no feedback"
-    assert len(first.lines) == len(FEW) - 1 + FEW["few"]  # means of those named, and runs
-    (shade,) = first.collections  # of the other
-    low = np.asarray(shade.get_paths()[0].vertices)[:, 1].min()
-    assert low == pytest.approx(0.025 ** (1 / FEW["many"]))
-    names = [text.get_text().replace("\n", " ") for text in last.texts]
-    assert [name.partition(" ")[0] for name in names] == ["few", "many"]
-
-
 def test_giving_up_at_once_has_a_score_of_its_own() -> None:
     """Five wrong PINGs at the start: a return of 4 * -0.4 - 1, on a scale from the random policy to 0."""
     cells = [Cell("a", np.ones(2), scenario) for scenario in ("S1", "S3")]
@@ -134,10 +118,3 @@ def test_difference_in_wrong_pings_by_hand() -> None:
     assert row["wrong_pings_difference"] == pytest.approx(5)
     half = stats.t.ppf(0.975, 19) * np.std([0, 1] * 10, ddof=1) / np.sqrt(20) / 400 * 1000
     assert row["wrong_pings_difference_high"] == pytest.approx(5 + np.hypot(half, half))
-
-
-def test_a_difference_that_is_shown_within_the_margin_is_said() -> None:
-    learners = {"x": Made("deep", 0.93, 900), "y": Made("tabular", 1.0, 900)}
-    analysis = compared(learners, [("x", "y")], scenarios=["S1"])
-    shown = item("contrasts").display(table("contrasts", analysis))
-    assert shown["verdict on success"].tolist() == ["within 0.1, but measurably worse"]

@@ -1,6 +1,5 @@
 """The replication by itself: its tables and claims by hand, and what it demands."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -11,16 +10,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.records import Records, anchors, optimal_values
 from benchmark.execution.store import Store
 from benchmark.experiments import Population, load_experiment
 from benchmark.folder import Folder
-from benchmark.publish.document import Document
 from benchmark.studies import report_of
 from benchmark.studies.data import Data
-from benchmark.studies.replication import STUDY, claims, headline
-from benchmark.studies.replication.analysis import ReplicationAnalysis, agreement, analyse
+from benchmark.studies.replication import STUDY, claims
+from benchmark.studies.replication.analysis import ReplicationAnalysis, analyse
 from benchmark.studies.study import Declared
 from envs import InputError
 from envs.model import PING
@@ -69,14 +66,6 @@ def test_learning_table_by_hand() -> None:
     # The exact interval of 4 of 4 reaches down to the fourth root of 0.025 (Clopper and Pearson 1934).
     assert frame[["score_low", "score_high"]].iloc[3].tolist() == pytest.approx([0.025 ** (1 / 4), 1])
     assert "unbounded_score_low" not in frame  # no method bounds such a mean
-
-
-def test_curves_by_hand() -> None:
-    high = np.zeros((4, 60))
-    high[:, 1] = [0, 0, 4, 4]
-    curve = analysed(max_q=high, table_max_q=high + 1).max_q[:60]
-    assert curve["step"].tolist() == list(range(0, 600, 10))
-    assert curve.iloc[1][["mean", "min", "max", "table_mean", "table_min"]].tolist() == [2, 0, 4, 3, 1]
 
 
 def test_optimality_after_training() -> None:
@@ -131,14 +120,6 @@ def test_verdicts(side: str, parts: list[list[float]], verdict: str, weakest: fl
     rows = judged(side, 1.0, parts)
     assert set(rows["verdict"]) == {verdict}
     assert claims.weakest(rows)["value"].tolist() == pytest.approx([weakest], nan_ok=True)
-
-
-def test_agreement_of_sets_by_hand() -> None:
-    judged = pd.DataFrame({"claim": ["a", "b"], "verdict": ["holds", "undecided"]})
-    others = [judged.assign(verdict="holds", first_seed=seed) for seed in (4, 8, 12)]
-    compared = agreement(judged, pd.concat([judged.assign(first_seed=0), *others]))
-    assert compared["sets_agreeing"].tolist() == [4, 1]
-    assert compared["sets"].tolist() == [4, 4]
 
 
 # Claims
@@ -230,19 +211,6 @@ def test_own_maps_have_students_and_welchs_intervals() -> None:
 
 
 # What is shown
-
-
-def test_published_verdicts_are_counted_and_every_claim_is_explained() -> None:
-    text = Document(PUBLISHED.path).readme()
-    assert re.findall(r"(\d+) × ", headline(PUBLISHED) or "") == ["7", "1", "3"]
-    assert [claim.id for claim in claims.CLAIMS if f"- *{claim.title}* (`{claim.id}`): " not in text] == []
-    assert f"{RESAMPLES:,} seeded" in text
-
-
-def test_claims_are_the_papers_in_its_replication_alone() -> None:
-    folder = Folder(PUBLISHED.path)
-    folder.__dict__["manifest"] = {**PUBLISHED.manifest, "experiment": "mine"}
-    assert "11 claims like the paper's, in scenes or with settings" in (headline(folder) or "")
 
 
 def test_verdicts_on_disjoint_sets() -> None:

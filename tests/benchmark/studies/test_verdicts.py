@@ -1,20 +1,17 @@
 """What a comparison concludes: contrasts and rules by hand, and by simulation of how rare wrong ones are."""
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from benchmark.folder import Folder
-from benchmark.studies.comparison import STUDY
 from benchmark.studies.comparison.analysis import FEWEST_RUNS
-from benchmark.studies.comparison.contrasts import Means, contrast, holm, standings, verdict
-from tests.benchmark.studies.made import Made, compared, random_success, table
+from benchmark.studies.comparison.contrasts import Means, contrast, holm, verdict
+from tests.benchmark.studies.made import Made, compared, random_success
 
 RANDOM = random_success("S1")
 TABLE, WEAK = Made("tabular", (1.0, 0.6, 1.0)), Made("tabular", 0.3)
@@ -107,25 +104,6 @@ def test_deep_rl_has_to_beat_every_baseline(learners: dict[str, Made], expected:
     made = {"table": WEAK, **learners}
     baseline = [name for name in ("table", "soft") if name in made]
     assert compared(made, baseline=baseline).outcomes == [{"outcome": expected}]
-
-
-@pytest.mark.parametrize(
-    ("verdicts", "expected"),
-    [
-        (("better", "better"), "better"),
-        (("better", "undecided"), "undecided"),
-        (("better", "equivalent"), "equivalent"),
-        (("equivalent", "worse"), "worse"),
-        (("equivalent", "mixed"), "equivalent"),
-        (("better", "mixed"), "mixed"),
-        (("neither learned", "better"), "neither learned"),
-        (("worse", "no verdict"), "no verdict"),
-    ],
-)
-def test_one_verdict_against_two_baselines(verdicts: tuple[str, ...], expected: str) -> None:
-    for order in (1, -1):
-        rows = pd.DataFrame({"x": "net", "y": ["table", "soft"], "success_verdict": verdicts[::order]})
-        assert standings(rows)["net"] == expected
 
 
 def test_a_net_at_the_random_policy_does_not_earn_its_keep_over_a_greedy_table_at_0() -> None:
@@ -227,19 +205,6 @@ def test_score_and_success_have_verdicts_of_their_own(
     made = {name: Made("tabular", *own)._replace(every_run=True) for name, own in (("x", x), ("y", y))}
     (row,) = compared(made, [("x", "y")], scenarios=["S1"]).contrasts
     assert (row["success_verdict"], row["score_verdict"]) == verdicts
-
-
-def test_the_answer_is_the_outcome_or_counts_verdicts() -> None:
-    class Tables(dict[str, pd.DataFrame]):
-        def frame(self, name: str) -> pd.DataFrame:
-            return self[f"{name}.csv"]
-
-    analysis = compared({"table": TABLE, "net": LOSER, "other": EQUAL}, [("net", "table"), ("net", "other")])
-    tables = Tables({"contrasts.csv": table("contrasts", analysis)})
-    assert STUDY.headline(cast(Folder, tables)) == "Verdicts on success: worse (2 of 2)."
-    tables["outcomes.csv"] = table("outcomes", compared({"table": WEAK, "net": WINNER}, baseline=["table"]))
-    answer = "Whether deep RL earns its keep: a net beats every baseline in success."
-    assert STUDY.headline(cast(Folder, tables)) == answer
 
 
 FAMILY = {"table": "tabular", "net": "deep", "other": "deep"}
