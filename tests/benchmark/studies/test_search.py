@@ -24,7 +24,6 @@ from benchmark.studies import report_of, runs_of
 from benchmark.studies.search import headline, tables
 from benchmark.studies.search.analysis import (
     SearchAnalysis,
-    at_edges,
     best_by_scenario,
     expected_drawn,
     expected_total,
@@ -178,24 +177,12 @@ def test_means_are_over_scenarios() -> None:
     assert gain(y, [np.zeros(10), np.zeros(20)]).low < 0  # others that fail, too
 
 
-def test_settings_at_edges_are_named() -> None:
-    space = TUNING.learners["dqn, one_hot"].declared.search
-    settings = {
-        "learning_rate": 0.0095, "gamma": 0.8, "exploration_fraction": 0.5, "target_update_interval": 10_000,
-        "train_freq": 4, "policy_kwargs.net_arch": [64, 64],
-    }  # fmt: skip
-    assert at_edges(space, settings) == ["learning_rate", "gamma", "target_update_interval"]
-    assert at_edges(space, dict.fromkeys(space)) == []
-
-
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [
         ([(1, 0.2, 0.5, 0.1), (0, 0.1, 0.1, 0.0)], "goes from 0.2 to 0.5 for the best learner, a, index"),
-        ([(1, 0.4, 0.5, -0.2)], "no gain is shown for a, index: success averaged over training is 0.5"),
         ([(0, 0.5, 0.5, 0.0), (1, 0.2, 0.3, 0.1)], "For the best learner, a, index, the settings as"),
         ([(0, 0.0, 0.0, 0.0)] * 2, "No learner has learned in the search"),
-        ([(0, 1.0, 1.0, 0.0)] * 2, "For a, index, the settings as declared stay the best"),
     ],
 )
 def test_headlines_claim_no_gain_that_is_not_shown(rows: Any, expected: str, tmp_path: Path) -> None:
