@@ -64,7 +64,7 @@ DEEP: Final = Planner()
 def test_it_is_compared_like_any_other(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     text = small_experiment(
-        report="comparison",
+        report={"kind": "comparison", "contrasts": [["planner, index", "q_learning, index"]]},
         scenarios=["S1", "S3"],
         horizon=200,
         map_every=100,
@@ -75,6 +75,6 @@ def test_it_is_compared_like_any_other(tmp_path: Path) -> None:
     scores = pd.read_csv(tmp_path / "mine" / "scores.csv.gz").query("variant == 'planner'")
     assert scores["score"].to_numpy() == pytest.approx(1)
     readme = (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
-    assert "Whether deep RL earns its keep: only nets are shown to beat the random policy." in readme
+    assert "Verdicts on success: better (1 of 1)." in readme
     assert "plain Python" not in readme  # nobody knows what a planner is written in
     assert (tmp_path / "mine" / "index.html").exists()

@@ -17,12 +17,10 @@ STUDY: Final = Study(
     analyse=analyse,
     items=(
         tables.contrasts,
-        tables.outcomes,
         tables.summary,
         tables.aggregate,
         tables.rliable,
         tables.curves,
-        tables.steps,
         tables.cost,
         tables.scores,
         tables.agents,

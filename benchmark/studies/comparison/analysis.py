@@ -7,23 +7,15 @@ in one scenario or in the mean over all.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any, Final, NamedTuple
 
-import numpy as np
 import pandas as pd
 
-from benchmark.analysis.intervals import Estimate, combined, mean_over_scenarios, p_above, proportion, student
-from benchmark.experiments import Experiment, Learner
-from benchmark.studies.comparison.contrasts import (
-    ALPHA,
-    Means,
-    contrast,
-    holm,
-    outcome,
-    over_scenarios,
-    verdict,
-)
-from benchmark.studies.comparison.declared import ComparisonDeclared, Pair, Plan, plan_of
+from benchmark.analysis.intervals import mean_over_scenarios, p_above, proportion, student
+from benchmark.experiments import Experiment
+from benchmark.studies.comparison.contrasts import ALPHA, Means, contrast, holm, over_scenarios, verdict
+from benchmark.studies.comparison.declared import ComparisonDeclared, Pair
 from benchmark.studies.data import Data
 
 Row = dict[str, Any]
@@ -52,7 +44,7 @@ class ComparisonAnalysis:
     """A comparison: what is compared, its runs, and the differences."""
 
     data: Data[ComparisonDeclared]
-    plan: Plan
+    learners: Sequence[str]  # without references
     runs: pd.DataFrame  # learner after learner, references behind their learners
     curves: pd.DataFrame
     cells: Mapping[tuple[str, str], Row]  # the summary of each learner in each scenario, by these two
@@ -68,6 +60,19 @@ class ComparisonAnalysis:
         return self.data.declared.pool == "scenarios"
 
     @cached_property
+    def drawn(self) -> set[str]:
+        """The baselines and the nets compared with them, or else all that are compared, or else all."""
+        asked, learners = self.data.declared, self.experiment.learners
+        pairs = [(x, y) for x, y in asked.contrasts if y in asked.baseline]
+        nets = {x for x, _ in pairs if learners[x].family == "deep"}
+        return {*asked.baseline, *nets} if nets else {*chain(*asked.contrasts)} or {*self.learners}
+
+    @property
+    def over_training(self) -> set[str]:
+        """The learners in the figure of success over training."""
+        return {*self.data.declared.curves} or self.drawn
+
+    @cached_property
     def pooled(self) -> list[tuple[Row, str, list[pd.DataFrame]]]:
         """Each learner, with its columns in tables and its runs by scenario, if scenarios are pooled."""
         learners = by_learner(self.runs, NAMES[1:]) if self.is_pooled else ()
@@ -80,14 +85,12 @@ class ComparisonAnalysis:
     def aggregate(self) -> list[Row]:
         """Every learner after training, in means over scenarios."""
         found = []
-        for names, name, scenarios in self.pooled:
+        for names, _, scenarios in self.pooled:
             first, n_runs = scenarios[0], sum(map(len, scenarios))
             row = {**names, "policy": first["policy"].iloc[0], "runs": n_runs}
-            row |= effort(self.experiment.learners[name])
             for key in (*ENDPOINTS, *(f"every_cell_{endpoint}" for endpoint in ENDPOINTS)):
                 if key in first:
                     row[key] = mean_over_scenarios([own[key].to_numpy() for own in scenarios])
-            row["unbounded_score"] = np.mean([own["unbounded_score"].to_numpy().mean() for own in scenarios])
             found.append(row)
         return found
 
@@ -96,20 +99,10 @@ class ComparisonAnalysis:
         """The declared contrasts with their verdicts, the latest first; one per scenario without pooling."""
         every = (*self.experiment.scenarios,)
         each = [(name,) for name in every]
-        groups = [every] if self.is_pooled else each
-        later = [
-            self._case(pair, names) for pair in self.plan.later for names in dict.fromkeys([*groups, *each])
-        ]
-        declared = [self._case(pair, names) for names in groups for pair in self.plan.contrasts]
+        groups, asked = [every] if self.is_pooled else each, self.data.declared
+        later = [self._case(pair, names) for pair in asked.later for names in dict.fromkeys([*groups, *each])]
+        declared = [self._case(pair, names) for names in groups for pair in asked.contrasts]
         return [*(row | {"declared": "later"} for row in self._compared(later)), *self._compared(declared)]
-
-    @cached_property
-    def outcomes(self) -> list[Row]:
-        """The outcome, if there are baselines, of means over scenarios."""
-        plan = self.plan
-        rows = [row for row in self.contrasts if "declared" not in row]
-        rows = [row for row in rows if row["x"] in plan.nets and row["y"] in plan.baseline]
-        return [{"outcome": outcome(pd.DataFrame(rows))}] if rows and self.is_pooled else []
 
     def _case(self, pair: Pair, scenarios: Sequence[str]) -> Case:
         x, y = ([self.cells[name, scenario] for scenario in scenarios] for name in pair)
@@ -134,19 +127,19 @@ class ComparisonAnalysis:
                     decided = "neither learned"
                 decided, apart = over_scenarios(decided, x, y, margin)
                 values = {"x": x.mean, "y": y.mean, **test._asdict(), "p_different": p, "p_equivalent": q}
-                values |= {"verdict": decided, "y_low": combined(y.weights, *y)[0], "margin": margin}
-                values["largest"] = max(a - b for a, b in zip(x.means, y.means, strict=True))
-                values["except"] = ", ".join(case.scenarios[i] for i in apart)
+                named = ", ".join(case.scenarios[i] for i in apart)
+                values |= {"verdict": decided, "margin": margin, "except": named}
                 row |= {f"{endpoint}_{key}": value for key, value in values.items()}
         return rows
 
 
 def analyse(data: Data[ComparisonDeclared]) -> ComparisonAnalysis:
     """Computes a comparison from its runs."""
-    plan, learners = plan_of(data.experiment, data.declared), data.experiment.learners
+    learners = data.experiment.learners
+    own_learners = [name for name, learner in learners.items() if not learner.reference_for]
     order = [
         name
-        for own in plan.learners
+        for own in own_learners
         for name, learner in learners.items()
         if own in (name, learner.reference_for)
     ]
@@ -154,11 +147,8 @@ def analyse(data: Data[ComparisonDeclared]) -> ComparisonAnalysis:
         frame.sort_values("learner", key=lambda names: names.map(order.index), kind="stable")
         for frame in (data.runs, data.curves)
     )
-    cells = {
-        (name, names["scenario"]): _cell(names, learners[name], rows)
-        for names, name, rows in by_learner(runs)
-    }
-    return ComparisonAnalysis(data, plan, runs, curves, cells)
+    cells = {(name, names["scenario"]): _cell(names, rows) for names, name, rows in by_learner(runs)}
+    return ComparisonAnalysis(data, own_learners, runs, curves, cells)
 
 
 def by_learner(frame: pd.DataFrame, names: Iterable[str] = NAMES) -> Iterator[tuple[Row, str, pd.DataFrame]]:
@@ -167,27 +157,19 @@ def by_learner(frame: pd.DataFrame, names: Iterable[str] = NAMES) -> Iterator[tu
         yield dict(zip(names, values, strict=True)), str(name), rows
 
 
-def effort(learner: Learner) -> Row:
-    """Returns what was spent on the search for a learner's settings: trials, steps and CPU seconds."""
-    chosen = learner.chosen
-    spent = (0, 0, 0.0) if chosen is None else (chosen.trials, chosen.steps, chosen.cpu_time_s)
-    return dict(zip(("settings_tried", "search_steps", "search_cpu_s"), spent, strict=True))
-
-
-def _cell(names: Row, learner: Learner, runs: pd.DataFrame) -> Row:
+def _cell(names: Row, runs: pd.DataFrame) -> Row:
     """Summarises runs after training; the interval of wrong PINGs in training is Student's."""
     first = runs.iloc[0]
     row: Row = {**names, "policy": first["policy"], "n": len(runs), "budget": first["budget"]}
     row |= {name: proportion(runs[name].to_numpy()) for name in ENDPOINTS}
-    means = ("unbounded_score", "steps", "wrong_pings", "uncomfortable_steps", "greedy_success")
+    means = ("unbounded_score", "steps", "wrong_pings", "greedy_success")
     row |= {name: runs[name].to_numpy().mean() for name in means}
     row["random_success"] = first["random_success"]
     if "every_cell_success" in runs:
         row["every_cell_success"] = proportion(runs["every_cell_success"].to_numpy())
-    row["diverged"] = int(np.isfinite(runs["diverged_at"]).sum())
     rate = student((runs["training_wrong_pings"] / runs["budget"] * 1000).to_numpy())
     row["training_wrong_pings"] = rate._replace(low=max(rate.low, 0.0))
-    return row | effort(learner)
+    return row
 
 
 def _difference(case: Case) -> Row:
@@ -195,13 +177,7 @@ def _difference(case: Case) -> Row:
     both = [cell for own in case.cells for cell in own]
     row: Row = {"scenario": case.scenarios[0] if len(case.scenarios) == 1 else ""}
     row |= dict(zip("xy", case.pair, strict=True)) | {"n": min(cell["n"] for cell in both)}
-    p_random = {}
     for side, own, means in zip("xy", case.cells, case.means("success"), strict=True):
-        row[f"policy_{side}"] = own[0]["policy"]
-        row["random_success"] = means.weights[0] * sum(cell["random_success"] for cell in own)
-        p_random[f"p_random_{side}"] = p_above(means.weights, *means, row["random_success"])
-        row[f"wrong_pings_{side}"] = float(np.mean([cell["training_wrong_pings"].value for cell in own]))
-    value = row["wrong_pings_x"] - row["wrong_pings_y"]
-    reaches = [cell["training_wrong_pings"].high - cell["training_wrong_pings"].value for cell in both]
-    reach = float(np.linalg.norm(reaches)) / len(case.scenarios)
-    return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)} | p_random
+        random = means.weights[0] * sum(cell["random_success"] for cell in own)
+        row[f"p_random_{side}"] = p_above(means.weights, *means, random)
+    return row

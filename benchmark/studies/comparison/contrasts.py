@@ -3,15 +3,13 @@
 Learners are compared by their mean over equally weighted scenarios of numbers in [0, 1]. P-values are
 adjusted by Holm's method (1979, Scandinavian Journal of Statistics 6:65-70), so that for each endpoint the
 probability of any wrong claim of a difference is at most about 5 %, and so is that of any wrong claim of
-equivalence. Equivalence takes two one-sided tests (Schuirmann 1987). The outcome, whether deep RL earns its
-keep, follows from contrasts with baselines; `document.md.jinja` has its rules, too.
+equivalence. Equivalence takes two one-sided tests (Schuirmann 1987); `document.md.jinja` has the rules, too.
 """
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from benchmark.analysis.intervals import LEVEL, TAIL, combined, p_above
 
@@ -111,46 +109,3 @@ def over_scenarios(decided: str, x: Means, y: Means, margin: float) -> tuple[str
     if found := contradicting(differences, differences):
         return "mixed", found
     return decided, contradicting(lows, highs)
-
-
-def standings(rows: pd.DataFrame) -> "pd.Series[str]":
-    """Returns each learner's verdict on success against all baselines, by its name.
-
-    The rows are its contrasts with these. A learner is better only if it is better than all baselines, worse
-    if it is worse than at least one, and equivalent if it is equivalent to at least one and worse than none.
-    """
-    order = ["no verdict", "worse", "equivalent", "mixed", "neither learned"]  # the first that there is
-    order += ["undecided", "better"]
-    ranks = rows["success_verdict"].map(order.index)
-    return ranks.groupby(rows["x"], sort=False).min().map(order.__getitem__)
-
-
-def outcome(rows: pd.DataFrame) -> str:
-    """Returns the outcome of the contrasts of nets with all baselines."""
-    verdicts, net, success = standings(rows), rows["x"], rows["success_verdict"]
-    if "no verdict" in set(verdicts):
-        return "no verdict"
-    x_has_learned, y_has_learned = rows["p_random_x"] <= ALPHA, rows["p_random_y"] <= ALPHA
-    # In all contrasts, winners are better in success and than random, and not worse in score
-    is_better = (success == "better") & x_has_learned
-    is_won = (is_better & ~rows["score_verdict"].isin(["worse", "mixed"])).groupby(net).transform("all")
-    is_shown = is_won & y_has_learned
-    has_same_policy = rows["policy_x"] == rows["policy_y"]
-    # A net that is better in some scenario has room there
-    is_larger = rows["success_largest"] >= rows["success_margin"]
-    is_beaten = (is_larger | (success == "better")).groupby(rows["y"]).transform("any")
-    has_room = 1 - rows["success_y_low"] >= rows["success_margin"]
-    # Mixed although x is nowhere better by the margin: it is worse in some scenario
-    is_worse = (success == "mixed") & ~is_larger & (rows["success_difference"] <= 0)
-    is_lost = verdicts.isin(["worse", "equivalent"]) | is_worse.groupby(net).any()
-    has_better = ((verdicts == "better") & x_has_learned.groupby(net).all()).any()
-    rules = [
-        ("neither learned", not (x_has_learned | y_has_learned).any()),
-        ("earns", (is_shown & has_same_policy).any()),
-        ("another policy", is_shown.any()),
-        ("no baseline learned", is_won.any()),
-        ("cannot be beaten", (y_has_learned & ~has_room & ~is_beaten).any()),
-        ("mixed", has_better or ("mixed" in set(verdicts) and not is_lost.all())),
-        ("does not earn", is_lost.all()),
-    ]
-    return next((name for name, holds in rules if holds), "undecided")

@@ -7,21 +7,17 @@ from typing import Final
 import numpy as np
 import pandas as pd
 import seaborn as sns
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from agents.policy import mask_policy
-from benchmark.drawing.maps import draw_policy, policy_legend
 from benchmark.drawing.style import WIDTH, colour_map, figure_of, ink_on, name_lines, name_rows
 from benchmark.drawing.tables import show
-from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.folder import with_titles
 from benchmark.studies.comparison import tables
 from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis
 from benchmark.studies.comparison.tables import AGGREGATES, WORDS
 from benchmark.studies.data import Style, style_of
-from benchmark.studies.item import COLUMNS, drawing
+from benchmark.studies.item import COLUMNS
 from envs.people import FEEDBACK
 from envs.scene import COLOUR_MAP
 
@@ -34,7 +30,7 @@ _STYLES: Final[dict[str, Style]] = {
     "undecided": {"marker": "o", "color": "0.55", "mfc": "white"},
     "no verdict": {"marker": "x", "color": "0.55"},
 }
-_COLUMNS: Final = 3  # of panels and maps
+_COLUMNS: Final = 3  # of panels
 _N_MARKERS: Final = 6  # of a curve
 _FEW_RUNS: Final = 20  # fewer are drawn one by one: their exact intervals would hide them
 _CHARACTERS, _MAX_COLUMNS = 66, 8  # of the names of a figure's columns in a line; columns with level names
@@ -74,8 +70,8 @@ def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
 @tables.summary.figure("How often each learner succeeds after training.")
 def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
     """Draws success by scenario and learner, with means over scenarios if these are pooled."""
-    frame, every, plan = with_titles(table, {}), analysis.experiment.learners, analysis.plan
-    learners = [name for name in frame["learner"].unique() if name in {*plan.drawn, *plan.curves}]
+    frame, every = with_titles(table, {}), analysis.experiment.learners
+    learners = [name for name in frame["learner"].unique() if name in analysis.drawn | analysis.over_training]
     values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
     values = values.loc[frame["scenario"].unique()]
     if len(values) > 1 and analysis.is_pooled:
@@ -111,7 +107,7 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
     Learners are named at the ends of their lines, in the last panel of each row.
     """
     frame, runs, learners = with_titles(table, {}), analysis.curves, analysis.experiment.learners
-    frame = frame[(frame["step"] > 0) & frame["learner"].isin(analysis.plan.curves)]
+    frame = frame[(frame["step"] > 0) & frame["learner"].isin(analysis.over_training)]
     panels = [*frame.groupby("scenario", sort=False)]
     n_columns = min(len(panels), _COLUMNS)
     n_rows = math.ceil(len(panels) / n_columns)
@@ -151,7 +147,7 @@ def draw_curves(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
 def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
     """Draws a row of panels for each endpoint."""
     frame = with_titles(table, {})
-    frame = frame[frame["learner"].isin(analysis.plan.drawn)]
+    frame = frame[frame["learner"].isin(analysis.drawn)]
     labels, learners = COLUMNS["comparison_labels"], analysis.experiment.learners
     measures = [name for name in (*AGGREGATES, "p_improvement") if name in frame]
     names = [*frame[frame["endpoint"] == ENDPOINTS[0]].sort_values("mean", kind="stable")["learner"]]
@@ -176,31 +172,4 @@ def draw_rliable(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
                 axis.grid(lw=0.4, color="0.85")
             panels[0].set_yticklabels(titles)
             panels[0].set_ylabel(endpoint, fontweight="bold")
-    return figure
-
-
-@drawing(
-    "policies",
-    "what the first run of each learner does after training",
-    "What the first run of each learner does after training in the first scenario, before any PING.",
-)
-def policies(analysis: ComparisonAnalysis, _: pd.DataFrame) -> Figure:
-    """Draws the policies of compared learners in the first scenario."""
-    experiment, names = analysis.experiment, analysis.plan.drawn
-    scenario = next(iter(experiment.scenarios))
-    n_columns = min(len(names), _COLUMNS)
-    n_rows, norm = -(-len(names) // n_columns), Normalize(0.0, 1.0)
-    with figure_of(n_rows, n_columns, (WIDTH, 2.6 * n_rows + 1.0)) as (figure, axes):
-        figure.set_layout_engine("compressed")
-        for axis, name in zip(axes.flat, names, strict=False):
-            learner = experiment.learners[name]
-            found = analysis.data.records(experiment.population(DEFAULT_CONDITION, scenario, name))
-            found, first = found.subset(0, 1), analysis.runs.query("learner == @name").iloc[0]
-            policy = found.arrays[learner.declared.policy][0, -1]
-            if learner.declared.policy == "greedy":
-                policy = mask_policy(policy)
-            draw_policy(axis, found.model, policy, norm)
-            title = fill(learner.title, 30, break_on_hyphens=False)
-            axis.set_title(f"{title}\nsuccess {first['success']:.2f}", fontsize="small")
-        policy_legend(figure, [*axes.flat], found.model, norm)
     return figure

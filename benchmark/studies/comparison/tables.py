@@ -10,28 +10,19 @@ import pandas as pd
 
 from agents.dynamic_programming import evaluate
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
-from benchmark.analysis.frames import Floats, by_step, learned
+from benchmark.analysis.frames import Floats, by_step
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.analysis.records import unbounded_scores
 from benchmark.drawing.tables import write_csv
 from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.folder import SCORES, Folder
 from benchmark.studies import explorer
-from benchmark.studies.comparison.analysis import (
-    ENDPOINTS,
-    NAMES,
-    ComparisonAnalysis,
-    Row,
-    by_learner,
-    effort,
-)
+from benchmark.studies.comparison.analysis import ENDPOINTS, NAMES, ComparisonAnalysis, Row, by_learner
 from benchmark.studies.comparison.contrasts import VERDICTS
 from benchmark.studies.item import COLUMNS, Item, expanded, no_rows, writing
 from envs import ACTIONS, compile_scenario
 from envs.model import PING
 
-ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
-OUTCOMES: Final = COLUMNS["comparison_outcomes"]  # what they mean
 WORDS: Final = {verdict: COLUMNS["comparison_labels"].get(verdict, verdict) for verdict in VERDICTS}
 AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")
 _DRAWS: Final = 1_000  # of a bootstrap
@@ -48,14 +39,7 @@ contrasts = _item(
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
     "scenario x y success_verdict score_verdict success_except n success_difference "
-    "success_p_different success_p_equivalent score_difference wrong_pings_difference",
-)
-
-
-outcomes = _item(
-    "outcomes",
-    "whether deep RL earns its keep over the baselines",
-    where=lambda frame: frame.assign(outcome=frame["outcome"].map(OUTCOMES)),
+    "success_p_different success_p_equivalent score_difference",
 )
 
 
@@ -89,7 +73,10 @@ def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
     """Computes aggregates, and drawn learners' probability of improvement over the first baseline."""
     from rliable import metrics
 
-    plan, measures = analysis.plan, [getattr(metrics, f"aggregate_{key}") for key in AGGREGATES]
+    baseline, measures = (
+        analysis.data.declared.baseline,
+        [getattr(metrics, f"aggregate_{key}") for key in AGGREGATES],
+    )
     for endpoint in ENDPOINTS:
         matrices = {  # (runs, scenarios)
             name: np.stack([own[endpoint].to_numpy() for own in scenarios], axis=1)
@@ -101,9 +88,9 @@ def rliable(analysis: ComparisonAnalysis) -> Iterator[Row]:
             points, (low, high) = _estimated(values, lambda x: np.array([measure(x) for measure in measures]))
             row |= {key: Estimate(points[i], low[i], high[i]) for i, key in enumerate(AGGREGATES)}
             row["giving_up"] = giving_up(analysis) if endpoint == "score" else math.nan
-            if name in plan.drawn and plan.baseline and name != plan.baseline[0]:
-                (point,), ((low,), (high,)) = _estimated((values, matrices[plan.baseline[0]]), _improvement)
-                row |= {"p_improvement": Estimate(point, low, high), "over": plan.baseline[0]}
+            if name in analysis.drawn and baseline and name != baseline[0]:
+                (point,), ((low,), (high,)) = _estimated((values, matrices[baseline[0]]), _improvement)
+                row["p_improvement"] = Estimate(point, low, high)
             yield row
 
 
@@ -150,51 +137,22 @@ def curves(analysis: ComparisonAnalysis) -> pd.DataFrame:
 
 
 @_item(
-    "steps",
-    f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
-    "scenario learner n budget share median_step step final_success",
-    best="-step",
-)
-def steps(analysis: ComparisonAnalysis) -> Iterator[Row]:
-    """Computes when runs, and the mean over runs, have learned."""
-    for names, _, rows in by_learner(analysis.curves):
-        success, evaluations = by_step(rows, "success"), rows["step"].unique().tolist()
-        mean, indices = success.mean(axis=0), learned(success, evaluations, ENOUGH)
-        first, when = int(learned(mean[None], evaluations, ENOUGH)[0]), np.array([*evaluations, np.inf])
-        yield {
-            **names,
-            "n": len(success),
-            "budget": rows["step"].max(),
-            "share": proportion(indices < len(mean)),
-            "median_step": float(np.median(when[indices])),
-            "step": float(when[first]),
-            "final_success": float(mean[-1]),
-        }
-
-
-@_item(
     "cost",
     "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
-    "learner cpu_time_s steps_per_cpu_s updates parameters peak_memory_mb settings_tried search_steps "
-    "search_cpu_s",
+    "learner cpu_time_s updates parameters peak_memory_mb",
     is_measured=True,
     best="-cpu_time_s",
 )
 def cost(analysis: ComparisonAnalysis) -> Iterator[Row]:
-    """Computes medians over all scenarios, and the range of CPU time."""
-    for names, name, rows in by_learner(analysis.runs, NAMES[1:]):
-        seconds = rows["cpu_time_s"].to_numpy()
+    """Computes medians over all scenarios."""
+    for names, _, rows in by_learner(analysis.runs, NAMES[1:]):
         yield {
             **names,
             "runs": len(rows),
-            "cpu_time_s": np.median(seconds),
-            "cpu_time_s_min": seconds.min(),
-            "cpu_time_s_max": seconds.max(),
-            "steps_per_cpu_s": rows["budget"].iloc[0] / np.median(seconds),
-            "updates": np.median(rows["updates"].to_numpy()),
+            "cpu_time_s": rows["cpu_time_s"].median(),
+            "updates": rows["updates"].median(),
             "parameters": rows["parameters"].iloc[0],
             "peak_memory_mb": rows["peak_memory_mb"].median(),
-            **effort(analysis.experiment.learners[name]),
         }
 
 
@@ -213,15 +171,13 @@ def agents(analysis: ComparisonAnalysis, path: Path) -> None:
     drawn = [
         analysis.experiment.population(DEFAULT_CONDITION, scenario, name)
         for name, scenario in analysis.cells
-        if name in analysis.plan.learners
+        if name in analysis.learners
     ]
     explorer.write([analysis.data.records(population) for population in drawn], path)
 
 
 def headline(folder: Folder) -> str | None:
-    """Returns the outcome, or else how often each verdict on success came up."""
-    if "outcomes.csv" in folder:
-        return f"Whether deep RL earns its keep: {OUTCOMES[folder.frame('outcomes')['outcome'][0]]}."
+    """Returns how often each verdict on success came up."""
     if "contrasts.csv" not in folder:
         return None
     verdicts = folder.frame("contrasts")["success_verdict"]

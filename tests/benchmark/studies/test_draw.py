@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import pytest
 
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications
-from benchmark.experiments.search import Chosen
 from benchmark.folder import SCORES, Folder
 from benchmark.publish import document, draw
 from benchmark.studies import report_of
@@ -37,7 +35,7 @@ def analysis_of(experiment: Experiment, store: Store) -> ComparisonAnalysis:
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
     drawn_names = ["contrasts", "summary", "curves", "rliable"]
-    tables = [*drawn_names, "aggregate", "outcomes", "steps", "cost"]
+    tables = [*drawn_names, "aggregate", "cost"]
     expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in drawn_names}
     assert names == expected | {"README.md", "manifest.json", SCORES, "agents.json.gz"}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
@@ -59,7 +57,7 @@ def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
     summary = pd.read_csv(drawn.folder / "summary.csv")
     assert [*summary["variant"].unique()] == ["table", "check", "sarsa", "ppo", "net"]
     with Store(drawn.results / "runs.db", read_only=True) as store:
-        assert analysis_of(drawn.experiment, store).plan.drawn == ["table, index", "net, one_hot"]
+        assert analysis_of(drawn.experiment, store).drawn == {"table, index", "net, one_hot"}
 
 
 @pytest.mark.parametrize("path", [None, *PUBLISHED], ids=str)
@@ -91,17 +89,6 @@ def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> Non
     assert (tmp_path / "small" / "README.md").read_bytes() == (drawn.folder / "README.md").read_bytes()
 
 
-def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
-    chosen = Chosen(trial=3, settings={}, score=0.7, trials=8, runs=80, steps=32_000, cpu_time_s=1.0)
-    learners = dict(drawn.experiment.learners)
-    learners["sarsa, index"] = replace(learners["sarsa, index"], chosen=chosen)
-    with Store(drawn.results / "runs.db", read_only=True) as store:
-        rows = analysis_of(replace(drawn.experiment, learners=learners), store).aggregate
-    assert {row["variant"]: row["search_steps"] for row in rows} == {
-        name: 32_000 if name == "sarsa" else 0 for name in ("table", "check", "sarsa", "ppo", "net")
-    }
-
-
 def test_missing_runs_are_refused(drawn: Drawn, tmp_path: Path) -> None:
     runs = all_specifications(drawn.experiment)
     failed = specifications(drawn.experiment, "default", "S1", "net", "one_hot", [1])[0]
@@ -125,6 +112,5 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
         trained(experiment, store)
         found = analysis_of(experiment, store)
     nets = [cell for cell in found.cells.values() if cell["variant"] == "net"]
-    assert [cell["diverged"] for cell in nets] == [12, 12]
     assert [cell["unbounded_score"] for cell in nets] == pytest.approx([0, 0], abs=1e-9)  # as random
     assert np.isfinite(found.runs["diverged_at"]).equals(found.runs["variant"] == "net")

@@ -1,4 +1,4 @@
-"""What a comparison concludes: contrasts and rules by hand, and by simulation of how rare wrong ones are."""
+"""What a comparison concludes: contrasts by hand, and by simulation of how rare wrong ones are."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,8 +14,6 @@ from benchmark.studies.comparison.contrasts import Means, contrast, holm, verdic
 from tests.benchmark.studies.made import Made, compared, random_success
 
 RANDOM = random_success("S1")
-TABLE, WEAK = Made("tabular", (1.0, 0.6, 1.0)), Made("tabular", 0.3)
-WINNER, EQUAL, LOSER = Made("deep", 1.0), Made("deep", (1.0, 0.6, 1.0)), Made("deep", 0.05)
 
 
 def test_holm_by_hand() -> None:
@@ -59,63 +57,14 @@ def test_wrong_verdicts_are_rare(n: int) -> None:
     assert wrongly_equivalent <= 6
 
 
-CASES: list[tuple[dict[str, Made], str]] = [
-    ({"net": WINNER}, "earns"),
-    ({"table": Made("tabular", 0.0), "net": WINNER}, "no baseline learned"),
-    ({"table": TABLE, "net": LOSER, "other": EQUAL}, "does not earn"),  # equivalent: nothing is gained
-    ({"table": TABLE, "net": EQUAL._replace(n=12)}, "undecided"),
-    ({"net": WINNER, "other": LOSER._replace(n=FEWEST_RUNS - 1)}, "no verdict"),
-    ({"table": Made("tabular", 0.0), "net": Made("deep", 0.0)}, "neither learned"),
-    # Better in success, worse in score
-    ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.5)}, "mixed"),
-    # The random policy has to be beaten in success alone.
-    ({"table": WEAK._replace(score=0.0), "net": WINNER._replace(score=0.0)}, "earns"),
-    # One net is better in success and worse in score, another is better in both.
-    ({"other": WINNER._replace(score=0.0), "net": WINNER}, "earns"),
-    # It is enough to be worse in one scenario and better in none.
-    ({"table": Made("tabular", 0.8, 900), "net": Made("deep", (0.8, 0.65, 0.8), 900)}, "does not earn"),
-    # In the mean, differences must not cancel.
-    ({"table": Made("tabular", (0.7, 1.0, 1.0)), "net": Made("deep", (1.0, 0.85, 0.85))}, "mixed"),
-    # A table at 0.92 leaves less room than the margin, and can still be beaten.
-    ({"table": Made("tabular", 0.92), "net": WINNER}, "earns"),
-    ({"table": WEAK._replace(policy="stochastic"), "net": WINNER}, "another policy"),
-    # What leaves less room than the margin, by its interval, cannot be beaten where no scenario has room.
-    ({"table": Made("tabular", 0.97), "net": Made("deep", 0.95, 12)}, "cannot be beaten"),
-    ({"table": Made("tabular", 0.97, 12), "net": Made("deep", 0.95, 12)}, "undecided"),
-    ({"table": Made("tabular", (1.0, 0.85, 1.0), 900), "net": Made("deep", (0.8, 1.0, 0.8), 900)}, "mixed"),
-]
-SOFT = Made("tabular", 0.3, policy="stochastic")
-UNTRAINED = Made("tabular", RANDOM, policy="stochastic", every_run=True)
-NOTHING = WEAK._replace(success=0.0)
-TWO: list[tuple[dict[str, Made], str]] = [  # with a baseline of the other class of policy
-    ({"soft": SOFT, "net": WINNER}, "earns"),
-    ({"soft": WEAK, "net": WINNER._replace(policy="stochastic")}, "another policy"),
-    ({"soft": SOFT, "table": NOTHING, "net": WINNER}, "another policy"),
-    ({"soft": UNTRAINED, "table": NOTHING, "net": WINNER}, "no baseline learned"),
-    ({"soft": SOFT._replace(success=0.8), "net": Made("deep", 0.6)}, "does not earn"),
-    ({"soft": SOFT._replace(success=1.0, n=12), "net": WINNER}, "undecided"),
-    ({"soft": SOFT, "table": NOTHING, "net": Made("deep", 0.0)}, "does not earn"),
-    ({"soft": Made("linear", 0.8), "net": Made("deep", 0.6)}, "does not earn"),  # whatever the family
-]
-
-
-@pytest.mark.parametrize(("learners", "expected"), [*CASES, *TWO])
-def test_deep_rl_has_to_beat_every_baseline(learners: dict[str, Made], expected: str) -> None:
-    made = {"table": WEAK, **learners}
-    baseline = [name for name in ("table", "soft") if name in made]
-    assert compared(made, baseline=baseline).outcomes == [{"outcome": expected}]
-
-
-def test_a_net_at_the_random_policy_does_not_earn_its_keep_over_a_greedy_table_at_0() -> None:
+def test_a_net_at_the_random_policy_has_not_learned_though_it_is_better_than_a_greedy_table_at_0() -> None:
     """As PPO with a learning rate of 1e-12 in TurningHidden: better than the table, and never trained."""
     random = random_success("TurningHidden")
     assert 0.05 < random < 0.5
     net = Made("deep", random, 100, policy="stochastic", every_run=True)
     learners = {"table": Made("tabular", 0.0), "net": net}
-    analysis = compared(learners, baseline=["table"], scenarios=["TurningHidden"])
-    (row,) = analysis.contrasts
+    (row,) = compared(learners, baseline=["table"], scenarios=["TurningHidden"]).contrasts
     assert row["success_verdict"] == "neither learned"
-    assert row["random_success"] == pytest.approx(random)
 
 
 def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
@@ -175,18 +124,16 @@ def test_few_runs_have_no_verdict_but_count_in_the_adjustment() -> None:
 
 
 def test_later_contrasts_are_adjusted_among_themselves_over_all_scenarios_and_in_each() -> None:
-    learners = {"table": WEAK, "net": WINNER, "other": Made("deep", 0.4)}
+    learners = {"table": Made("tabular", 0.3), "net": Made("deep", 1.0), "other": Made("deep", 0.4)}
     later = (("other, index", "table, index"),)
     alone = compared(learners, [("net", "table")], ["table"])
-    analysis = compared(learners, [("net", "table")], ["table"], later=later)
-    *added, declared = analysis.contrasts
+    *added, declared = compared(learners, [("net", "table")], ["table"], later=later).contrasts
     assert declared == alone.contrasts[0]
     assert [row["scenario"] for row in added] == ["", "S1", "S2", "S3"]
     assert {(row["x"], row["declared"]) for row in added} == {("other, index", "later")}
     means = [Means([0.4] * n, [100] * n) for n in (3, 1, 1, 1)]
     raw = [contrast(x, Means([0.3] * len(x.means), x.sizes), 0.1).p_different for x in means]
     assert [row["success_p_different"] for row in added] == pytest.approx(holm(raw))
-    assert analysis.outcomes == alone.outcomes  # which later contrasts do not change
 
 
 @pytest.mark.parametrize(
@@ -222,8 +169,7 @@ def test_no_verdict_contradicts_the_truth(truth: dict[str, list[float]], n: int,
     exact = {name: [round(share * n) / n for share in shares] for name, shares in truth.items()}
     learners = {name: Made(FAMILY[name], shares, n) for name, shares in exact.items()}
     pairs = [("net", "table"), ("other", "table"), ("net", "other")]
-    analysis = compared(learners, pairs, ["table"], ["S1", "S2"], pool=pool)
-    for row in analysis.contrasts:
+    for row in compared(learners, pairs, ["table"], ["S1", "S2"], pool=pool).contrasts:
         decided = row["success_verdict"]
         x, y = (exact[row[side].split(",")[0]] for side in "xy")
         differences = [a - b for a, b in zip(x, y, strict=True)]
@@ -232,5 +178,3 @@ def test_no_verdict_contradicts_the_truth(truth: dict[str, list[float]], n: int,
         assert decided != "worse" or difference < -1e-9
         assert decided != "equivalent" or abs(difference) < 0.1 - 1e-9
         assert (decided == "no verdict") == (n < FEWEST_RUNS)
-    if analysis.outcomes == [{"outcome": "earns"}]:
-        assert max(sum(exact[name]) for name in ("net", "other")) > sum(exact["table"])
