@@ -18,18 +18,21 @@ from envs.inputs import InputError
 class PeopleExtractor(BaseFeaturesExtractor):
     """Embeds every person by the same net, and adds the embeddings (Zaheer et al. 2017, "Deep sets").
 
-    So the order of people does not matter, except who comes first, which the net is told. Observations must
-    hold coordinates of the agent's cell, then of each person's, and nothing else: a phase and wrong PINGs
-    would pass for one more person. Its features are the agent's coordinates and the sum.
+    So the order of people does not matter, except who comes first, if that is marked. Observations must hold
+    coordinates of the agent's cell, then of each person's, and nothing else: a phase and wrong PINGs would
+    pass for one more person. Its features are the agent's coordinates and the sum.
     """
 
-    def __init__(self, observation_space: spaces.Box, width: int = 64, per_person: int = 2) -> None:
+    def __init__(
+        self, observation_space: spaces.Box, width: int = 64, per_person: int = 2, *, marks_first: bool = True
+    ) -> None:
         """Makes the net.
 
         Args:
           observation_space: That of the form "coordinates" or "centred".
           width: Units of each of the net's two layers.
           per_person: Numbers for each person: row and column, and a third one with badges.
+          marks_first: Whether the net is told who is the first person.
 
         Raises:
           InputError: Observations do not have two numbers for the agent and `per_person` for each person.
@@ -40,9 +43,9 @@ class PeopleExtractor(BaseFeaturesExtractor):
             accepted = f"coordinates, 2 of the agent and per_person = {per_person} of each person"
             raise InputError(f"{found}; accepted: {accepted}.")
         super().__init__(observation_space, 2 + width)
-        self.marks: torch.Tensor  # (people, 1)
-        self.register_buffer("marks", torch.eye(n_people)[:, :1], persistent=False)
-        layers = nn.Linear(3 + per_person, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+        self.marks: torch.Tensor  # (people, 0 or 1)
+        self.register_buffer("marks", torch.eye(n_people)[:, : int(marks_first)], persistent=False)
+        layers = nn.Linear(2 + per_person + marks_first, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
         self.net = nn.Sequential(*layers)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
@@ -57,7 +60,10 @@ class PlanesExtractor(BaseFeaturesExtractor):
     """Two layers of convolutions, for small images: Stable-Baselines3's own net needs 36 x 36 pixels."""
 
     def __init__(self, observation_space: spaces.Box, n_features: int = 128) -> None:
-        """Makes the net for the space of the form "planes"."""
+        """Makes the net for the space of the form "planes"; a space without images raises an InputError."""
+        if len(observation_space.shape) != 3:
+            found = f"PlanesExtractor: observations of shape {observation_space.shape}"
+            raise InputError(f"{found}; accepted: images, such as those of the form planes.")
         super().__init__(observation_space, n_features)
         n_planes, rows, columns = observation_space.shape
         self.net = nn.Sequential(
