@@ -8,13 +8,12 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, NoReturn, Self, TypeVar, get_args
+from typing import Annotated, Any, Final, NoReturn, Self, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_serializer
-from pydantic import SerializerFunctionWrapHandler as Handler
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 _MAX_LENGTH: Final = 300  # characters
@@ -55,10 +54,6 @@ class Table(BaseModel):
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
 
-    # Keys that are not written while they have their defaults: they were added after runs had been published,
-    # whose digests must stay the same.
-    omitted_at_default: ClassVar[Set[str]] = frozenset()
-
     # Cached properties are neither compared nor copied nor pickled.
     def _given(self) -> dict[str, object]:
         return {key: self.__dict__[key] for key in type(self).model_fields}
@@ -77,14 +72,6 @@ class Table(BaseModel):
 
     def __getstate__(self) -> dict[Any, Any]:
         return super().__getstate__() | {"__dict__": self._given()}
-
-    @model_serializer(mode="wrap")
-    def _without_defaults(self, handler: Handler) -> dict[str, Any]:
-        written: dict[str, Any] = handler(self)
-        for key in self.omitted_at_default & written.keys():
-            if getattr(self, key) == type(self).model_fields[key].get_default(call_default_factory=True):
-                del written[key]
-        return written
 
 
 TableT = TypeVar("TableT", bound=Table)

@@ -1,8 +1,8 @@
 """People in a scenario: where they stand and walk, and the reward that they add to a PING."""
 
-from collections.abc import Callable, Hashable, Sequence, Set
+from collections.abc import Callable, Hashable, Sequence
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
+from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,8 +157,6 @@ class Walk(Table):
 class Issuer(Table):
     """The person whose personal space matters, and the reward that this person adds to a PING."""
 
-    omitted_at_default: ClassVar[Set[str]] = {"heading", "walk", "places", "unseen", "permuted"}
-
     position: Place
     """Where the person stands when an episode starts."""
     places: Annotated[int, Field(ge=1, le=MAX_STATES)] | None = None
@@ -191,8 +189,6 @@ class Phase(Table):
     the probability of each other phase to follow after a step, and otherwise goes on. Keys that a phase omits
     have the values of the scenario's other tables.
     """
-
-    omitted_at_default: ClassVar[Set[str]] = {"position", "heading", "regions", "steps", "next"}
 
     name: Annotated[Label, Field(min_length=1, max_length=40)]
     """Name of the phase, for pictures and for `next`."""
@@ -236,8 +232,6 @@ class Onlookers(Table):
     as many of the same ways as seen places are, rounded up.
     """
 
-    omitted_at_default: ClassVar[Set[str]] = {"badge"}
-
     people: Annotated[int, Field(ge=1, le=1000)]
     """How many there are. With fewer people, the first ones stand in the same cells."""
     ways: Annotated[int, Field(ge=1, le=MAX_STATES)]
@@ -249,8 +243,6 @@ class Onlookers(Table):
 
 class Person(Table):
     """Another person; without regions and feedback a bystander: nobody to approach, but an obstacle."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"heading", "feedback", "regions", "walk"}
 
     position: Cell
     """Where the person stands."""

@@ -3,9 +3,8 @@
 The C cells are numbered `row * columns + column`. A region holds every cell whose centre lies in its shape.
 """
 
-from collections.abc import Set
 from functools import cached_property
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +57,6 @@ def listed(place: Place | None) -> list[Cell]:
 
 class Grid(Table):
     """Size of the floor, the cell in which episodes start, and walls."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"walls", "metres_per_cell"}
 
     rows: Annotated[int, Field(ge=1, le=1000)]
     """Number of rows; together at most 100,000 cells."""
@@ -154,10 +151,6 @@ class Regions(Table):
     The target region is what lies in its shape and not in the uncomfortable one. Radii are Chebyshev
     distances in cells. Lengths of shapes are in cells, or in metres if `unit` says so.
     """
-
-    omitted_at_default: ClassVar[Set[str]] = {
-        "uncomfortable_radius", "target_radius", "unit", "uncomfortable", "target",
-    }  # fmt: skip
 
     uncomfortable_radius: Annotated[int, Field(ge=0, le=1000)] | None = None
     """Radius of a square; together with `target_radius`, in place of shapes."""

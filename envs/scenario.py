@@ -8,20 +8,19 @@ term of the paper a value has.
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from envs import inputs
 from envs.inputs import Name, Table, require
 from envs.layout import Layout, draw_onlookers, draw_places, resolve, timeline, walkers
 from envs.people import MAX_STATES, Group, Issuer, Onlookers, OwnFeedback, Person, Phase, Reward
-from envs.regions import ZONES, Cell, Grid, Regions, Ring, listed
+from envs.regions import Cell, Grid, Regions, Ring, listed
 from envs.sources import find_modules_in
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
@@ -53,10 +52,6 @@ class Rewards(Table):
 
 class Scenario(Table):
     """A checked scenario, named after its file."""
-
-    omitted_at_default: ClassVar[Set[str]] = {
-        *("observe", "group", "onlookers", "others", "phases", "first_phase", "draw")
-    }
 
     name: Name
     """The stem of the file."""
@@ -171,15 +166,6 @@ class Scenario(Table):
         """The feedback by functions of users."""
         feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
         return [each for each in feedback if isinstance(each, OwnFeedback)]
-
-    @property
-    def has_pockets(self) -> bool:
-        """Whether starts are left out because no way leads to a target; until version 0.9 they were not."""
-        every, is_allowed = self._every_way, np.zeros(len(self.grid.position), dtype=np.bool_)
-        is_allowed[self.grid.cells_of(self.grid.start)] = True
-        is_outside = every.zone[:, every.first_phases] == ZONES.index("outside")
-        has_target = (every.zone == ZONES.index("target")).any(axis=(1, 2), keepdims=True)
-        return bool((is_outside & (is_allowed & ~self.grid.is_wall) & has_target & ~every.is_start).any())
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -330,7 +316,7 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
     if isinstance(scenario, Scenario):
         if not overrides:
             return scenario
-        scenario = scenario.model_dump(mode="json")
+        scenario = scenario.model_dump(mode="json", exclude_unset=True)
     if isinstance(scenario, Mapping):
         source = str(scenario.get("name", "scenario"))
         return inputs.parse(Scenario, inputs.override(scenario, overrides or {}, source), source)

@@ -4,9 +4,9 @@ Watkins's Q(lambda) and Sarsa(lambda) with replacing traces (Sutton & Barto 2018
 With one tiling of single cells, they are the table's: every observation has a weight for each action.
 """
 
-from collections.abc import Callable, Set
+from collections.abc import Callable
 from functools import partial
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field
@@ -24,8 +24,6 @@ _FEATURES: Final = ("coordinates", "factored", "tiles")  # coordinates are tiled
 
 class LinearSettings(TraceSettings):
     """The settings of a linear learner."""
-
-    omitted_at_default: ClassVar[Set[str]] = TraceSettings.omitted_at_default | {"parts"}
 
     n_tilings: Annotated[int, Field(ge=1, le=1024)] = N_TILINGS
     """How many tilings; each learns with its share of the learning rate."""

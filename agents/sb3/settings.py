@@ -5,7 +5,6 @@ sense. A test compares names and defaults with the signatures.
 """
 
 import sys
-from collections.abc import Set
 from typing import Annotated, Any, ClassVar, Final, Self
 
 from pydantic import Field, model_validator
@@ -33,11 +32,6 @@ class OptimizerArguments(Table):
 
 class PolicyArguments(Table):
     """The part of SB3's `policy_kwargs` that can be set."""
-
-    # Any `optimizer_kwargs`, even empty ones, would unset SB3's epsilon of PPO.
-    omitted_at_default: ClassVar[Set[str]] = {
-        *("optimizer_kwargs", "features_extractor_class", "features_extractor_kwargs")
-    }
 
     net_arch: Annotated[tuple[Units, ...], Field(max_length=8)] = (64, 64)
     """Units of each hidden layer; an empty list makes a linear net."""
@@ -101,9 +95,12 @@ class Sb3Settings(LearnerSettings):
 
         The buffer is no larger than the budget: the rest would only take memory.
         """
-        policy = arguments.get("policy_kwargs", {})
-        if isinstance(name := policy.get(key := "features_extractor_class"), str):
-            policy[key] = _features_extractor(name)
+        if "policy_kwargs" in arguments:
+            # Any `optimizer_kwargs`, even empty ones, would unset SB3's epsilon of PPO.
+            given = arguments["policy_kwargs"].items()
+            arguments["policy_kwargs"] = policy = {key: value for key, value in given if value != {}}
+            if isinstance(name := policy.get(key := "features_extractor_class"), str):
+                policy[key] = _features_extractor(name)
         size = vars(self).get("buffer_size")
         return arguments if size is None else arguments | {"buffer_size": min(size, self.budget)}
 

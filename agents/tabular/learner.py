@@ -6,10 +6,10 @@ An algorithm is an update rule, see `agents.tabular.updates`; all else is the sa
 import math
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Final, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, Final, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -35,8 +35,6 @@ MAX_RECORDS: Final = 10_000_000  # records of the largest action value that an a
 
 class ValueSettings(LearnerSettings):
     """The settings of a learner of action values, a table or a linear one; the defaults are the paper's."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"initial_value", "halved_after", "backward_passes"}
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
     """How far an update moves a value towards its target, as a share of the difference."""

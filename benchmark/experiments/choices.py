@@ -4,7 +4,7 @@ import hashlib
 import json
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from agents import dynamic_programming, load_algorithm
 from benchmark.experiments.schema import Declaration, Variant, overlap, read_experiment
@@ -41,23 +41,11 @@ def changed_settings(declared: Declaration, variant: str) -> list[str]:
 
 def digest_of_search(search: Declaration) -> str:
     """Returns a digest of what a search depends on: its file but texts and colours, scenarios, versions."""
-    content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
-    default = {"question": "How is the paper read?", "answer": "as it is by default", "curve": "visited"}
-    changes: dict[str, object] = {"scenario": {}, "scenarios": None, "settings": {}, "seeds": None}
-    content["readings"] = {"default": default | changes}  # a table of earlier versions
-    for variant in content["algorithms"].values():
-        del variant["title"]
-        variant.pop("colour", None)
-        # Keys of earlier versions, on which digests depend.
-        variant |= {"group": "", "evaluation_every": None, "map_every": None}
-        for axis in variant["search"].values():
-            del axis["why"]
+    texts: dict[str, Any] = dict.fromkeys(("description", "note", "report"), True)
+    of_variants = {"title": True, "colour": True, "search": {"__all__": {"why"}}}
+    content = search.model_dump(mode="json", exclude=texts | {"algorithms": {"__all__": of_variants}})
     content["scenarios"] = [load_scenario(name).model_dump(mode="json") for name in search.scenarios]
     algorithms = [load_algorithm(variant.algorithm).version for variant in search.algorithms.values()]
-    if search.solved is not None:
-        content["solved"] = search.solved.model_dump(mode="json")
-        content["search"]["around"] = False  # also a key of earlier versions
-    content["sweep"] = {}  # likewise
     content["versions"] = [*algorithms, dynamic_programming.VERSION]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 

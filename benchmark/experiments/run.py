@@ -46,10 +46,9 @@ class RunSpecification:
     def population(self) -> str:
         """The specification without its seed, as canonical JSON: runs that share it train together."""
         content: dict[str, object] = {
-            # The keys have the names of earlier versions, since digests depend on them.
-            "experiment": self.stream,
+            "stream": self.stream,
             "scenario": self.scenario.model_dump(mode="json"),
-            "arm": self.variant,
+            "variant": self.variant,
             "algorithm": self.algorithm,
             "versions": dict(self.versions),
             "observation": self.observation,
@@ -58,10 +57,8 @@ class RunSpecification:
             "evaluation_every": self.evaluation_every,
             "map_every": self.map_every,
             "evaluated_from": list(self.evaluated_from),
-            **({} if self.solved is None else {"solved": dict(self.solved)}),
+            "solved": self.solved and dict(self.solved),
         }
-        if self.scenario.has_pockets:
-            content["starts"] = "with a way to a target"
         # Users' modules that it names as `module:attribute`.
         named = {*re.findall(r'"([\w.]+):[\w.]+"', json.dumps(content, ensure_ascii=False))}
         if code := {name: digest for name in sorted(named) if (digest := digest_when_loaded(name))}:

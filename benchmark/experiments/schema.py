@@ -7,14 +7,14 @@ it is a reading of the paper, a point of a grid or a trial of a search.
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from itertools import product
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -43,8 +43,6 @@ class Variant(Table):
     A *reference implementation* of another variant learns the same by other code. It takes that variant's
     settings, its policy and, unless it names some of them, its observations.
     """
-
-    omitted_at_default: ClassVar[Set[str]] = {"colour"}
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
@@ -90,8 +88,6 @@ class Changes(Table):
 
 class Reading(Changes):
     """One way to read the paper, or a control."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"title"}
 
     title: Annotated[Label, Field(max_length=60)] = ""
     """What a figure calls it; by default its name."""
@@ -147,8 +143,6 @@ class Solved(Table):
     first one at or after twice as many steps, or to the end of the budget. If its algorithm can end early, a
     run ends once that is certain. Only curves are recorded.
     """
-
-    omitted_at_default: ClassVar[Set[str]] = {"given_up_after"}
 
     success: Annotated[float, Field(gt=0, le=1)] = 0.9
     """The level."""

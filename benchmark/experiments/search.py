@@ -10,9 +10,9 @@ themselves evenly spread. With several parts, trial t is therefore point t, and 
 
 import hashlib
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
@@ -96,8 +96,6 @@ Space = dict[str, Axis]  # dotted key of a setting to its range
 class Search(Table):
     """How much a search tries. The runs of a trial are those that its variant declares, in every scenario."""
 
-    omitted_at_default: ClassVar[Set[str]] = {"parts"}
-
     trials: Annotated[int, Field(ge=1, le=5000)]
     """Trials of each learner, besides trial 0."""
     parts: Annotated[int, Field(ge=1, le=100)] = 1
@@ -155,8 +153,6 @@ class Finalist(Table):
 
 class Chosen(Finalist):
     """The settings that a search has chosen for a learner, and the effort of the search."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"picks"}
 
     picks: tuple[Finalist, ...] = ()  # the best of every part, if there are several parts
     trials: int  # that were tried, without trial 0

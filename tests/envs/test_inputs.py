@@ -1,29 +1,6 @@
 """Tables that are written, and read again."""
 
-from collections.abc import Set
-from typing import ClassVar
-
-from envs.inputs import Table, override, parse
-
-
-class Inner(Table):
-    """A table with a key that it got later."""
-
-    omitted_at_default: ClassVar[Set[str]] = {"added"}
-    old: int = 1
-    added: int = 2
-
-
-class Outer(Table):
-    """A table that holds it."""
-
-    inner: Inner = Inner()
-
-
-def test_keys_added_later_are_written_only_if_they_differ_from_their_defaults() -> None:
-    for table, written in ((Outer(), {"old": 1}), (Outer(inner=Inner(added=3)), {"old": 1, "added": 3})):
-        assert table.model_dump(mode="json") == {"inner": written}
-        assert parse(Outer, {"inner": written}, "test") == table
+from envs.inputs import override
 
 
 def test_overrides_change_no_table_of_the_caller() -> None:
