@@ -12,7 +12,6 @@ import pandas as pd
 
 from benchmark.drawing.tables import duration
 from benchmark.folder import Folder, with_titles
-from envs.words import listed
 
 Names = Mapping[str, object]  # what a text can name: texts, and functions that return some
 
@@ -62,20 +61,10 @@ class Tables:
         rows = self.rows(table, **where)
         return str(rows[of].nunique() if of else len(rows))
 
-    def names(self, table: str, column: str, **where: object) -> str:
-        """Returns the different values of a column, as a list in words."""
-        return listed(map(str, self.rows(table, **where)[column].unique()))
-
     def claim(self, is_true: object, sentence: str) -> str:
         """Notes a sentence in `failed` unless it is true; returns an empty text."""
         self.failed += [] if is_true else [sentence]
         return ""
-
-
-def gain_of(tables: Tables) -> Callable[[str], str]:
-    """Returns a function that says, in words, what a search gained for a learner."""
-    default, chosen = (tables.numbers("chosen", key, "learner", ".2f") for key in ("default", "chosen"))
-    return lambda learner: f"from {default(learner)} to {chosen(learner)}"
 
 
 def steps_of(tables: Tables) -> Callable[..., str]:

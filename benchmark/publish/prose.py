@@ -41,7 +41,7 @@ def written(folder: Folder, template: Path | None = None) -> str | None:
         return None
     tables = Tables(folder)
     known = {"rows": tables.rows, "row": tables.row, "values": tables.values, "number": tables.number}
-    known |= {"numbers": tables.numbers, "count": tables.count, "names": tables.names, "claim": tables.claim}
+    known |= {"numbers": tables.numbers, "count": tables.count, "claim": tables.claim}
     named = _named(template.with_name(f"{template.name.partition('.')[0]}.py"), tables)
     text = rendered(template, {**known, **named})
     if tables.failed:
