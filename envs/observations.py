@@ -67,11 +67,6 @@ def check_form(observation: str) -> None:
         unknown_name("observation", "form", str(observation), OBSERVATIONS)
 
 
-def is_relative(observation: str) -> bool:
-    """Returns whether a form gives people's positions relative to the agent, where they are seen."""
-    return bool(_PARTS.get(observation, ("", ""))[0])
-
-
 @lru_cache(maxsize=256)
 def seen_as(scenario: Scenario, observation: str) -> Scenario:
     """Returns a scenario with the components that an agent is given in a form."""

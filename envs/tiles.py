@@ -36,12 +36,6 @@ class Tiles(NamedTuple):
     tiles: NDArray[np.int32]  # (rows, n_tilings) features, numbered from 0
 
 
-def check_tiles(scenario: Scenario, n_tilings: int, parts: Parts = "joint") -> None:
-    """Refuses, by an InputError, features that do not fit into memory."""
-    n, n_sets = scenario.n_observations, len(_sets([*range(scenario.n_positions)], scenario, parts))
-    _check_size(n, n_sets, n_tilings, parts)
-
-
 def _check_size(n: int, n_sets: int, n_tilings: int, parts: Parts) -> None:
     if n_sets > 1:
         _check(n_sets, n, MAX_ROWS, f"parts = {parts}: {n_sets} sets of positions")

@@ -32,13 +32,6 @@ def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen 
     return made.learners[learner]
 
 
-def changed_settings(declared: Declaration, variant: str) -> list[str]:
-    """Lists the settings that a search has chosen for a variant and that the experiment changes."""
-    name, searched = declared.algorithms[variant].source
-    varied = _search(name).declared.algorithms[searched].search if name else {}
-    return [key for key in varied if key in declared.algorithms[variant].settings]
-
-
 def digest_of_search(search: Declaration) -> str:
     """Returns a digest of what a search depends on: its file but texts and colours, scenarios, versions."""
     texts: dict[str, Any] = dict.fromkeys(("description", "note", "report"), True)
@@ -72,15 +65,11 @@ def check_source(declared: Declaration, variant: str, path: Path) -> None:
         raise InputError(f"{where}: its stream is that of the search; accepted: another stream.")
 
 
-def check_seeds(declared: Declaration, variant: str, path: Path, n_seeds: int = 0) -> None:
-    """Refuses, by an InputError, seeds on which a variant's settings were chosen.
-
-    It checks the seeds that the variant declares, or the first `n_seeds` if that is more.
-    """
+def check_seeds(declared: Declaration, variant: str, path: Path) -> None:
+    """Refuses, by an InputError, seeds on which a variant's settings were chosen."""
     name, searched = declared.algorithms[variant].source
     taken = _search(name).declared.seeds_of_search(searched) if name else ()
-    for seeds in {declared.seeds_of(variant, condition) for condition in declared.conditions.values()}:
-        own = range(seeds.start, max(seeds.stop, seeds.start + n_seeds))
+    for own in {declared.seeds_of(variant, condition) for condition in declared.conditions.values()}:
         if any(overlap(own, seeds) for seeds in taken):
             used = " and ".join(f"{seeds.start} to {seeds.stop - 1}" for seeds in taken)
             found = f"{path}: {_key(declared, variant)}: the search has used the seeds {used}"

@@ -36,8 +36,6 @@ class Learner:
     """What its variant counts as, see `_learners` and `Algorithm.family`."""
     chosen: Chosen | None
     """What its search has chosen for it, if it has one."""
-    changed: tuple[str, ...] = ()
-    """The chosen settings that the experiment overrides."""
 
     @property
     def name(self) -> str:
@@ -211,7 +209,6 @@ def _learners(declared: schema.Declaration, name: str, path: Path) -> Iterator[L
     """
     variant, where = declared.algorithms[name], f"{path}: algorithms.{name}"
     algorithm = load_algorithm(variant.algorithm, where)
-    changed = tuple(choices.changed_settings(declared, name))
     of = declared.algorithms.get(variant.reference_for)
     accepted = [form for form in algorithm.observations if of is None or form in of.observations]
     learners: list[Learner] = []
@@ -219,7 +216,7 @@ def _learners(declared: schema.Declaration, name: str, path: Path) -> Iterator[L
         if observation not in accepted:
             unknown_name(where, f"observation for {variant.algorithm}", observation, accepted)
         chosen = choices.chosen_for(declared, name, observation)
-        learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed))
+        learners.append(Learner(name, observation, variant, algorithm, algorithm.family, chosen))
     first = next(iter(declared.conditions.values()))
     families = {_family(it, own) for it in learners for own in _settings(declared, it, first, path)}
     family = families.pop() if len(families) == 1 else algorithm.family
