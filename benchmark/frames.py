@@ -1,7 +1,6 @@
 """Runs as data frames, for an analysis of your own: `from benchmark import curves, runs`."""
 
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +10,7 @@ from envs.packages import needed_by
 with needed_by("benchmark.frames"):
     import pandas as pd
 
-    from benchmark.analysis.frames import tables
+    from benchmark.analysis.frames import Group, tables
     from benchmark.execution.store import NoRunsError, Store
     from benchmark.experiments import Experiment, all_specifications, load_experiment
     from benchmark.folder import SCORES, Folder, with_titles
@@ -76,7 +75,7 @@ def _stored(experiment: Experiment, results: Path, which: int, is_whole: bool) -
         ended = store.ended()
         declared = [group for groups in report_of(experiment).stages(store) for group in groups]
         runs = ([run for run in group.runs if run.digest in ended] for group in declared)
-        there = [replace(group, runs=own) for group, own in zip(declared, runs, strict=True)]
+        there = [Group(group.population, own) for group, own in zip(declared, runs, strict=True)]
         n, n_all = (sum(len(group.runs) for group in groups) for groups in (there, declared))
         if n == n_all or (n and not is_whole):
             return tables([group for group in there if group.runs], store)[which]

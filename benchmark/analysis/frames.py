@@ -5,9 +5,8 @@ All published tables and figures are computed from these two, except for maps of
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,13 +28,11 @@ KEYS: Final = ("scenario", "condition", "variant", "observation", "learner")
 ENDPOINTS: Final = ("success", "score", "unbounded_score", "steps", "wrong_pings", "uncomfortable_steps")
 
 
-@dataclass(frozen=True, eq=False)
-class Group:
+class Group(NamedTuple):
     """Runs that become rows of the tables: all of a population, or some."""
 
     population: Population
     runs: Sequence[RunSpecification]
-    more: Mapping[str, str] = field(default_factory=dict)  # columns besides those that name the population
 
 
 def keys_of(population: Population) -> dict[str, str]:
@@ -59,7 +56,7 @@ def tables(
         if records.run.solved is None and not records.arrays[evaluated("success", policy, "start")].shape[1]:
             where = f"{records.run.stream}: algorithms.{records.run.variant}.policy = {policy}"
             raise InputError(f"{where}: its training returns no such policy; accepted: greedy.")
-        keys, steps = keys_of(group.population) | dict(group.more), records.evaluation_steps
+        keys, steps = keys_of(group.population), records.evaluation_steps
         wanted = _recorded(records.run).intersection(columns or {*_RUN_COLUMNS, *_CURVE_COLUMNS})
         endpoints, progress = (
             {name: compute(records, policy) for name, compute in computed.items() if name in wanted}
@@ -151,9 +148,6 @@ _RUN_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
     **{name: partial(_unseen, *which) for name, which in _UNSEEN.items()},
     "area": _area,
     "earliness": _earliness,
-    "target_cells_marked": lambda records, _: (records.values_ping & records.in_target).sum(axis=1),
-    "cells_marked": lambda records, _: records.values_ping.sum(axis=1),
-    "region_overlap": lambda records, _: records.region_overlap,
     "training_wrong_pings": lambda records, _: records.arrays["disagreements"][:, -1],
     "diverged_at": lambda records, _: np.where(
         records.arrays["diverged_at"] < 0, np.inf, records.arrays["diverged_at"]
@@ -177,11 +171,10 @@ _MAPPED: Final = {
 }  # fmt: skip
 
 
-def by_population(frame: pd.DataFrame, *without: str) -> Iterator[tuple[dict[str, str], pd.DataFrame]]:
-    """Yields the rows of every population with its keys; leaving out keys merges populations."""
-    names = [name for name in KEYS if name not in without]
-    for values, rows in frame.groupby(names, sort=False):
-        yield dict(zip(names, map(str, values), strict=True)), rows
+def by_population(frame: pd.DataFrame) -> Iterator[tuple[dict[str, str], pd.DataFrame]]:
+    """Yields the rows of every population with its keys."""
+    for values, rows in frame.groupby([*KEYS], sort=False):
+        yield dict(zip(KEYS, map(str, values), strict=True)), rows
 
 
 def by_step(curves: pd.DataFrame, column: str) -> Floats:

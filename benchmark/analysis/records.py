@@ -91,15 +91,11 @@ class Records:
     def values_ping(self) -> NDArray[np.bool_]:
         """(N, F) in which fresh states an agent values PING after training.
 
-        With action values, PING's is above zero and differs from the initial value; with probabilities, also
-        of a learner that has both, PING is the likeliest action.
+        Its value is above zero and differs from the initial one.
         """
-        stochastic, q = self.arrays["stochastic"], self.arrays["q"]
-        if stochastic.shape[1]:
-            valued = stochastic[:, -1].argmax(axis=-1) == PING
-        else:
-            initial = np.array([getattr(run.settings, "initial_value", 0) for run in self.runs])
-            valued = (q[:, :, PING] > 0) & (q[:, :, PING] != initial[:, None])
+        q = self.arrays["q"][:, :, PING]
+        initial = np.array([getattr(run.settings, "initial_value", 0) for run in self.runs])
+        valued = (q > 0) & (q != initial[:, None])
         return np.asarray(valued[:, self.model.observation[self.model.fresh_state]])
 
 

@@ -2,8 +2,7 @@
 
 Values over training are those of the first seed's agent, which was chosen before any result was seen; large
 tables are left out. For as many other agents as fit, there is the final greedy policy. From the compiled
-scenarios, the page looks up the outcomes of a step and computes the optimum. If a scenario has very many
-places, only some, evenly spread among them, are shown, with the observations there.
+scenarios, the page looks up the outcomes of a step and computes the optimum. Very large ones are left out.
 """
 
 import gzip
@@ -28,7 +27,7 @@ from envs.scene import scene_of
 
 FILE: Final = "agents.json.gz"
 MAX_VALUED: Final = 500  # observations of a learner whose values are shown
-MAX_STATES: Final = 70_000  # per scenario: those of as many places as fit, at least one
+MAX_STATES: Final = 200_000  # of a scenario that is shown
 MAX_MASKS: Final = 480  # per learner: final policies of as many agents as fit, at least one
 _PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene` that the page's script uses
 _NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
@@ -42,7 +41,10 @@ explorer_item: Final = writing(
 
 
 def write(shown: Sequence[Records], path: Path) -> None:
-    """Writes the explorer's file; each agent refers to its scene and its sight by index."""
+    """Writes the explorer's file, if it has agents; each refers to its scene and its sight by index."""
+    shown = [records for records in shown if len(records.model.observation) <= MAX_STATES]
+    if not shown:
+        return
     models = {records.model.scenario: records.model for records in shown}
     scenes: list[dict[str, object]] = []  # shared by scenarios that differ in what is observed
     sights: list[dict[str, object]] = []
@@ -51,14 +53,9 @@ def write(shown: Sequence[Records], path: Path) -> None:
         if (scene := _scene(model)) not in scenes:
             scenes.append(scene)
         index_of[scenario] = {"scene": scenes.index(scene), "sight": len(sights)}
-        seen = np.searchsorted(_seen(model), model.observation[_shown(model)])
         observed = [component.name for component in model.components]
-        sights.append({"observed": observed, "changes": np.diff(seen, prepend=0).tolist()})
+        sights.append({"observed": observed, "changes": np.diff(model.observation, prepend=0).tolist()})
     agents = [_learner(records) | index_of[records.model.scenario] for records in shown]
-    colours, diverging = (
-        [to_hex(colour) for colour in colour_map(name)(np.linspace(0, 1, 33))]
-        for name in (drawn.COLOUR_MAP, drawn.DIVERGING)
-    )
     data = {
         "actions": ACTIONS,
         "events": EVENTS,
@@ -67,8 +64,7 @@ def write(shown: Sequence[Records], path: Path) -> None:
         "no_number": _NO_NUMBER,
         "first_mask": _FIRST_MASK,
         "tolerance": OPTIMUM_TOLERANCE,
-        "colours": colours,
-        "diverging": diverging,
+        "colours": [to_hex(colour) for colour in colour_map(drawn.COLOUR_MAP)(np.linspace(0, 1, 33))],
         "palette": {name: "#{:02x}{:02x}{:02x}".format(*drawn.COLOURS[name]) for name in _PALETTE},
         "clipped_share": drawn.CLIPPED_SHARE,
         "triangles": drawn.TRIANGLES.tolist(),
@@ -91,28 +87,25 @@ def _learner(records: Records) -> dict[str, object]:
 
     Maps hold action values, `q`, or the action probabilities of a stochastic policy.
     """
-    seen = _seen(records.model)
-    n_observations = len(seen)
-    last = len(records.map_indices) - 1
+    n_observations, last = records.model.n_observations, len(records.map_indices) - 1
     has_values = n_observations <= MAX_VALUED
     chosen = [*(range(0, last, 2) if has_values and last > 1 else []), last]
     points = records.map_indices[chosen]  # among the evaluation steps
     first = records.agents[0]
     n_shown = min(len(records.seeds), max(MAX_MASKS // n_observations, 1))
-    others = [agent["greedy"][-1, seen] for agent in records.agents[1:n_shown]]
+    others = [agent["greedy"][-1] for agent in records.agents[1:n_shown]]
     return {
         "scenario": records.scenario,
         "variant": records.run.variant,
         "observation": records.run.observation,
         "horizon": records.run.horizon,
-        "unit": getattr(records.run.settings, "budget_unit", "steps"),
         "kind": "probability" if first["stochastic"].shape[0] else "q",
         "discount": records.run.settings.discount_factor,
         "steps": [records.evaluation_steps[point] for point in points],
         "score": _listed(records.unbounded_scores()[0, points]),
         "success": _listed(first["success"][points]),
-        "values": _integers(first["values"][chosen][:, seen]) if has_values else None,
-        "greedy": _characters(first["greedy"][points][:, seen]),
+        "values": _integers(first["values"][chosen]) if has_values else None,
+        "greedy": _characters(first["greedy"][points]),
         "seeds": list(records.seeds[:n_shown]),
         "others": {  # after the first
             "score": _listed(records.unbounded_scores()[1:n_shown, -1]),
@@ -122,55 +115,37 @@ def _learner(records: Records) -> dict[str, object]:
     }
 
 
-def _shown(model: Model) -> NDArray[np.int_]:
-    """Returns the states that are shown, in rising order."""
-    n_block = len(model.observation) // model.n_places
-    n_places = min(max(MAX_STATES // n_block, 1), model.n_places)
-    places = np.arange(n_places) * model.n_places // n_places
-    return np.asarray((places[:, None] * n_block + np.arange(n_block)).ravel())
-
-
-def _seen(model: Model) -> NDArray[np.int_]:
-    """Returns the observations that are shown, in rising order: if all states are shown, all."""
-    shown = _shown(model)
-    is_all = len(shown) == len(model.observation)
-    return np.arange(model.n_observations) if is_all else np.unique(model.observation[shown])
-
-
 def _scene(model: Model) -> dict[str, object]:
     """Returns the looks of a scenario and the effects of each action, whatever is observed of it.
 
-    `views` has a map for each shown place and phase. Effects are the same in many states, so each refers to
+    `views` has a map for each place and phase. Effects are the same in many states, so each refers to
     one of the `kinds`: flattened lists, (kinds, A, K) of outcomes, (kinds,) of `over`, else (kinds, A).
     """
-    scenario, shown = model.scenario, _shown(model)
-    views = [scene_of(model, context) for context in np.unique(model.context[shown]).tolist()]
+    scenario, n_states = model.scenario, len(model.observation)
+    views = [scene_of(model, context) for context in np.unique(model.context).tolist()]
     effects = {
-        "change": model.next_state[shown] - shown[:, None, None],
-        "probability": model.probability[shown],
-        "grid_reward": model.grid_reward[shown],
-        "issuer_reward": model.issuer_reward[shown],
-        "terminated": model.terminated[shown].astype(int),
-        "event": model.event[shown],
+        "change": model.next_state - np.arange(n_states)[:, None, None],
+        "probability": model.probability,
+        "grid_reward": model.grid_reward,
+        "issuer_reward": model.issuer_reward,
+        "terminated": model.terminated.astype(int),
+        "event": model.event,
     }
-    columns = np.concatenate([values.reshape(len(shown), -1) for values in effects.values()], axis=1)
+    columns = np.concatenate([values.reshape(n_states, -1) for values in effects.values()], axis=1)
     _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
-    effects["over"] = model.is_over[shown].astype(int)
+    effects["over"] = model.is_over.astype(int)
     starts = np.concatenate([model.starts, model.unseen_starts])
-    n_places = len(views) // len(scenario.layout.stages)
-    # Both keys are only set where they matter, so that other files stay the same.
     more = {"group": scenario.n_people} if scenario.group else {}
-    more |= {"of_places": model.n_places} if n_places < model.n_places else {}
     return more | {
         "rows": views[0].rows,
         "columns": views[0].columns,
         "walls": np.flatnonzero(views[0].is_wall).tolist(),
         "outlines": [*drawn.BORDERS.values()],
         "views": [view.as_json() for view in views],
-        "shape": [n_places, len(scenario.layout.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
+        "shape": [model.n_places, len(scenario.layout.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
         "ticks": scenario.layout.ticks.tolist(),
         "phases": [stage.name for stage in scenario.layout.stages],
-        "starts": np.searchsorted(shown, starts[np.isin(starts, shown)]).tolist(),
+        "starts": starts.tolist(),
         "kind": kind.ravel().tolist(),
         "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()},
         "issuer_noise": float(model.issuer_noise.max()),

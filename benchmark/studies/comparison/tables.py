@@ -161,7 +161,7 @@ def scores(analysis: ComparisonAnalysis, path: Path) -> None:
     """Writes `runs`; `every_cell_` marks episodes that start in any cell, `diverged_at` may be infinite."""
     runs = analysis.runs
     names = [*NAMES, "policy", "seed", *RESULTS, *(f"every_cell_{name}" for name in RESULTS)]
-    names += ["greedy_success", *runs.loc[:, "target_cells_marked":"diverged_at"]]
+    names += ["greedy_success", "training_wrong_pings", "diverged_at"]
     write_csv(runs[[name for name in names if name in runs]], path)
 
 

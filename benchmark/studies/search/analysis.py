@@ -31,7 +31,6 @@ Row = dict[str, object]
 
 COLUMNS: Final = ("area", "earliness", "cpu_time_s")  # columns of runs that a search needs, if they exist
 ALL: Final = "all"  # stands for all scenarios
-_SEARCHED, _FRESH = "search", "fresh"  # stages
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +112,7 @@ def stages(experiment: Experiment, _: Declared, store: Store) -> Iterator[list[G
     """Yields the runs of both stages; the caller stores the first before it asks for the second."""
     search, names = experiment.declared.search, [*experiment.scenarios]
     assert search is not None
-    first = [Group(each, each.runs(), {"stage": _SEARCHED}) for each in experiment.populations]
+    first = [Group(each, each.runs()) for each in experiment.populations]
     yield first
     runs, fresh, conditions = tables(first, store, COLUMNS)[0], list[Group](), [*experiment.conditions]
     for learner in experiment.learners.values():
@@ -121,7 +120,7 @@ def stages(experiment: Experiment, _: Declared, store: Store) -> Iterator[list[G
         again = product([*chain(*finalists(searched, search)), 0], names)
         for trial, name in dict.fromkeys([*again, *zip(best_by_scenario(searched), names, strict=True)]):
             population = experiment.population(conditions[trial], name, learner.name)
-            fresh.append(Group(population, population.runs(search.fresh), {"stage": _FRESH}))
+            fresh.append(Group(population, population.runs(search.fresh)))
     yield fresh
 
 
@@ -147,15 +146,22 @@ def outcomes(experiment: Experiment, runs: pd.DataFrame) -> Iterator[Outcome]:
     assert search is not None
     for learner in experiment.learners.values():
         searched = _searched(experiment, runs, learner)
-        again = runs[(runs["learner"] == learner.name) & (runs["stage"] == _FRESH)]
+        again = runs[(runs["learner"] == learner.name) & _is_fresh(experiment, runs)]
         groups = again.groupby(["trial", "scenario"], sort=False)[measure_of(experiment)]
         fresh = {(int(str(trial)), str(name)): rows.to_numpy() for (trial, name), rows in groups}
         yield Outcome(learner, searched, fresh, finalists(searched, search))
 
 
+def _is_fresh(experiment: Experiment, runs: pd.DataFrame) -> "pd.Series[bool]":
+    """Returns which runs are those of the second stage, whose seeds are fresh."""
+    search = experiment.declared.search
+    assert search is not None
+    return runs["seed"].isin(search.fresh)
+
+
 def _searched(experiment: Experiment, runs: pd.DataFrame, learner: Learner) -> Floats:
     """Returns the measures of a learner's trials on the first seeds, (trials, I, N)."""
-    rows = runs[(runs["learner"] == learner.name) & (runs["stage"] == _SEARCHED)]
+    rows = runs[(runs["learner"] == learner.name) & ~_is_fresh(experiment, runs)]
     measures = rows[measure_of(experiment)].to_numpy()
     return measures.reshape(len(experiment.conditions), len(experiment.scenarios), -1)
 
@@ -163,8 +169,8 @@ def _searched(experiment: Experiment, runs: pd.DataFrame, learner: Learner) -> F
 def _chosen(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Chosen:
     """Returns the best settings of a learner and the effort of finding them."""
     learner, candidates = outcome.learner, {*chain(*outcome.finalists), *outcome.picks}
-    is_final = (runs["stage"] == _FRESH) & runs["trial"].isin([*map(str, candidates)])
-    tried = runs[(runs["learner"] == learner.name) & ((runs["stage"] == _SEARCHED) | is_final)]
+    counts = ~_is_fresh(experiment, runs) | runs["trial"].isin([*map(str, candidates)])
+    tried = runs[(runs["learner"] == learner.name) & counts]
     picks = [
         Finalist(
             trial=t, settings=_declared_settings(experiment, learner, t), score=round(outcome.mean(t), 6)

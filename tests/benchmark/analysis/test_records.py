@@ -53,14 +53,6 @@ def test_ping_is_valued_where_its_value_is_positive() -> None:
     assert [np.flatnonzero(valued).tolist() for valued in made.values_ping] == [[7], [7]]
 
 
-def test_stochastic_policies_value_ping_where_it_is_the_likeliest() -> None:
-    stochastic = np.full((1, 4, 120, 5), 0.2)
-    stochastic[0, -1, 7] = [0.1, 0.1, 0.1, 0.1, 0.6]
-    stochastic[0, 0, 9] = [0.1, 0.1, 0.1, 0.1, 0.6]  # not after training
-    marked = population(n=1, stochastic=stochastic, q=np.ones((1, 120, 5))).values_ping
-    assert np.flatnonzero(marked[0]).tolist() == [7]
-
-
 def test_optimal_values_by_hand() -> None:
     # PING pays 1 in a target cell. The start is ten moves away; each costs 0.1. The discount is 0.9.
     values = optimal_values(population())

@@ -116,8 +116,9 @@ def test_the_winner_of_a_lottery_does_not_win(
     assert finalists(areas, search) == finalists_of_parts
     assert best_by_scenario(areas) == [1, 3]
     rows, again = [], [declared, *FRESH[1:]]
-    for (stage, means), each in product({"search": FIRST, "fresh": again}.items(), experiment.populations):
-        row = keys_of(each) | {"stage": stage}
+    seeds = (search.fresh.start - 1, FIRST), (search.fresh.start, again)
+    for (seed, means), each in product(seeds, experiment.populations):
+        row: dict[str, Any] = keys_of(each) | {"seed": seed}
         at = [*SMALL.scenarios].index(row["scenario"])
         rows.append(row | {"area": means[int(row["trial"])][at]})
     assert [outcome.picks for outcome in outcomes(experiment, pd.DataFrame(rows))] == [picks] * 3

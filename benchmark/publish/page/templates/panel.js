@@ -134,10 +134,8 @@ class Panel {
 function described(agent, map) {
   const values = { q: `Action values, discount ${agent.discount}.`, probability: "Probabilities of the stochastic policy." }[agent.kind];
   const what = agent.hasValues ? values : "Only the final greedy policy of this agent is published.";
-  const { shape, of_places: all, starts } = agent.room;
-  const few = all ? ` ${shape[0]} of ${all} places are shown.` : "";
-  const diverged = agent.hasDiverged(map, starts[0]) ? " This net has diverged: its policy counts as the random one." : "";
-  return `${what}${few}${diverged} At step ${grouped(agent.steps[map])}: score ${show(agent.score[map])}, success ${show(agent.success[map])}.`;
+  const diverged = agent.hasDiverged(map, agent.room.starts[0]) ? " This net has diverged: its policy counts as the random one." : "";
+  return `${what}${diverged} At step ${grouped(agent.steps[map])}: score ${show(agent.score[map])}, success ${show(agent.success[map])}.`;
 }
 
 // The numbers of a cell.
