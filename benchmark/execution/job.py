@@ -125,7 +125,7 @@ def _train_until_solved(run: RunSpecification) -> Arrays:
     schedule, has_unseen = run.schedule, len(model.unseen_starts) > 0
     n_steps = len(schedule.evaluation_steps)
     success: list[float] = []
-    after = float(run.solved.get("given_up_after", math.inf))
+    after = float(run.solved.get("given_up_after") or math.inf)
     is_given_up = partial(given_up, success, schedule.evaluation_steps, enough, after)
 
     def is_over(policy: NDArray[np.float64]) -> bool:
