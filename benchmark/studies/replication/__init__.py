@@ -58,10 +58,8 @@ def headline(folder: Folder) -> str | None:
     rows = weakest(frame[frame["agents"] == n_agents])
     parts = [(name, rows[rows["verdict"] == name]) for name in VERDICTS]
     counts = [f"{len(judged)} × {name}" for name, judged in parts if len(judged)]
-    like = f"{len(rows)} claims like the paper's, in scenes or with settings that may not be the paper's"
-    is_the_papers = folder.manifest["experiment"] == "reproduce"  # a name that no other experiment can have
-    scope = f"the paper's {len(rows)} claims" if is_the_papers else like
-    return f"Verdicts on {scope}, with {n_agents:,} agents per scenario: {', '.join(counts)}."
+    scope = f"the paper's {len(rows)} claims, with {n_agents:,} agents per scenario"
+    return f"Verdicts on {scope}: {', '.join(counts)}."
 
 
 STUDY: Final = Study(

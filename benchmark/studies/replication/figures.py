@@ -1,4 +1,4 @@
-"""The figures of a replication: the paper's, verdicts by reading, curves, and distance from the optimum."""
+"""The figures of a replication: the paper's, verdicts by reading, and distance from the optimum."""
 
 from string import ascii_lowercase
 from textwrap import fill
@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
-from benchmark.drawing.style import COLOURS, WIDTH, draw_cells, figure_of, name_lines, norm_of
+from benchmark.drawing.style import COLOURS, WIDTH, draw_cells, figure_of, norm_of
 from benchmark.studies.item import drawing
 from benchmark.studies.replication import tables
 from benchmark.studies.replication.analysis import ReplicationAnalysis
@@ -23,7 +23,6 @@ from envs.scene import scene_of
 
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # by brightness, too
-_DASHES: Final = ("-", "--", ":")
 _BLOCK: Final = 5  # records of a curve that share a point of the figure
 _OF_BLOCK: Final = {"step": "first", "mean": "mean", "min": "min", "max": "max"}
 
@@ -86,28 +85,6 @@ def sensitivity(analysis: ReplicationAnalysis, table: pd.DataFrame) -> Figure:
         draw_cells(axes[0, 0], cells, [claim.title for claim in CLAIMS], columns)
         text = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
         figure.supxlabel(f"{text}, with {table['agents'].iloc[0]} agents per scenario", fontsize="small")
-    return figure
-
-
-@tables.learning.figure(
-    "How often agents succeed while they learn, and how many act optimally; shade: 95 % interval."
-)
-def learning(analysis: ReplicationAnalysis, table: pd.DataFrame) -> Figure:
-    """Draws curves of success and of the share of optimal agents, one per scenario."""
-    panels = {"success": "success", "optimal_share": "share of agents that are optimal"}
-    with figure_of(1, len(panels), (WIDTH, 2.8)) as (figure, axes):
-        for axis, (key, label) in zip(axes[0], panels.items(), strict=True):
-            ends = {}
-            for i, name in enumerate(analysis.few):
-                rows, style = table[table["scenario"] == name], {"color": COLOURS[i], "ls": _DASHES[i]}
-                sns.lineplot(rows, x="step", y=key, estimator=None, ax=axis, **style)
-                low, high = rows[f"{key}_low"], rows[f"{key}_high"]
-                axis.fill_between(rows["step"], low, high, color=COLOURS[i], alpha=0.25, lw=0)
-                ends[name] = float(rows[key].iloc[-1]), style
-            axis.set(xlabel="environment step", ylabel="", title=label)
-            axis.set(xlim=(0, max(table["step"].max(), 1)), ylim=(-0.03, 1.03))
-            axis.xaxis.set_major_locator(MaxNLocator(4))
-            name_lines(axis, ends)
     return figure
 
 
