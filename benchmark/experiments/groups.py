@@ -31,6 +31,4 @@ def finding(tables: Tables) -> Names:
         "unseen": tables.numbers("cells", "unseen_budget", "learner", ".2f", **at_128),
         "cost": tables.numbers("cpu", "cpu_time_s", "learner", "time", **at_128),
         "wrong_pings": tables.numbers("cells", "disagreements", "learner", **at_128),
-        "optimal": tables.numbers("ceilings", "optimal", "grid observation", ".2f"),
-        "exact_success": tables.numbers("ceilings", "success", "grid observation", ".2f"),
     }

@@ -1,7 +1,7 @@
 """Contrasts of a map: which of two learners needs less until it has learned.
 
-Two learners are compared by what a run takes until it has learned, in steps and in wrong PINGs: by the
-probability that the first takes less, with ties counted as a half, over pairs of runs of the same seed, which
+Two learners are compared by the steps that a run takes until it has learned: by the probability that the
+first takes less, with ties counted as a half, over pairs of runs of the same seed, which
 have the same draw of the scenario. Where there are unseen places, they are also compared by how often runs
 fail there at the end of training, whether they have learned or not. Pairs are independent, so the mean of
 these numbers, each 0, 1/2 or 1, has the interval of a proportion, and what a scenario draws is part of its
@@ -39,12 +39,11 @@ from benchmark.studies.map.declared import MapDeclared, compared, name_of
 FASTER, SLOWER, UNDECIDED = "faster", "slower", "undecided"
 NEITHER: Final = "neither learns"  # most runs of neither learner learn
 NO_VERDICT: Final = "no verdict"  # for one of the reasons below
-VERDICTS: Final = (FASTER, SLOWER, NEITHER, UNDECIDED, NO_VERDICT)
 COARSE: Final = "evaluations are too far apart"
 TRIVIAL: Final = "an untrained policy reaches the level"
 LOST: Final = "the faster learner has lost the level at the end of training"
 # In which contrasts are decided; in the last one, only where there are unseen places
-UNITS: Final = {"steps": "steps", "disagreements": "wrong PINGs", "failures": "failures in unseen places"}
+UNITS: Final = ("steps", "failures")
 _SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
 _ERROR: Final = 0.05  # the probability of any wrong verdict
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
@@ -88,9 +87,9 @@ class Contrast:
         return [float(wins.mean()) for wins in by_pick(wins_of(x, y), self.x, self.y)]
 
     @cached_property
-    def ratios(self) -> dict[str, Estimate]:
-        """How many times as much y takes as x, by unit."""
-        return {unit: ratio(*self.learned, unit) for unit in ("steps", "disagreements")}
+    def ratio(self) -> Estimate:
+        """How many times as many steps y takes as x."""
+        return ratio(*self.learned)
 
 
 def wins_of(x: Numbers, y: Numbers) -> Numbers:
@@ -104,19 +103,19 @@ def by_pick(values: Numbers, *populations: Population) -> list[Numbers]:
     return [values[pick::n_picks] for pick in range(min(n_picks, len(values)))]
 
 
-def ratio(x: Runs, y: Runs, unit: str) -> Estimate:
-    """Returns the median of y divided by that of x, over pairs of runs, see `until_learned`.
+def ratio(x: Runs, y: Runs) -> Estimate:
+    """Returns the median steps of y divided by those of x, over pairs of runs, see `until_learned`.
 
     Where at least half of the runs never learn, what they spend within the budget counts, so the ratio is
     a bound. It is NaN if this holds for both learners, or if a median is 0. The 95 % interval comes from
     resampling pairs.
     """
-    rng, n = np.random.default_rng(BOOTSTRAP_SEED), len(x[unit])
+    rng, n = np.random.default_rng(BOOTSTRAP_SEED), len(x["steps"])
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
-    medians = [np.median(runs[unit][drawn], axis=1) for runs in (x, y)]
+    medians = [np.median(runs["steps"][drawn], axis=1) for runs in (x, y)]
     if all(np.isinf(median[0]) for median in medians) or any(median[0] == 0 for median in medians):
         return Estimate(np.nan, np.nan, np.nan)
-    spent = [np.median(runs[f"spent_{unit}"]) for runs in (x, y)]
+    spent = [np.median(runs["spent_steps"]) for runs in (x, y)]
     below, above = (np.where(np.isinf(m), most, m) for m, most in zip(medians, spent, strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have learned at step 0
         samples = above / below

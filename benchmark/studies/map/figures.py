@@ -1,59 +1,38 @@
-"""Figures of a map: steps and success along an axis and at one point, and verdicts."""
+"""Figures of a map: steps and success along an axis and at one point."""
 
 from collections.abc import Mapping, Sequence
-from itertools import groupby
 from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 
-from benchmark.drawing.style import INK, colour_map, figure_of
-from benchmark.drawing.tables import two_digits
+from benchmark.drawing.style import figure_of
 from benchmark.experiments import Experiment
 from benchmark.studies.data import style_of
 from benchmark.studies.item import drawing
 from benchmark.studies.map import tables
 from benchmark.studies.map.analysis import MapAnalysis
-from benchmark.studies.map.contrasts import FASTER, SLOWER, VERDICTS, Contrast
 from benchmark.studies.map.declared import Panel, axis_of
 
-_COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; numbers for x are bold, to tell them apart in grey
 _MIN_STEPS: Final = 100  # smaller numbers are drawn as this one
-_DARK: Final = 0.62  # share of the scale from which on ink is white
-_MAX_RATIO: Final = float(np.log(16.0))  # logarithm of the ratio from which on colours do not differ
 _FONT_SIZE: Final = 8.5
 _HEIGHT, _LINE = 160.0, 9.5  # points of an axis and of a line of text
-_NAME_WIDTH, _SIDE_WIDTH = 18, 60  # characters of a line of a name, at its curve and in a contrast
+_NAME_WIDTH: Final = 18  # characters of a line of a name at its curve
 _NAME_DISTANCE: Final = 13  # points from the end of a curve to its name
 _ROOM: Final = 0.6  # for names at the right of curves, as a share of their width
 _TICK_DISTANCE: Final = 0.07  # smallest distance of the texts of two ticks, as a share of the axis
-_MAX_COLUMNS: Final = 15  # points in a line of verdicts
-_SIGNS: Final = {  # of a ratio, in the order of their legend
-    "+": "orange and bold: the first learner needs fewer steps",
-    "-": "purple: the second does",
-    ">": "number: how many times as many the other one needs",
-    "≥": "≥ at least",
-    "!": "! decided, but without a ratio",
-    "–": "– most runs of neither learn",
-    "?": "? undecided",
-    "x": "x no verdict",
-    "": "blank: not compared",
-}
-_SIGN_OF: Final = dict(zip(VERDICTS, "!!–?x", strict=True))  # of a verdict without a ratio
 _NEVER: Final = "never learns"
 _LABELS: Final = {"groups": "places", "room": "cells"}  # of axes
 _WHAT: Final = {
     "steps": "steps until it has learned\n(fewer is better)",
     "unseen_budget": "success in unseen places\nafter {:,} steps (more is better)",
 }
-Point = tuple[str, str]  # a grid and a point of it; a gap between grids has empty names
 
 
 @drawing(
@@ -261,86 +240,3 @@ def _separate(axis: Axes, labels: Sequence[Annotation]) -> None:
         heights[i] = max(heights[i], bottom + halves[i])
         bottom = heights[i] + halves[i]
         names[i].set_position((_NAME_DISTANCE, heights[i] - ends[i]))
-
-
-@tables.verdicts.figure(
-    "Contrasts (rows) at each point of the grids (columns): where decided, which learner needs fewer steps, "
-    "and how many times as many the other needs. Headings name a grid and its axes, as in `cells: places`."
-)
-def verdicts(analysis: MapAnalysis, _: pd.DataFrame) -> Figure:
-    """Draws all contrasts; grids share a line while there is room."""
-    contrasts, learners = analysis.contrasts, analysis.data.experiment.learners
-    lines = _packed(contrasts)
-    shown = [[each for each in contrasts if _point(each) in columns] for columns in lines]
-    sides = [[*dict.fromkeys((each.names["x"], each.names["y"]) for each in line)] for line in shown]
-    height = 0.34 * sum(map(len, sides)) + 0.7 * len(lines) + 1.5
-    with figure_of(len(lines), 1, (7.9, height)) as (figure, axes):
-        axes[0, 0].get_gridspec().set_height_ratios([*map(len, sides)])
-        for axis, line, rows, columns in zip(axes.flat, shown, sides, lines, strict=True):
-            _draw_cells(axis, line, rows, columns)
-            axis.set_xlim(-0.5, max(map(len, lines)) - 0.5)
-            names = [[fill(learners[side].title, _SIDE_WIDTH) for side in pair] for pair in rows]
-            axis.set_yticks(range(len(rows)), [" vs\n".join(pair) for pair in names])
-        used = {*"+->", "", *(_sign(each)[0][:1] for each in contrasts)}
-        signs = [text.replace(" ", "\N{NO-BREAK SPACE}") for sign, text in _SIGNS.items() if sign in used]
-        figure.supxlabel(fill("; ".join(signs), 110))
-        _set_texts(figure, _FONT_SIZE)
-    return figure
-
-
-def _point(contrast: Contrast) -> Point:
-    return contrast.names["grid"], contrast.names["point"]
-
-
-def _packed(contrasts: Sequence[Contrast]) -> list[list[Point]]:
-    """Returns the columns of each line: the points of as many grids as have room."""
-    lines: list[list[Point]] = []
-    for _, points in groupby(dict.fromkeys(map(_point, contrasts)), key=lambda point: point[0]):
-        columns = [*points]
-        line = next((line for line in lines if len(line) + len(columns) < _MAX_COLUMNS), None)
-        if line is None:
-            lines.append(columns)
-        else:
-            line += [("", ""), *columns]
-    return lines
-
-
-def _draw_cells(
-    axis: Axes, contrasts: Sequence[Contrast], rows: Sequence[tuple[str, str]], columns: Sequence[Point]
-) -> None:
-    colours = np.full((len(rows), len(columns)), np.nan)
-    for contrast in contrasts:
-        y, x = rows.index((contrast.names["x"], contrast.names["y"])), columns.index(_point(contrast))
-        text, colour = _sign(contrast)
-        colours[y, x] = colour
-        ink = "black" if np.isnan(colour) else INK[int(abs(colour) > _DARK * _MAX_RATIO)]
-        weight = "bold" if colour > 0 else "normal"
-        axis.text(x, y, text, ha="center", va="center", color=ink, fontweight=weight)
-    edges = np.arange(len(columns) + 1) - 0.5, np.arange(len(rows) + 1) - 0.5
-    scale, norm = colour_map(_COLOUR_MAP), Normalize(-_MAX_RATIO, _MAX_RATIO)
-    axis.pcolormesh(*edges, colours, cmap=scale, norm=norm, edgecolors="white", linewidth=0.8)
-    for grid in dict.fromkeys(grid for grid, _ in columns if grid):
-        points = [point for name, point in columns if name == grid]
-        names = ", ".join(_LABELS.get(name, name) for name in points[0].replace(",", "").split()[::2])
-        title = names if names.startswith(grid) else f"{grid}: {names}".replace("_", " ")
-        title, left = fill(title, max(5 * len(points), 10)), columns.index((grid, points[0])) - 0.5
-        axis.text(left, -0.6, title, va="bottom", fontweight="bold")
-    labels = [", ".join(point.replace(",", "").replace("x", "×").split()[1::2]) for _, point in columns]
-    shown = [i for i, label in enumerate(labels) if label]
-    axis.set_xticks(shown, [labels[i] for i in shown])
-    axis.tick_params(length=0)
-    axis.tick_params(axis="x", rotation=90 if max(map(len, labels)) > 4 else 0)
-    axis.spines[:].set_visible(False)
-    axis.invert_yaxis()
-
-
-def _sign(contrast: Contrast) -> tuple[str, float]:
-    """Returns the text and colour of a contrast: the logarithm of its ratio, or NaN for none."""
-    verdict = contrast.decisions["steps"].verdict
-    logarithm = float(np.log(contrast.ratios["steps"].value))
-    if verdict not in (FASTER, SLOWER) or np.isnan(logarithm):
-        return _SIGN_OF[verdict], np.nan
-    # Where at least half of the runs of a side never learn, the ratio is a bound.
-    bound = "≥" * any(np.isinf(np.median(runs["steps"])) for runs in contrast.learned)
-    text = bound + two_digits(np.exp(abs(logarithm)))
-    return text, float(np.clip(logarithm, -_MAX_RATIO, _MAX_RATIO))

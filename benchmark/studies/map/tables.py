@@ -12,7 +12,6 @@ from benchmark.analysis.intervals import Estimate, median
 from benchmark.experiments import Population
 from benchmark.studies.item import COLUMNS, Item, item, no_rows
 from benchmark.studies.map.analysis import MapAnalysis, learner_of, point_of
-from benchmark.studies.map.contrasts import UNITS, VERDICTS
 from benchmark.studies.map.declared import name_of
 
 Row = Mapping[str, object]
@@ -47,15 +46,13 @@ def cpu(analysis: MapAnalysis) -> Iterator[Row]:
 @item(
     "contrasts",
     "which learner needs fewer steps",
-    "grid point x y n verdict faster picks picks_faster ratio wrong_pings_verdict fewer_wrong_pings "
-    "failures_verdict fewer_failures",
+    "grid point x y n verdict faster picks picks_faster ratio failures_verdict fewer_failures",
     labels=_LABELS | {"n": "pairs of runs"},
 )
 def contrasts(analysis: MapAnalysis) -> Iterator[Row]:
     """Tabulates the declared contrasts."""
     for contrast in analysis.contrasts:
-        steps, wrong_pings = (contrast.decisions[unit] for unit in ("steps", "disagreements"))
-        failures = contrast.decisions.get("failures")
+        steps, failures = contrast.decisions["steps"], contrast.decisions.get("failures")
         yield (
             point_of(contrast.x)
             | contrast.names
@@ -66,27 +63,11 @@ def contrasts(analysis: MapAnalysis) -> Iterator[Row]:
                 "faster": steps.faster,
                 "picks": len(contrast.shares),
                 "picks_faster": sum(share > 0.5 for share in contrast.shares),
-                "ratio": contrast.ratios["steps"],
-                "ratio_disagreements": contrast.ratios["disagreements"],
-                "wrong_pings_verdict": wrong_pings.verdict,
-                "fewer_wrong_pings": wrong_pings.faster,
+                "ratio": contrast.ratio,
                 "failures_verdict": failures.verdict if failures else "",
                 "fewer_failures": failures.faster if failures else _NONE,
             }
         )
-
-
-@item("verdicts", "how many verdicts each contrast has, over the points of a grid, by unit", where=no_rows)
-def verdicts(analysis: MapAnalysis) -> Iterator[Row]:
-    """Counts verdicts; a point of two grids counts in both."""
-    ended: dict[tuple[str, ...], list[str]] = {}
-    for contrast in analysis.contrasts:
-        for unit, decision in contrast.decisions.items():
-            key = *(contrast.names[name] for name in ("grid", "x", "y")), UNITS[unit]
-            ended.setdefault(key, []).append(decision.verdict)
-    for (grid, x, y, unit), found in ended.items():
-        counts = {verdict: found.count(verdict) for verdict in VERDICTS}
-        yield {"grid": grid, "x": x, "y": y, "unit": unit, "n": len(found), **counts}
 
 
 @item("runs", "every run: what it took until it had learned", where=no_rows)

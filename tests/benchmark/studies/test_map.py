@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from agents import load_algorithm
-from agents.dynamic_programming import evaluate, solve
+from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
 from benchmark.analysis.frames import keys_of, learned
 from benchmark.execution.job import execute_job
@@ -21,9 +21,8 @@ from benchmark.publish.document import Document
 from benchmark.studies import Item, report_of
 from benchmark.studies.map import figures, tables
 from benchmark.studies.map.analysis import MapAnalysis, analyse
-from benchmark.studies.map.ceilings import ceilings
 from benchmark.studies.map.contrasts import until_learned
-from envs import InputError, compile_scenario, load_scenario
+from envs import InputError
 from envs.observations import compile_seen
 from tests.benchmark.studies.conftest import experiment_of, results_of
 from tests.support import mistyped_columns
@@ -112,10 +111,6 @@ def test_tables_follow_from_the_runs_that_are_published(made: Path) -> None:
     assert means["shared"] > 0.6 > 0.5 > means["table"]  # what is known of an offset holds everywhere
     shared = frames["unseen"].query("learner == @OFFSETS")["unseen_success"]
     assert means["shared"] == pytest.approx(shared.mean(), abs=1e-5)
-    counts = frames["verdicts"].query("grid == 'places' and unit == 'steps'").iloc[0]
-    of_places = contrasts[contrasts["grid"] == "places"]["verdict"]
-    assert (counts["n"], counts["faster"]) == (3, of_places.eq("faster").sum())
-    assert counts["faster"] > 0
 
 
 def test_runs_of_a_seed_have_the_same_places(tmp_path: Path) -> None:
@@ -128,9 +123,11 @@ def test_runs_of_a_seed_have_the_same_places(tmp_path: Path) -> None:
 
 def test_the_headline_counts_verdicts(made: Path) -> None:
     headline = Document(made).headline or ""
-    for unit, verdict in (("steps", "faster"), ("wrong PINGs", "fewer")):
-        sentence = f"In {unit}, the shared table of offsets compared with the table: {verdict} at "
-        assert sentence in headline
+    verdicts = pd.read_csv(made / "contrasts.csv").query("grid == 'places'")["verdict"]
+    start = "the shared table of offsets compared with the table: "
+    assert start in headline
+    for verdict, n in verdicts.value_counts().items():
+        assert f"{verdict} at {n}" in headline.partition(start)[2]
 
 
 NET = """
@@ -212,28 +209,23 @@ def drawn(draw: Any, analysis: MapAnalysis) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("shared", "table", "verdict", "ratio", "sign"),
+    ("shared", "table", "verdict", "ratio"),
     [
-        (1000, 1600, "faster", 1.6, "1.6"),
-        (1000, np.inf, "faster", 100, "≥100"),  # runs that never learn: the budget counts
-        (np.inf, np.inf, "neither learns", np.nan, "–"),
-        (0, 0, "no verdict", np.nan, "x"),  # all succeed untrained
+        (1000, 1600, "faster", 1.6),
+        (1000, np.inf, "faster", 100),  # runs that never learn: the budget counts
+        (np.inf, np.inf, "neither learns", np.nan),
+        (0, 0, "no verdict", np.nan),  # all succeed untrained
     ],
 )
 def test_verdicts_and_ratios_by_hand(
-    shared: float, table: float, verdict: str, ratio: float, sign: str, tmp_path: Path
+    shared: float, table: float, verdict: str, ratio: float, tmp_path: Path
 ) -> None:
     steps = {"shared": shared, "table": table}
     analysis = by_hand(tmp_path, lambda population: {steps[population.learner.variant]: 1.0})
     contrasts = tabulated(tables.contrasts, analysis)
     assert {*contrasts["verdict"]} == {verdict}
-    for column in ("ratio", "ratio_disagreements"):
-        found = contrasts.iloc[0][[column, f"{column}_low", f"{column}_high"]].astype(float)
-        assert found.tolist() == pytest.approx([ratio] * 3, nan_ok=True)
-    texts = [text.get_text() for text in drawn(figures.verdicts, analysis)[0].texts]
-    assert texts.count(sign) == len(contrasts) == 6
-    titles = {"places", "rooms: cells, places", "unseen: places"}
-    assert {text.replace("\n", " ") for text in texts} - {sign} == titles
+    found = contrasts.iloc[0][["ratio", "ratio_low", "ratio_high"]].astype(float)
+    assert found.tolist() == pytest.approx([ratio] * 3, nan_ok=True)
     for draw in (figures.answer.draw, figures.picture.draw, figures.unseen):
         assert drawn(draw, analysis)  # without a difference, too
 
@@ -308,33 +300,6 @@ def test_panels_show_their_learners(people: MapAnalysis) -> None:
     for axis, n_learners in ((one, 2), (two, 1)):
         assert [line.get_linestyle() for line in axis.lines].count("None") == 2 * n_learners
         assert len({line.get_color() for line in axis.lines if line.get_linestyle() != "None"}) == n_learners
-
-
-def test_ceilings_are_those_of_votes_counted_one_by_one(people: MapAnalysis) -> None:
-    rows = tabulated(ceilings, people).to_dict("records")
-    found = {(row["grid"], row["observation"]): row for row in rows}
-    scene = load_scenario(
-        "Anywhere", {"grid.rows": 5, "grid.columns": 6, "group": {"people": 2, "apart": [2, 2]}}
-    )
-    q = solve(compile_scenario(scene), 1.0, 60, issuer_rewards=False).q
-    for form in ("index", "offset"):
-        model = compile_seen(scene, form)
-        votes: dict[int, list[set[int]]] = {}
-        for state in range(len(q)):
-            first = state % (30 * 5) < 30 and not model.is_over[state]  # before any PING; 30 cells, 5 PINGs
-            if first:
-                best = {a for a in range(5) if q[state, a] > max(q[state]) - 1e-9}
-                votes.setdefault(int(model.observation[state]), []).append(best)
-        most = [max(sum(a in best for best in states) for a in range(5)) for states in votes.values()]
-        row = found["pairs", form]
-        assert (row["rows"], row["states"]) == (len(votes), len(q))
-        assert row["optimal"] == pytest.approx(sum(most) / sum(map(len, votes.values())))
-        votes_of = np.zeros((model.n_observations, 5))
-        for o, states in votes.items():
-            votes_of[o] = [sum(a in best for best in states) for a in range(5)]
-        policy = np.eye(5)[votes_of.argmax(axis=1)]  # of equally many, the first
-        assert row["success"] == pytest.approx(float(evaluate(model, policy, 60).success))
-    assert (found["pairs", "index"]["optimal"], found["pairs", "index"]["success"]) == (1, pytest.approx(1))
 
 
 @pytest.mark.parametrize(("budget", "steps", "spent"), [(800, 800, 80), (200, 200, 20), (400, np.inf, 40)])
