@@ -9,7 +9,6 @@ themselves evenly spread. With several parts, trial t is therefore point t, and 
 """
 
 import hashlib
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
@@ -58,11 +57,6 @@ class Span(Table):
         value = min(max(value, self.low), self.high)  # whatever rounding does
         return round(value) if self.whole else value
 
-    @property
-    def edges(self) -> tuple[float, float]:
-        """Where the lowest tenth of the range ends, on its scale, and the highest begins."""
-        return self.at(0.1), self.at(0.9)
-
 
 class Choice(Table):
     """A setting that is drawn from a few values."""
@@ -75,13 +69,6 @@ class Choice(Table):
     def at(self, share: float) -> object:
         """Returns the value at a share, from 0 to less than 1, of the list."""
         return self.values[int(share * len(self.values))]
-
-    @property
-    def edges(self) -> tuple[float, float]:
-        """The smallest and the largest value, if there are at least three and all are numbers."""
-        numbers = [value for value in self.values if isinstance(value, int | float)]
-        has_inner = len(numbers) == len(self.values) > 2
-        return (min(numbers), max(numbers)) if has_inner else (-math.inf, math.inf)
 
 
 def _kind(value: object) -> str:

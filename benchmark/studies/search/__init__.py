@@ -6,9 +6,9 @@ from typing import Final
 from benchmark.drawing.tables import show
 from benchmark.experiments import Experiment
 from benchmark.folder import Folder
+from benchmark.studies.search import figures as figures
 from benchmark.studies.search import tables
 from benchmark.studies.search.analysis import COLUMNS, analyse, stages
-from benchmark.studies.search.figures import scenes
 from benchmark.studies.study import Declared, Study
 from envs import InputError
 
@@ -47,7 +47,7 @@ STUDY: Final = Study(
     check=check,
     analyse=analyse,
     stages=stages,
-    items=(tables.chosen, tables.effort, tables.cost, tables.trials, scenes),
+    items=(tables.chosen, tables.effort, tables.cost, tables.trials),
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
     lead="trials",

@@ -22,7 +22,7 @@ from benchmark.analysis.frames import Floats, Group, tables
 from benchmark.analysis.intervals import Estimate, combined
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Learner
-from benchmark.experiments.search import Chosen, Finalist, Search, Space
+from benchmark.experiments.search import Chosen, Finalist, Search
 from benchmark.studies.data import Data
 from benchmark.studies.study import Declared
 from envs.inputs import override
@@ -207,12 +207,6 @@ def text_of(settings: Row) -> str:
     """Returns searched settings as readers see them, without those that are not set."""
     texts = {key.split(".")[-1]: json.dumps(value) for key, value in settings.items() if value is not None}
     return ", ".join(f"{key} {text}" for key, text in texts.items()) or "default"
-
-
-def at_edges(space: Space, settings: Row) -> list[str]:
-    """Lists the settings with a number at an edge of what was searched."""
-    numbers = {key: value for key, value in settings.items() if isinstance(value, int | float)}
-    return [key for key, value in numbers.items() if not space[key].edges[0] < value < space[key].edges[1]]
 
 
 def gain(x: Sequence[Floats], y: Sequence[Floats]) -> Estimate:

@@ -1,4 +1,4 @@
-"""The figures of a search."""
+"""The figure of a search."""
 
 from typing import Final
 
@@ -7,14 +7,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from benchmark.analysis.intervals import mean_over_scenarios
-from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import WIDTH, figure_of, name_rows
 from benchmark.experiments import Learner
 from benchmark.studies.data import style_of
-from benchmark.studies.item import drawing
 from benchmark.studies.search import tables
 from benchmark.studies.search.analysis import SearchAnalysis
-from envs import compile_scenario
 
 _AXES: Final = {"area": "mean area under the curve of success", "earliness": "mean earliness"}
 
@@ -45,13 +42,6 @@ def trials(analysis: SearchAnalysis, table: pd.DataFrame) -> Figure:
         ]
         figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)
     return figure
-
-
-@drawing("scenes", "the scenarios of the search", "The scenarios of the search.")
-def scenes(analysis: SearchAnalysis, _: pd.DataFrame) -> Figure:
-    """Draws where settings are searched for."""
-    scenarios = analysis.data.experiment.scenarios.values()
-    return gallery([compile_scenario(scenario) for scenario in scenarios])
 
 
 def _of(frame: pd.DataFrame, learner: Learner) -> pd.DataFrame:

@@ -12,7 +12,6 @@ from benchmark.studies.search.analysis import (
     ALL,
     Row,
     SearchAnalysis,
-    at_edges,
     best_by_scenario,
     expected_drawn,
     expected_total,
@@ -26,11 +25,11 @@ _item: Final = partial(Item[SearchAnalysis], labels=COLUMNS["search_labels"])
 @_item(
     "chosen",
     "the chosen settings of each learner, and what it reaches with them on fresh runs",
-    "learner part trial settings edges default chosen gain per_scenario sensitivity found",
+    "learner part trial settings default chosen gain per_scenario",
     best="chosen",
 )
 def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
-    """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
+    """Tabulates means over scenarios on fresh runs."""
     scenarios = analysis.data.experiment.scenarios
     picks = [(outcome, *pick) for outcome in analysis.outcomes for pick in enumerate(outcome.picks, 1)]
     for outcome, part, trial in picks:
@@ -38,21 +37,16 @@ def chosen(analysis: SearchAnalysis) -> Iterator[Row]:
         best, default = outcome.again(trial), outcome.again(0)
         pairs = zip(best_by_scenario(outcome.searched), scenarios, strict=True)
         best_of_each = [outcome.fresh[pair] for pair in pairs]
-        settings = analysis.settings(learner, trial)
-        edges = at_edges(learner.declared.search, settings)
         yield {
             "variant": learner.variant,
             "observation": learner.observation,
             **parts,
             "trial": trial,
-            "settings": text_of(settings),
-            "edges": ", ".join(key.split(".")[-1] for key in edges),
+            "settings": text_of(analysis.settings(learner, trial)),
             "default": mean_over_scenarios(default),
             "chosen": mean_over_scenarios(best),
             "gain": gain(best, default),
             "per_scenario": mean_over_scenarios(best_of_each),
-            "sensitivity": gain(best_of_each, best),
-            "found": float(outcome.searched[outcome.finalists[part - 1][0]].mean()),
         }
 
 

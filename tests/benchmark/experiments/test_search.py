@@ -186,13 +186,6 @@ settings = { policy_kwargs = { net_arch = [5], optimizer_kwargs = { eps = 0.1 } 
         assert {(each.net_arch, each.optimizer_kwargs.eps) for each in nets} == expected
 
 
-def test_edges_are_the_outer_tenths_and_the_outer_of_three_numbers() -> None:
-    assert SPACE["learning_rate"].edges == pytest.approx((0.01 * 100**0.1, 100**-0.1), rel=0.005)
-    assert SPACE["epsilon"].edges == (0.05, 0.45)
-    assert Choice(values=(8, 1, 4), why="-").edges == (1, 8)
-    assert Choice(values=([8], [8, 8], [16]), why="-").edges == (-np.inf, np.inf)
-
-
 @pytest.mark.usefixtures("search")
 @pytest.mark.parametrize(
     ("old", "new", "reason"),

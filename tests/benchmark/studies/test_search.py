@@ -231,15 +231,12 @@ def test_everything_of_a_search_is_published(
     assert {name: len(table) for name, table in tables.items()} == {
         "chosen": 3, "cost": 3, "trials": 12,
     }  # fmt: skip
-    assert sorted(path.stem for path in folder.glob("*.svg")) == ["scenes", "trials"]
+    assert sorted(path.stem for path in folder.glob("*.svg")) == ["trials"]
     assert [path.name for path in folder.glob("*.csv") if mistyped_columns(path)] == []
     chosen, rows = tables["chosen"].iloc[0], tables["trials"]
     row = rows[(rows["observation"] == "index") & (rows["trial"] == chosen["trial"])].iloc[0]
     assert row["fresh_area"] == pytest.approx(chosen["chosen"], abs=1e-5)
     assert row["settings"] == chosen["settings"]
-    settings = dict(part.split(" ") for part in chosen["settings"].split(", "))
-    is_edge = not 0.03 * (1 / 0.03) ** 0.1 < float(settings["learning_rate"]) < 0.03**0.1
-    assert ("learning_rate" in str(chosen.get("edges", ""))) == is_edge
     # The same runs choose the same settings.
     before = (file := results / "same.chosen.json").read_bytes()
     file.unlink()
