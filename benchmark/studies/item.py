@@ -47,7 +47,6 @@ class Item(Generic[A]):
     write: Callable[..., None] | None = None
     caption: str = ""  # of the figure
     draw: Draw | None = None
-    show: Show | None = None  # returns what readers see, as texts in Markdown
 
     def __call__(self, compute: Callable[..., Rows]) -> "Item[A]":
         """Takes the function of the table."""
@@ -88,8 +87,6 @@ class Item(Generic[A]):
 
     def display(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns the table as readers see it: numbers with their intervals."""
-        if self.show is not None:
-            return self.show(frame)
         if self.where is not None:
             frame = self.where(frame)
         hidden = {"variant", "observation"} if "learner" in frame else set[str]()

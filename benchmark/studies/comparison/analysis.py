@@ -7,7 +7,7 @@ in one scenario or in the mean over all.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import chain, product
 from typing import Any, Final, NamedTuple
 
 import pandas as pd
@@ -27,16 +27,10 @@ _OF_LEARNERS: Final = {"success": ("better", "worse", "equivalent"), "score": ("
 
 
 class Case(NamedTuple):
-    """What a row compares: cells of x and of y, a pair for each scenario."""
+    """What a row compares: two learners, in one scenario or in all."""
 
-    scenarios: Sequence[str]
     pair: Pair
-    cells: tuple[Sequence[Row], Sequence[Row]]
-
-    def means(self, endpoint: str) -> tuple[Means, Means]:
-        """Returns the means of x and of y by scenario."""
-        x, y = (Means([c[endpoint].value for c in own], [c["n"] for c in own]) for own in self.cells)
-        return x, y
+    scenarios: Sequence[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,27 +94,39 @@ class ComparisonAnalysis:
         every = (*self.experiment.scenarios,)
         each = [(name,) for name in every]
         groups, asked = [every] if self.is_pooled else each, self.data.declared
-        later = [self._case(pair, names) for pair in asked.later for names in dict.fromkeys([*groups, *each])]
-        declared = [self._case(pair, names) for names in groups for pair in asked.contrasts]
+        later = [Case(*case) for case in product(asked.later, dict.fromkeys([*groups, *each]))]
+        declared = [Case(pair, names) for names, pair in product(groups, asked.contrasts)]
         return [*(row | {"declared": "later"} for row in self._compared(later)), *self._compared(declared)]
 
-    def _case(self, pair: Pair, scenarios: Sequence[str]) -> Case:
-        x, y = ([self.cells[name, scenario] for scenario in scenarios] for name in pair)
-        return Case(scenarios, pair, (x, y))
+    def _means(self, case: Case, endpoint: str) -> tuple[Means, Means]:
+        """Returns the means of x and of y by scenario."""
+        sides = ([self.cells[name, scenario] for scenario in case.scenarios] for name in case.pair)
+        x, y = (Means([cell[endpoint].value for cell in own], [cell["n"] for cell in own]) for own in sides)
+        return x, y
+
+    def _difference(self, case: Case) -> Row:
+        """Returns a row without its endpoints; p-values are not adjusted."""
+        sides = self._means(case, "success")
+        row: Row = {"scenario": case.scenarios[0] if len(case.scenarios) == 1 else ""}
+        row |= dict(zip("xy", case.pair, strict=True)) | {"n": min(min(means.sizes) for means in sides)}
+        for side, name, means in zip("xy", case.pair, sides, strict=True):
+            random = sum(self.cells[name, scenario]["random_success"] for scenario in case.scenarios)
+            row[f"p_random_{side}"] = p_above(means.weights, *means, means.weights[0] * random)
+        return row
 
     def _compared(self, cases: Sequence[Case]) -> list[Row]:
         """Returns these contrasts, whose p-values are adjusted together."""
-        rows = [_difference(case) for case in cases]
+        rows = [self._difference(case) for case in cases]
         for key in ("p_random_x", "p_random_y"):
             for row, p in zip(rows, holm([row[key] for row in rows]), strict=True):
                 row[key] = p
         for endpoint in ENDPOINTS:
             margin: float = getattr(self.data.declared.margins, endpoint)
-            tests = [contrast(*case.means(endpoint), margin) for case in cases]
+            tests = [contrast(*self._means(case, endpoint), margin) for case in cases]
             different = holm([test.p_different for test in tests])
             equivalent = holm([test.p_equivalent for test in tests])
             for case, row, test, p, q in zip(cases, rows, tests, different, equivalent, strict=True):
-                decided, (x, y) = verdict(test.difference, p, q), case.means(endpoint)
+                decided, (x, y) = verdict(test.difference, p, q), self._means(case, endpoint)
                 if row["n"] < FEWEST_RUNS:
                     decided = "no verdict"
                 elif decided in _OF_LEARNERS[endpoint] and min(row["p_random_x"], row["p_random_y"]) > ALPHA:
@@ -169,15 +175,4 @@ def _cell(names: Row, runs: pd.DataFrame) -> Row:
         row["every_cell_success"] = proportion(runs["every_cell_success"].to_numpy())
     rate = student((runs["training_wrong_pings"] / runs["budget"] * 1000).to_numpy())
     row["training_wrong_pings"] = rate._replace(low=max(rate.low, 0.0))
-    return row
-
-
-def _difference(case: Case) -> Row:
-    """Returns a row without its endpoints; p-values are not adjusted."""
-    both = [cell for own in case.cells for cell in own]
-    row: Row = {"scenario": case.scenarios[0] if len(case.scenarios) == 1 else ""}
-    row |= dict(zip("xy", case.pair, strict=True)) | {"n": min(cell["n"] for cell in both)}
-    for side, own, means in zip("xy", case.cells, case.means("success"), strict=True):
-        random = means.weights[0] * sum(cell["random_success"] for cell in own)
-        row[f"p_random_{side}"] = p_above(means.weights, *means, random)
     return row

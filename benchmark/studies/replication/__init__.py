@@ -8,7 +8,7 @@ from benchmark.folder import Folder
 from benchmark.studies import explorer
 from benchmark.studies.replication import figures, tables
 from benchmark.studies.replication.analysis import ReplicationAnalysis, analyse
-from benchmark.studies.replication.claims import SCENARIOS, VERDICTS, weakest
+from benchmark.studies.replication.claims import SCENARIOS
 from benchmark.studies.study import Declared, Study
 from envs import InputError, compile_scenario
 from envs.words import listed
@@ -23,30 +23,23 @@ def agents(analysis: ReplicationAnalysis, path: Path) -> None:
 
 
 def check(experiment: Experiment, _: Declared) -> None:
-    """Raises an InputError unless one table, which records the maximum Q, is in the paper's scenarios."""
-    source = experiment.argument
+    """Raises an InputError unless one table, which records the maximum Q, is in scenes like the paper's."""
+    source, accepted = experiment.argument, "accepted in a replication"
     first, *others = experiment.learners.values()
-    if others or first.family != "tabular" or "record_every" not in first.algorithm.settings.model_fields:
-        accepted = "one: a table that records the maximum Q"
-        raise InputError(f"{source}: algorithms: a replication takes {accepted}.")
-    if experiment.declared.grids:
-        raise InputError(f"{source}: grids: accepted in a replication: none, only readings.")
+    if others or "record_every" not in first.algorithm.settings.model_fields:
+        raise InputError(f"{source}: algorithms: {accepted}: one, a table that records the maximum Q.")
+    if not experiment.declared.readings:
+        raise InputError(f"{source}: readings: {accepted}: at least one.")
     if {*experiment.scenarios} != {*SCENARIOS}:
-        raise InputError(f"{source}: scenarios: a replication takes the paper's: {listed(SCENARIOS)}.")
+        raise InputError(f"{source}: scenarios: {accepted}: the paper's, {listed(SCENARIOS)}.")
     for population in experiment.populations:
-        if len(population.firsts) > 1:
-            raise InputError(f"{source}: tuned_by: accepted in a replication: a search with one part.")
-        settings = population.first.settings.model_dump()
-        if settings["budget"] <= settings["record_every"]:
-            found = f"algorithms.{first.variant}: record_every = {settings['record_every']}"
-            raise InputError(f"{source}: {found}: accepted: less than budget = {settings['budget']}.")
         model, name = compile_scenario(population.scenario), population.scenario.name
         is_square = model.scenario.regions.target_radius is not None
         if not (model.has_cell_maps and len(model.starts) == 1 and is_square):
-            where = f"{source}: scenarios: {name} ({population.condition.name})"
-            needed = "the agent observes only its cell, there are one start, one phase and no walls"
-            squares = "the regions are squares by their radii"
-            raise InputError(f"{where}: in a replication {needed}, and {squares}.")
+            where = f"{source}: scenarios: {name} ({population.condition.name}): {accepted}"
+            raise InputError(
+                f"{where}: one start, one phase, no walls, squares as regions, the cell observed."
+            )
 
 
 def headline(folder: Folder) -> str | None:
@@ -55,11 +48,9 @@ def headline(folder: Folder) -> str | None:
         return None
     frame = folder.frame("claims")
     n_agents = frame["agents"].max()
-    rows = weakest(frame[frame["agents"] == n_agents])
-    parts = [(name, rows[rows["verdict"] == name]) for name in VERDICTS]
-    counts = [f"{len(judged)} × {name}" for name, judged in parts if len(judged)]
-    scope = f"the paper's {len(rows)} claims, with {n_agents:,} agents per scenario"
-    return f"Verdicts on {scope}: {', '.join(counts)}."
+    verdicts = frame[frame["agents"] == n_agents].drop_duplicates("claim")["verdict"].value_counts()
+    counts = [f"{n} × {name}" for name, n in verdicts.items()]
+    return f"Verdicts on {verdicts.sum()} claims, with {n_agents:,} agents per scenario: {', '.join(counts)}."
 
 
 STUDY: Final = Study(

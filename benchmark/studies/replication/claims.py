@@ -199,11 +199,3 @@ def judge(agents: Agents, curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.Da
 def _margin(parts: pd.DataFrame, column: str) -> "pd.Series[float]":
     """Returns how far a number of each part lies on the right side of the threshold."""
     return (parts[column] - parts["threshold"]) * np.where(parts["right_side"] == ">", 1, -1)
-
-
-def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Returns the part that each verdict rests on: of the worst state, the one farthest on the wrong side."""
-    ranked = parts.assign(_state=parts["state"].map(STATES.index), _margin=_margin(parts, "value"))
-    ranked = ranked.sort_values("_margin", na_position="first", kind="stable")
-    worst = ranked.sort_values("_state", ascending=False, kind="stable").drop_duplicates(["claim", *keys])
-    return parts.loc[parts.index.isin(worst.index)]

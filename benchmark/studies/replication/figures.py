@@ -17,7 +17,7 @@ from benchmark.drawing.style import COLOURS, WIDTH, draw_cells, figure_of, norm_
 from benchmark.studies.item import drawing
 from benchmark.studies.replication import tables
 from benchmark.studies.replication.analysis import ReplicationAnalysis
-from benchmark.studies.replication.claims import CLAIMS, VERDICTS, weakest
+from benchmark.studies.replication.claims import CLAIMS, VERDICTS
 from envs.people import FEEDBACK
 from envs.scene import scene_of
 
@@ -77,7 +77,7 @@ def figure(analysis: ReplicationAnalysis, _: pd.DataFrame) -> Figure:
 def sensitivity(analysis: ReplicationAnalysis, table: pd.DataFrame) -> Figure:
     """Draws the verdict on each claim under each reading."""
     titles = {name: each.title or name for name, each in analysis.data.experiment.declared.readings.items()}
-    verdicts = weakest(table, "reading").set_index(["claim", "reading"])["verdict"]
+    verdicts = table.groupby(["claim", "reading"])["verdict"].first()  # all parts have that of the claim
     looks = {verdict: (_SIGNS[verdict], to_hex(_COLOURS[verdict])) for verdict in VERDICTS}
     cells = [[looks[verdicts[claim.id, name]] for name in titles] for claim in CLAIMS]
     with figure_of(1, 1, (WIDTH, 0.3 * len(CLAIMS) + 1.1)) as (figure, axes):

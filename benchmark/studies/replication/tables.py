@@ -8,29 +8,22 @@ import pandas as pd
 
 from benchmark.analysis.intervals import proportion
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, anchors, optimal_values
-from benchmark.studies.item import Item, entry, expanded, item, no_rows
+from benchmark.studies.item import Item, expanded, item, no_rows
 from benchmark.studies.replication.analysis import ReplicationAnalysis, differing
 
 _Table = Item[ReplicationAnalysis]
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _JUDGED: Final = ("part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict")
+_SHOWN: Final = {"low": "value_low", "high": "value_high", "sets_agreeing": "agreeing"}
 _IN_SETS: Final = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
-
-
-def _shown(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns numbers with their intervals."""
-    frame = frame.rename(columns={"low": "value_low", "high": "value_high", "sets_agreeing": "agreeing"})
-    names = "claim agents verdict sets agreeing part right_side threshold value state drawn"
-    keys = [key for key in names.split() if key in frame]  # without a value, none is in the file
-    rows = [{key: entry(row, key) for key in keys} for _, row in frame.iterrows()]
-    return pd.DataFrame(rows).rename(columns=lambda key: key.replace("_", " "))
 
 
 claims = _Table(
     "claims",
     "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
+    "claim agents verdict sets agreeing part right_side threshold value state drawn",
     compute=lambda analysis: analysis.claims[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]],
-    show=_shown,
+    where=lambda frame: frame.rename(columns=_SHOWN),
 )
 claim_sets = _Table(
     "claim_sets",
