@@ -115,7 +115,7 @@ def ratio(x: Runs, y: Runs) -> Estimate:
     medians = [np.median(runs["steps"][drawn], axis=1) for runs in (x, y)]
     if all(np.isinf(median[0]) for median in medians) or any(median[0] == 0 for median in medians):
         return Estimate(np.nan, np.nan, np.nan)
-    spent = [np.median(runs["spent_steps"]) for runs in (x, y)]
+    spent = [np.median(runs["spent"]) for runs in (x, y)]
     below, above = (np.where(np.isinf(m), most, m) for m, most in zip(medians, spent, strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have learned at step 0
         samples = above / below
@@ -154,22 +154,21 @@ def decide(x: Numbers, y: Numbers, tails: tuple[float, float], is_open: Mask) ->
 def until_learned(curves: pd.DataFrame, level: float, unseen: Numbers | None = None) -> Runs:
     """Returns what the runs of a population took until they had learned, (N,) each.
 
-    It has the keys of `_SPENT`, infinite if the run never learned; the same at the evaluation before
-    (`before_`) and at the last one (`spent_`); the last success; whether the first and last
-    policy reach the level; and, given success in unseen places (N,), the failures there.
+    It has the keys of `_SPENT`, infinite if the run never learned; the steps of the evaluation before, and
+    of the last one; the last success; whether the first and last policy reach the level; and, given success
+    in unseen places (N,), the failures there.
     """
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
     first, last = learned(success, steps, level, until=2), len(steps) - 1
     runs: dict[str, NDArray[Any]] = {"success": success[:, last]}
     runs |= {"untrained": success[:, 0] >= level, "lasts": success[:, last] >= level}
-    rows, before = np.arange(len(success)), np.clip(first - 1, 0, last)
+    runs["before"] = np.where(first > 0, steps[np.clip(first - 1, 0, last)], 0).astype(float)
+    runs["spent"] = np.full(len(success), float(steps[last]))
     for name, column in _SPENT.items():
-        values = by_step(curves, column).astype(float)
-        runs[name] = np.where(first > last, np.inf, values[rows, np.minimum(first, last)])
-        runs[f"spent_{name}"] = values[:, last]
-        runs[f"before_{name}"] = np.where(first > 0, values[rows, before], 0.0)
+        values = by_step(curves, column).astype(float)[np.arange(len(success)), np.minimum(first, last)]
+        runs[name] = np.where(first > last, np.inf, values)
     if unseen is not None:
-        runs["failures"] = runs["before_failures"] = np.round(1 - unseen, _DIGITS)
+        runs["failures"] = np.round(1 - unseen, _DIGITS)
     return runs
 
 
@@ -208,15 +207,16 @@ def decide_all(pairs: Mapping[Key, Sides], unit: str) -> dict[Key, Decision]:
 def _decision(sides: Sides, tails: tuple[float, float], unit: str) -> Decision:
     """Decides by all pairs of runs, see `decide`."""
     x, y = sides
-    # What a run took lies between what it had spent at two evaluations.
-    is_coarse = [side["steps"] > _COARSE * side["before_steps"] for side in sides]
-    overlaps = (x[unit] > y[f"before_{unit}"]) & (y[unit] > x[f"before_{unit}"])
-    is_learned = np.isfinite(x[unit]) & np.isfinite(y[unit])
-    is_open = is_learned & overlaps & (is_coarse[0] | is_coarse[1])
-    verdict, faster = decide(x[unit], y[unit], tails, is_open)
-    why, winner = COARSE if verdict == NO_VERDICT else "", {FASTER: x, SLOWER: y}.get(verdict)
     if unit == "failures":  # learned or not
+        verdict, faster = decide(x[unit], y[unit], tails, np.zeros(len(x[unit]), bool))
         return Decision(verdict, "", faster)
+    # The steps that a run took lie between those of two evaluations.
+    is_coarse = [side["steps"] > _COARSE * side["before"] for side in sides]
+    overlaps = (x["steps"] > y["before"]) & (y["steps"] > x["before"])
+    is_learned = np.isfinite(x["steps"]) & np.isfinite(y["steps"])
+    is_open = is_learned & overlaps & (is_coarse[0] | is_coarse[1])
+    verdict, faster = decide(x["steps"], y["steps"], tails, is_open)
+    why, winner = COARSE if verdict == NO_VERDICT else "", {FASTER: x, SLOWER: y}.get(verdict)
     if winner is not None and winner["lasts"][np.isfinite(winner["steps"])].mean() < 0.5:
         why = LOST
     if max(x["untrained"].mean(), y["untrained"].mean()) > 0.5:

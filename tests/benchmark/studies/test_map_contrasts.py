@@ -30,7 +30,7 @@ TAIL = tail_of(N_CONTRASTS)
 
 def side(times: np.ndarray, **more: float) -> Runs:
     """Returns what runs took, whose evaluations are by default one percent apart."""
-    columns = {"steps": times, "before_steps": times * 0.99, "untrained": False, "lasts": True} | more
+    columns = {"steps": times, "before": times * 0.99, "untrained": False, "lasts": True} | more
     return {name: np.broadcast_to(np.asarray(values), len(times)) for name, values in columns.items()}
 
 
@@ -99,19 +99,19 @@ def test_published_intervals_hold_for_all_contrasts_at_once() -> None:
 
 
 STEPS = np.full(160, 5000.0)
-LATER = {"steps": 9000.0, "before_steps": 8900.0}
+LATER = {"steps": 9000.0, "before": 8900.0}
 
 
 @pytest.mark.parametrize(
     ("x", "y", "why"),
     [
-        ({"before_steps": 0.0}, {"steps": 5500.0, "before_steps": 4500.0}, COARSE),  # only x's
-        ({}, {"steps": 9000.0, "before_steps": 4500.0}, COARSE),  # only y's
-        ({}, {"steps": 5500.0, "before_steps": 4500.0}, ""),  # neither's
+        ({"before": 0.0}, {"steps": 5500.0, "before": 4500.0}, COARSE),  # only x's
+        ({}, {"steps": 9000.0, "before": 4500.0}, COARSE),  # only y's
+        ({}, {"steps": 5500.0, "before": 4500.0}, ""),  # neither's
         ({"untrained": True}, LATER, TRIVIAL),
         ({"lasts": False}, LATER, LOST),
         ({}, LATER | {"lasts": False}, ""),  # it is slower anyway
-        ({"before_steps": 0.0}, {"steps": 9000.0, "before_steps": 5000.0}, ""),  # x had learned before
+        ({"before": 0.0}, {"steps": 9000.0, "before": 5000.0}, ""),  # x had learned before
     ],
 )
 def test_no_verdict_is_about_something_else(x: dict[str, float], y: dict[str, float], why: str) -> None:
