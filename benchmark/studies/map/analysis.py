@@ -13,7 +13,6 @@ from benchmark.studies.data import Data
 from benchmark.studies.item import expanded
 from benchmark.studies.map.contrasts import Contrast, Runs, by_pick, contrasts_of, until_learned
 from benchmark.studies.map.declared import MapDeclared, name_of
-from envs.people import NoisyFeedback
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,8 @@ def _cell(population: Population, runs: pd.DataFrame, learned: Runs) -> dict[str
     """Summarises a population; a run that never learns takes infinitely many steps."""
     is_solved = np.isfinite(learned["steps"])
     of_picks = [np.median(steps) for steps in by_pick(learned["steps"], population)]
-    return learner_of(population) | {
+    return {
+        **learner_of(population),
         "n": len(is_solved),
         "budget": population.first.settings.budget,
         "n_solved": int(is_solved.sum()),
@@ -69,21 +69,7 @@ def _cell(population: Population, runs: pd.DataFrame, learned: Runs) -> dict[str
     }
 
 
-def point_of(population: Population) -> dict[str, object]:
-    """Returns the columns that name a population's point, and say what the scenario is there."""
-    scenario, issuer = population.scenario, population.scenario.issuer
-    return name_of(population) | {
-        "rows": scenario.grid.rows,
-        "columns": scenario.grid.columns,
-        "places": len({*scenario.layout.places}) - issuer.unseen,
-        "unseen": issuer.unseen,
-        "feedback": issuer.feedback.kind,
-        "noise": issuer.feedback.noise if isinstance(issuer.feedback, NoisyFeedback) else 0.0,
-        "permuted": issuer.permuted,
-    }
-
-
-def learner_of(population: Population) -> dict[str, object]:
-    """Returns the columns of `point_of`, and those that name the learner."""
+def learner_of(population: Population) -> dict[str, str]:
+    """Returns the columns that name a population: its point and its learner."""
     learner = population.learner
-    return point_of(population) | {"variant": learner.variant, "observation": learner.observation}
+    return name_of(population) | {"variant": learner.variant, "observation": learner.observation}

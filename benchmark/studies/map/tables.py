@@ -11,7 +11,7 @@ import pandas as pd
 from benchmark.analysis.intervals import Estimate, median
 from benchmark.experiments import Population
 from benchmark.studies.item import COLUMNS, Item, item, no_rows
-from benchmark.studies.map.analysis import MapAnalysis, learner_of, point_of
+from benchmark.studies.map.analysis import MapAnalysis, learner_of
 from benchmark.studies.map.declared import name_of
 
 Row = Mapping[str, object]
@@ -40,7 +40,7 @@ def cpu(analysis: MapAnalysis) -> Iterator[Row]:
     """Tabulates the time of training, without evaluations."""
     for population, runs in analysis.learned.items():
         times = runs["cpu_time_s"]
-        yield learner_of(population) | {"n": len(times), "cpu_time_s": median(times)}
+        yield {**learner_of(population), "n": len(times), "cpu_time_s": median(times)}
 
 
 @item(
@@ -53,21 +53,18 @@ def contrasts(analysis: MapAnalysis) -> Iterator[Row]:
     """Tabulates the declared contrasts."""
     for contrast in analysis.contrasts:
         steps, failures = contrast.decisions["steps"], contrast.decisions.get("failures")
-        yield (
-            point_of(contrast.x)
-            | contrast.names
-            | {
-                "n": len(contrast.learned[0]["steps"]),
-                "verdict": steps.verdict,
-                "why_none": steps.why,
-                "faster": steps.faster,
-                "picks": len(contrast.shares),
-                "picks_faster": sum(share > 0.5 for share in contrast.shares),
-                "ratio": contrast.ratio,
-                "failures_verdict": failures.verdict if failures else "",
-                "fewer_failures": failures.faster if failures else _NONE,
-            }
-        )
+        yield {
+            **contrast.names,
+            "n": len(contrast.learned[0]["steps"]),
+            "verdict": steps.verdict,
+            "why_none": steps.why,
+            "faster": steps.faster,
+            "picks": len(contrast.shares),
+            "picks_faster": sum(share > 0.5 for share in contrast.shares),
+            "ratio": contrast.ratio,
+            "failures_verdict": failures.verdict if failures else "",
+            "fewer_failures": failures.faster if failures else _NONE,
+        }
 
 
 @item("runs", "every run: what it took until it had learned", where=no_rows)

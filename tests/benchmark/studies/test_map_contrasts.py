@@ -7,6 +7,8 @@ import pytest
 from scipy import stats
 
 from benchmark.drawing.tables import read_csv
+from benchmark.experiments import load_experiment
+from benchmark.studies import report_of
 from benchmark.studies.map.contrasts import (
     COARSE,
     FASTER,
@@ -22,6 +24,7 @@ from benchmark.studies.map.contrasts import (
     decide_all,
     tail_of,
 )
+from benchmark.studies.map.declared import compared
 from tests.support import ROOT
 
 N_CONTRASTS = 53
@@ -88,8 +91,9 @@ def test_picks_that_differ_do_not_make_wrong_verdicts_more_probable(picks: Seque
 
 def test_published_intervals_hold_for_all_contrasts_at_once() -> None:
     contrasts, runs = (read_csv(ROOT / "results" / "when" / f"{name}.csv") for name in ("contrasts", "runs"))
-    scene = ["rows", "columns", "places", "unseen", "feedback", "noise", "permuted"]
-    n_contrasts = len(contrasts.drop_duplicates([*scene, "x", "y"]))  # some points are in two grids
+    experiment = load_experiment("when")
+    pairs = compared(experiment, report_of(experiment).declared.contrasts)
+    n_contrasts = len({(x.first.digest, y.first.digest) for x, y in pairs})  # some points are in two grids
     row = contrasts[contrasts["faster"].between(0.6, 0.9)].iloc[0]
     own = runs[(runs[["grid", "point"]] == row[["grid", "point"]]).all(axis=1)].fillna(np.inf)
     x, y = (own.loc[own["learner"] == row[name], "steps"].to_numpy() for name in "xy")
