@@ -45,7 +45,7 @@ class Records:
     @cached_property
     def arrays(self) -> Mapping[str, Array]:
         """The arrays of all agents, (N, ...) each, by name."""
-        return _Stacked(self.agents, self.run.variant)
+        return _Stacked(self.agents)
 
     @cached_property
     def model(self) -> Model:
@@ -102,12 +102,10 @@ class Records:
 class _Stacked(dict[str, Array]):
     """Arrays that are stacked when they are first asked for: all together are large."""
 
-    def __init__(self, agents: Sequence[Mapping[str, Array]], variant: str) -> None:
-        self.agents, self.variant = agents, variant
+    def __init__(self, agents: Sequence[Mapping[str, Array]]) -> None:
+        self.agents = agents
 
     def __missing__(self, name: str) -> Array:
-        if name not in self.agents[0]:
-            raise InputError(f"algorithms.{self.variant}: its training returns no {name}.")
         self[name] = np.stack([arrays[name] for arrays in self.agents])
         return self[name]
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from benchmark.drawing.style import WIDTH, colour_map, figure_of
 from envs import ACTIONS, Model, compile_scenario, load_scenario, scenario_names
-from envs.model import MOVES, PING
+from envs.model import PING
 from envs.regions import Loop, outlines
 from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, DIVERGING, TRIANGLES, Scene, scene_of
 
@@ -96,19 +96,6 @@ def discs(axis: Axes, frame: pd.DataFrame, norm: Normalize, value: str) -> None:
     style |= {"offsets": frame[["column", "row"]].to_numpy(), "offset_transform": axis.transData}
     values = frame[value].to_numpy()
     axis.add_collection(EllipseCollection([0.4], [0.4], [0], units="xy", array=values, **style))
-
-
-def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
-    """Draws arrows and dots for chosen moves and PINGs (row, column, action) where the episode goes on."""
-    cell = chosen["row"] * scene.columns + chosen["column"]
-    chosen = chosen[~scene.is_over[cell.to_numpy(dtype=int)]]
-    dots(axis, chosen[chosen["action"] == "PING"])
-    moves = chosen[chosen["action"] != "PING"]
-    step = MOVES[moves["action"].map(ACTIONS[:PING].index).to_numpy(dtype=int)]
-    axis.quiver(
-        moves["column"], moves["row"], step[:, 1], step[:, 0],
-        angles="xy", scale_units="xy", scale=2.6, width=0.009, color="white", ec="black", lw=0.4,
-    )  # fmt: skip
 
 
 def arrowheads(axis: Axes, moves: pd.DataFrame) -> None:

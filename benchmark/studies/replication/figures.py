@@ -1,4 +1,4 @@
-"""The figures of a replication: the paper's, verdicts by reading, and distance from the optimum."""
+"""The figures of a replication: the paper's, and verdicts by reading."""
 
 from string import ascii_lowercase
 from textwrap import fill
@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 import pandas as pd
 import seaborn as sns
-from matplotlib.colors import Normalize, to_hex
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
+from benchmark.drawing.maps import colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, WIDTH, draw_cells, figure_of, norm_of
 from benchmark.studies.item import drawing
 from benchmark.studies.replication import tables
@@ -85,22 +85,4 @@ def sensitivity(analysis: ReplicationAnalysis, table: pd.DataFrame) -> Figure:
         draw_cells(axes[0, 0], cells, [claim.title for claim in CLAIMS], columns)
         text = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
         figure.supxlabel(f"{text}, with {table['agents'].iloc[0]} agents per scenario", fontsize="small")
-    return figure
-
-
-@tables.optimal.figure("Where agents act optimally after training, and what is optimal there.")
-def optimal(analysis: ReplicationAnalysis, _: pd.DataFrame) -> Figure:
-    """Draws the share of agents that act optimally in each cell."""
-    cells, groups = analysis.q_values, analysis.few
-    shares = 1 - cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first()
-    scenes, norm = {name: scene_of(agents.model) for name, agents in groups.items()}, Normalize(0, 1)
-    with figure_of(1, len(groups), (WIDTH, 3.1)) as (figure, axes):
-        for axis, (name, scene) in zip(axes[0], scenes.items(), strict=True):
-            heat(axis, scene, np.where(scene.is_over, np.nan, shares.loc[name].to_numpy()), norm)
-            actions(axis, scene, cells[(cells["scenario"] == name) & cells["is_optimal"]])
-            axis.set(title=name)
-        colour_bar(figure, axes[0], norm, "share of agents\nacting optimally")
-        move = Line2D([], [], ls="", marker=">", mfc="white", mec="black", ms=6, label="optimal move")
-        ping = Line2D([], [], ls="", marker="o", color="black", ms=3, label="optimal PING")
-        region_legend(figure, [*scenes.values()], move, ping, columns=3)
     return figure

@@ -31,8 +31,6 @@ def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
         (record,) = store.get([runs[0].digest])
     for name, values in record.arrays.items():
         assert np.array_equal(loaded.arrays[name][5], values)
-    with pytest.raises(InputError, match=r"algorithms\.q_learning: its training returns no such_array"):
-        loaded.arrays["such_array"]
 
 
 def test_scores_lie_between_the_exact_anchors() -> None:

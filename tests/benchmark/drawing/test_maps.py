@@ -13,9 +13,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, PathPatch, Polygon
-from matplotlib.quiver import Quiver
 
-from benchmark.drawing.maps import actions, gallery, heat, shipped, triangles
+from benchmark.drawing.maps import gallery, heat, shipped, triangles
 from benchmark.drawing.style import svg
 from benchmark.publish.page.build import SCENES
 from envs import compile_scenario, load_scenario, scenario_names
@@ -57,16 +56,6 @@ def test_triangles_are_on_the_side_to_which_the_moves_lead() -> None:
     assert np.ravel(polygons.get_array()).tolist() == [1, 2, 3, 4]
     middles = np.array([path.vertices[:3].mean(axis=0) for path in polygons.get_paths()])
     assert 3 * (middles - [5, 3]) == pytest.approx(np.array([(0, -1), (0, 1), (-1, 0), (1, 0)]))
-
-
-def test_actions_are_drawn_where_something_can_be_done() -> None:
-    names = ["UP", "PING", "LEFT", "PING"]
-    axis = Figure().subplots()
-    actions(axis, SCENE, pd.DataFrame({"row": [6, 6, 2, 2], "column": [8, 8, 1, 4], "action": names}))
-    (arrows,) = drawn(axis.collections, Quiver)
-    assert arrows.XY.tolist() == [[1, 2]]
-    assert (arrows.U.tolist(), arrows.V.tolist()) == ([-1], [0])
-    assert drawn(axis.lines, Line2D)[0].get_xydata().tolist() == [[4, 2]]
 
 
 def test_gallery_shows_zones_walls_and_starts() -> None:
