@@ -35,8 +35,8 @@ def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen 
 def digest_of_search(search: Declaration) -> str:
     """Returns a digest of what a search depends on: its file but texts and colours, scenarios, versions."""
     texts: dict[str, Any] = dict.fromkeys(("description", "note", "report"), True)
-    of_variants = {"title": True, "colour": True, "search": {"__all__": {"why"}}}
-    content = search.model_dump(mode="json", exclude=texts | {"algorithms": {"__all__": of_variants}})
+    of_variants = {"__all__": {"title", "colour"}}
+    content = search.model_dump(mode="json", exclude=texts | {"algorithms": of_variants})
     content["scenarios"] = [load_scenario(name).model_dump(mode="json") for name in search.scenarios]
     algorithms = [load_algorithm(variant.algorithm).version for variant in search.algorithms.values()]
     content["versions"] = [*algorithms, dynamic_programming.VERSION]

@@ -18,7 +18,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from benchmark.sealed import unsealed
 from envs import InputError
-from envs.inputs import Label, Table, distinct, require
+from envs.inputs import Table, distinct, require
 
 _DIGITS: Final = 3  # significant ones, of numbers that are drawn
 
@@ -34,8 +34,6 @@ class Span(Table):
     """On which scale values are even."""
     whole: bool = False
     """Whether it is a whole number."""
-    why: Annotated[Label, Field(min_length=1)]
-    """The reason for this range, for readers."""
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -48,7 +46,7 @@ class Span(Table):
     def at(self, share: float) -> float:
         """Returns the value below which a share, from 0 to 1, of the range lies.
 
-        >>> Span(low=0.01, high=1, scale="log", why="-").at(0.5)
+        >>> Span(low=0.01, high=1, scale="log").at(0.5)
         0.1
         """
         low, high = np.log([self.low, self.high]) if self.scale == "log" else (self.low, self.high)
@@ -63,8 +61,6 @@ class Choice(Table):
 
     values: Annotated[tuple[object, ...], Field(min_length=2), AfterValidator(distinct)]
     """All values, each equally likely."""
-    why: Annotated[Label, Field(min_length=1)]
-    """The reason for these values, for readers."""
 
     def at(self, share: float) -> object:
         """Returns the value at a share, from 0 to less than 1, of the list."""
@@ -117,7 +113,7 @@ class Search(Table):
 def trials(name: str, space: Space, n: int, parts: int = 1) -> list[dict[str, object]]:
     """Returns the settings of trials 0 to n, each as changes of the variant's own; trial 0 changes nothing.
 
-    >>> space = {"epsilon": Span(low=0, high=1, why="-")}
+    >>> space = {"epsilon": Span(low=0, high=1)}
     >>> trials("q", space, 8)[:3] == trials("q", space, 2)
     True
     """

@@ -23,7 +23,7 @@ description = "SARSA joins."
 algorithm = "sarsa"
 observations = ["index"]
 seeds = 2
-search = {{ epsilon = {{ low = 0.01, high = 0.6, scale = "log", why = "As for the others." }} }}
+search = {{ epsilon = {{ low = 0.01, high = 0.6, scale = "log" }} }}
 """
 
 

@@ -16,10 +16,10 @@ from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.studies.conftest import experiment_of
 
 SPACE: Space = {
-    "learning_rate": Span(low=0.01, high=1, scale="log", why="-"),
-    "epsilon": Span(low=0, high=0.5, why="-"),
-    "every": Span(low=10, high=1000, scale="log", whole=True, why="-"),
-    "policy_kwargs.net_arch": Choice(values=([8], [8, 8]), why="-"),
+    "learning_rate": Span(low=0.01, high=1, scale="log"),
+    "epsilon": Span(low=0, high=0.5),
+    "every": Span(low=10, high=1000, scale="log", whole=True),
+    "policy_kwargs.net_arch": Choice(values=([8], [8, 8])),
 }
 BASE = """
 description = "A table in a scene."
@@ -37,7 +37,7 @@ algorithm = "q_learning"
 observations = ["index", "offset"]
 seeds = 2
 settings = {{ discount = 0.8 }}
-search = {{ learning_rate = {{ low = 0.03, high = 1.0, scale = "log", why = "-" }} }}
+search = {{ learning_rate = {{ low = 0.03, high = 1.0, scale = "log" }} }}
 """
 TUNED = f"""{BASE.replace("FarCorner", "S1")}
 [algorithms.mine]
@@ -157,7 +157,7 @@ def test_only_what_a_search_depends_on_changes_its_digest(search: Experiment, tm
         return choices.digest_of_search(other.declared)
 
     same = choices.digest_of_search(search.declared)
-    assert digest('why = "-"', 'why = "Another text."') == same
+    assert digest("A table in a scene", "Another text") == same
     assert digest("horizon", "solved = { growth = 1.1 }\nhorizon") != same
     growths = {digest("horizon", f"solved = {{ growth = {growth} }}\nhorizon") for growth in (1.1, 1.2, 1.2)}
     assert len(growths) == 2
@@ -173,7 +173,7 @@ seeds = 2
 settings = { policy_kwargs = { net_arch = [5], optimizer_kwargs = { eps = 0.1 } } }
 
 [algorithms.q_learning.search]
-"policy_kwargs.KEY" = { values = VALUES, why = "-" }
+"policy_kwargs.KEY" = { values = VALUES }
 """
     head = SEARCH.partition("algorithm =")[0]
     for key, values, expected in (
