@@ -1,7 +1,5 @@
 """Contrasts of a map: error rates by simulation, decisions and intervals by hand."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -71,22 +69,6 @@ def test_steps_down_by_hand() -> None:
     # Clopper and Pearson: the upper tail at the lower end is the tail
     assert stats.binom.sf(14, 19, found.faster.low) == pytest.approx(0.05 / 2 / 3)
     assert found.faster.low < 0.5 < found.faster.value
-
-
-@pytest.mark.parametrize("picks", [(1.0, 1.0, 0.0, 0.0), (0.9, 0.6, 0.4, 0.1), (0.8, 0.8, 0.4, 0.0)])
-def test_picks_that_differ_do_not_make_wrong_verdicts_more_probable(picks: Sequence[float]) -> None:
-    """Exactly, for four picks with four pairs each, whose probabilities have the mean 1/2."""
-    n, wrong = 16, []
-    for probabilities in (picks, [0.5]):
-        of_count = np.ones(1)  # the distribution of the number of pairs that x wins
-        for i in range(n):
-            p = probabilities[i % len(probabilities)]
-            of_count = np.convolve(of_count, [1 - p, p])
-        sides = [(np.where(np.arange(n) < count, 1.0, 3.0), np.full(n, 2.0)) for count in range(n + 1)]
-        found = [verdict_of(*pair, 0.025) for pair in sides]
-        wrong.append(sum(of_count[[verdict in (FASTER, SLOWER) for verdict in found]]))
-    # Of 16 pairs, 13 decide: stats.binom.sf(12, 16, 0.5) is 0.0106
-    assert wrong[0] <= wrong[1] == pytest.approx(2 * stats.binom.sf(12, n, 0.5))
 
 
 def test_published_intervals_hold_for_all_contrasts_at_once() -> None:

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from benchmark.studies.comparison.analysis import FEWEST_RUNS
 from benchmark.studies.comparison.contrasts import Means, contrast, holm, verdict
 from tests.benchmark.studies.made import Made, compared, random_success
 
@@ -152,29 +151,3 @@ def test_score_and_success_have_verdicts_of_their_own(
     made = {name: Made("tabular", *own)._replace(every_run=True) for name, own in (("x", x), ("y", y))}
     (row,) = compared(made, [("x", "y")], scenarios=["S1"]).contrasts
     assert (row["success_verdict"], row["score_verdict"]) == verdicts
-
-
-FAMILY = {"table": "tabular", "net": "deep", "other": "deep"}
-probabilities = st.lists(st.integers(0, 10).map(lambda tenths: tenths / 10), min_size=2, max_size=2)
-
-
-@settings(max_examples=12)
-@given(
-    st.fixed_dictionaries(dict.fromkeys(FAMILY, probabilities)),
-    st.sampled_from([2, 10, 30, 200]),
-    st.sampled_from(["scenarios", "none"]),
-)
-def test_no_verdict_contradicts_the_truth(truth: dict[str, list[float]], n: int, pool: str) -> None:
-    """Runs succeed exactly as often as their true probability says, rounded to whole runs."""
-    exact = {name: [round(share * n) / n for share in shares] for name, shares in truth.items()}
-    learners = {name: Made(FAMILY[name], shares, n) for name, shares in exact.items()}
-    pairs = [("net", "table"), ("other", "table"), ("net", "other")]
-    for row in compared(learners, pairs, ["table"], ["S1", "S2"], pool=pool).contrasts:
-        decided = row["success_verdict"]
-        x, y = (exact[row[side].split(",")[0]] for side in "xy")
-        differences = [a - b for a, b in zip(x, y, strict=True)]
-        difference = differences[int(row["scenario"][1]) - 1] if row["scenario"] else sum(differences) / 2
-        assert decided != "better" or difference > 1e-9
-        assert decided != "worse" or difference < -1e-9
-        assert decided != "equivalent" or abs(difference) < 0.1 - 1e-9
-        assert (decided == "no verdict") == (n < FEWEST_RUNS)
