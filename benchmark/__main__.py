@@ -18,6 +18,7 @@ _INTERRUPTED: Final = "interrupted: what is stored is kept; repeat the command t
 try:
     from envs.inputs import InputError
     from envs.packages import contained, needed_by
+    from envs.sources import VARIABLES
 except KeyboardInterrupt:  # imports take a second
     print(_INTERRUPTED, file=sys.stderr)
     sys.exit(130)
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
     _open_streams()
     if arguments is None:  # nothing else uses this process and its children
-        os.environ["MPLBACKEND"] = "agg"  # a notebook's backend might not be installed
+        os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's backend might not be installed
     try:
         options = _parser().parse_args(arguments)
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away

@@ -25,6 +25,8 @@ _LIBRARY: Final = Path(sysconfig.get_path("stdlib"))
 _INSTALLED: Final = {"site-packages", "dist-packages"}
 _OURS: Final = {"agents", "benchmark", "envs"}
 _LONGEST: Final = 200  # characters of a name in a text
+# Environment variables that this project sets, in some processes only.
+VARIABLES: Final = {"MPLBACKEND": "agg", "MKL_CBWR": "AVX2", "ATEN_CPU_CAPABILITY": "avx2"}
 _READING: Final = ast.Call, ast.Subscript, ast.Compare  # of the environment
 
 
@@ -44,7 +46,8 @@ def digest_of_source(module: str) -> str:
     - the sources of the module and of the modules that they import, or name in a text, as dynamic imports do
     - the content of files that a text in these sources names, relative to the folder of its module or to the
       current one, or by its absolute path
-    - the values of environment variables that they name where they read the environment
+    - the values of environment variables that they name where they read the environment, but for those that
+      this project sets
     - once the module has been imported, its global variables that are numbers, arrays or tuples of these,
       wherever the values are from, and those of the users' modules that it has objects of: compiled code
       has them as constants
@@ -111,7 +114,8 @@ def _data(tree: ast.Module, folder: Path) -> Iterator[str]:
                 yield f"{text} {_digest(path.read_bytes())}"
     for node in ast.walk(tree):
         if isinstance(node, _READING) and re.search(r"\b(environ|getenv)\b", ast.unparse(node)):
-            yield from (f"{name}={os.environ[name]}" for name in _texts(node) if name in os.environ)
+            names = _texts(node) & os.environ.keys() - VARIABLES.keys()
+            yield from (f"{name}={os.environ[name]}" for name in names)
 
 
 def _numbers(module: str, trees: Mapping[str, ast.Module]) -> Iterator[str]:

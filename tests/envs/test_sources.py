@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from envs.sources import digest_of_source, digest_when_loaded
+from envs.sources import VARIABLES, digest_of_source, digest_when_loaded
 from tests.support import ROOT
 
 IMPORTS = {
@@ -102,6 +102,22 @@ def test_data_environment_and_dynamic_imports_change_the_digest(
     monkeypatch.setenv("UNRELATED", "1")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert digest() == digests[-1]
+
+
+def test_variables_that_this_project_sets_in_workers_do_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or a worker would refuse a module that reads them, as one that has changed."""
+    monkeypatch.syspath_prepend(tmp_path)
+    names = ["MKL_CBWR", "ATEN_CPU_CAPABILITY", "MPLBACKEND"]
+    assert {*names} == VARIABLES.keys()
+    for name in (*names, "OF_A_USER"):
+        (tmp_path / f"reads_{name.lower()}.py").write_text(f"import os\nos.environ.get('{name}')\n")
+        digests = set()
+        for value in ("1", "2"):
+            monkeypatch.setenv(name, value)
+            digests.add(digest_of_source(f"reads_{name.lower()}"))
+        assert len(digests) == (1 if name in names else 2), name
 
 
 def test_what_changes_while_a_module_is_used_does_not_count(
