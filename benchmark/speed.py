@@ -27,7 +27,6 @@ from benchmark.folder import README, SPEED, write_manifest
 from benchmark.publish import files
 from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
-from envs.tiles import tiles_of
 
 _ABOUT: Final = """# Speed against alternatives
 
@@ -44,7 +43,6 @@ Measured on: {machine}. Machines differ and are noisy; ratios differ between mac
 _ENV: Final = "envs:Proxemic/S1-v0"
 _NETS: Final = Path(__file__).with_name("speed_nets.toml")
 _LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
-_TILE_LOOP: Final = "the same loop with 16 tilings in Anywhere: weights in lists, traces in a dict"
 _SB3: Final = "Stable-Baselines3, by CPU time"
 Side = tuple[float, Callable[[], object]]  # how many units one call of a function does
 
@@ -123,17 +121,14 @@ def all_rows(smoke: bool) -> list[Row]:
     def size(n: int) -> int:
         return max(n // 100, 1) if smoke else n
 
-    s1, anywhere = (compile_scenario(load_scenario(name)) for name in ("S1", "Anywhere"))
+    s1 = compile_scenario(load_scenario("S1"))
     short, long, policy = size(20_000), size(100_000), uniform_policy(s1)
     cells = _training(s1, "q_learning", "index", {"budget": short, "record_every": short}, 200)
-    tiled = _training(anywhere, "linear_q_lambda", "coordinates", {"budget": long, "time_limit": 200}, 10)
-    tiles = tiles_of(anywhere, 16, 3).tiles.tolist()
     batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
     exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
     played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
     rows = [
         Row("q_learning_kernel", "updates", cells, (long, partial(_loop, long)), _LOOP),
-        Row("tile_coding_kernel", "steps", tiled, (short, partial(_tile_loop, tiles, short)), _TILE_LOOP),
         Row("vector_env_1000", "steps", batched, sync, "gymnasium.vector.SyncVectorEnv"),
         Row("evaluate", "policies", exact, played, "1,000 simulated episodes, uniform random policy"),
     ]
@@ -179,34 +174,6 @@ def _loop(steps: int) -> None:
         target = float(reward) + (0.0 if terminated else 0.9 * max(q[following]))
         row[action] += 0.6 * (target - row[action])
         observation = env.reset()[0] if terminated or truncated else following
-
-
-def _tile_loop(tiles: list[list[int]], steps: int) -> None:
-    """Learns as `_loop`, by Watkins's Q(lambda) over the tiles of every observation."""
-    env = gymnasium.make("envs:Proxemic/Anywhere-v0", max_episode_steps=200)
-    rng = random.Random(0)
-    weights = [[0.0] * 5 for _ in range(1 + max(map(max, tiles)))]
-    traces: dict[tuple[int, int], float] = {}
-
-    def values(o: int) -> list[float]:
-        return [sum(column) for column in zip(*(weights[tile] for tile in tiles[o]), strict=True)]
-
-    observation, _ = env.reset(seed=0)
-    for _ in range(steps):
-        row = values(observation)
-        best = [a for a in range(5) if row[a] == max(row)]
-        action = rng.randrange(5) if rng.random() < 0.6 else rng.choice(best)
-        following, reward, terminated, truncated, _ = env.step(action)
-        target = float(reward) + (0.0 if terminated else 0.9 * max(values(following)))
-        kept = traces.items() if action in best else ()
-        traces = {pair: 0.81 * trace for pair, trace in kept if trace > 1e-3}
-        traces |= dict.fromkeys(((tile, action) for tile in tiles[observation]), 1.0)
-        change = 0.6 / len(tiles[observation]) * (target - row[action])
-        for (tile, a), trace in traces.items():
-            weights[tile][a] += change * trace
-        observation = following
-        if terminated or truncated:
-            observation, traces = env.reset()[0], {}
 
 
 def _play(episodes: int) -> None:

@@ -2,15 +2,13 @@
 
 import argparse
 import sys
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.choices import digest_of_search
-from benchmark.experiments.search import Choices, chosen_file, read_chosen
+from benchmark.experiments.search import Choices, chosen_file
 from benchmark.folder import MANIFEST, SPEED, Folder
 from benchmark.publish import document, draw, files, front, prose, sameness
 from benchmark.publish.page import build as page
@@ -72,21 +70,12 @@ def _write_texts(folder: Path) -> None:
 
 
 def _write_chosen(analysis: SearchAnalysis, folder: Folder) -> None:
-    """Writes the settings that a search has chosen beside its file, for experiments that name it.
-
-    A file that differs in measured times alone stays as it is.
-    """
+    """Writes the settings that a search has chosen beside its file, for experiments that name it."""
     experiment, trials = analysis.data.experiment, folder.manifest["files"].get("trials.csv", "")
     file, search = chosen_file(experiment.path), digest_of_search(experiment.declared)
     now = Choices(search=search, trials=trials, learners=dict(analysis.chosen))
-    measured: Any = {"sha256": True, "learners": {"__all__": {"cpu_time_s"}}}
-    is_same = False
-    with suppress(InputError):  # there is none, or it is damaged
-        before = read_chosen(experiment.path, "")
-        is_same = before.model_dump(exclude=measured) == now.model_dump(exclude=measured)
-    if not is_same:
-        files.write_text(file, sealed(now.model_dump(mode="json"), indent=1))
-    print(f"{experiment.name}: the chosen settings are in {file}{', as before' * is_same}.")
+    files.write_text(file, sealed(now.model_dump(mode="json"), indent=1))
+    print(f"{experiment.name}: the chosen settings are in {file}.")
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
