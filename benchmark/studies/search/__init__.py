@@ -20,7 +20,7 @@ def check(experiment: Experiment, _: Declared) -> None:
 
 
 def headline(folder: Folder) -> str:
-    """Says what the best learner gains by chosen settings, if a gain is shown."""
+    """Says what the best learner gains by chosen settings, and whether a gain is shown."""
     table = folder.frame("chosen")
     best = table.iloc[int(table["chosen"].argmax())]
     default, chosen = (show(best[key]) for key in ("default", "chosen"))
@@ -28,16 +28,11 @@ def headline(folder: Folder) -> str:
     measure = share if folder.manifest["solved"] else "success averaged over training"
     n_trials = folder.manifest["search"]["trials"]
     searched = f"the best of the declared settings and {n_trials:,} trial{'s' * (n_trials != 1)}"
-    if best["chosen"] == 0:
-        return f"No learner has learned in the search: with {searched}, {measure} is {chosen} for all."
     learner = folder.phrase(f"{best['variant']}, {best['observation']}")
     is_alone = (table["chosen"] == best["chosen"]).sum() == 1 < len(table)
     who = f"the best learner, {learner}" if is_alone else learner
-    if best["gain_low"] > 0:
-        return f"With {searched}, {measure} goes from {default} to {chosen} for {who}."
-    if best["trial"] == 0:
-        return f"For {who}, the settings as declared stay {searched}: {measure} is {chosen}."
-    return f"With {searched}, no gain is shown for {who}: {measure} is {chosen}, and {default} as declared."
+    shown = "" if best["gain_low"] > 0 else ", but no gain is shown"
+    return f"With {searched}, {measure} goes from {default} to {chosen} for {who}{shown}."
 
 
 STUDY: Final = Study(
