@@ -61,7 +61,7 @@ check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m mypy $(CHECKED)
 	git ls-files -z --cached --others --exclude-standard -- $(CHECKED) | xargs -0 $(PY) -m codespell_lib
 
-speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
+speed: $(DEEP) ## speed against plain Python and Stable-Baselines3, in results/speed/
 	OPENBLAS_NUM_THREADS=1 $(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
 
 clean: ## remove installed packages, caches and runs; published results stay

@@ -18,9 +18,6 @@ import pandas as pd
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from agents.dynamic_programming import evaluate
-from agents.policy import uniform_policy
-from agents.process import N_ACTIONS
 from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
 from benchmark.folder import README, SPEED, write_manifest
@@ -122,16 +119,9 @@ def all_rows(smoke: bool) -> list[Row]:
         return max(n // 100, 1) if smoke else n
 
     s1 = compile_scenario(load_scenario("S1"))
-    short, long, policy = size(20_000), size(100_000), uniform_policy(s1)
+    short, long = size(20_000), size(100_000)
     cells = _training(s1, "q_learning", "index", {"budget": short, "record_every": short}, 200)
-    batched, sync = _stepping("vector_entry_point", size(500)), _stepping("sync", size(10))
-    exact = size(100), lambda: [evaluate(s1, policy, 200) for _ in range(size(100))]
-    played = size(1000) / 1000, partial(_play, size(1000))  # no policy visits more states than the random one
-    rows = [
-        Row("q_learning_kernel", "updates", cells, (long, partial(_loop, long)), _LOOP),
-        Row("vector_env_1000", "steps", batched, sync, "gymnasium.vector.SyncVectorEnv"),
-        Row("evaluate", "policies", exact, played, "1,000 simulated episodes, uniform random policy"),
-    ]
+    rows = [Row("q_learning_kernel", "updates", cells, (long, partial(_loop, long)), _LOOP)]
     budget = 200 if smoke else 10_000
     for net, declared in read_toml(_NETS).items():
         for observation in declared.pop("observations"):
@@ -148,13 +138,6 @@ def _training(model: Model, name: str, observation: str, declared: dict[str, Any
     settings = parse(algorithm.settings, declared, str(_NETS))
     seeds = [SeedSequence([0, i]) for i in range(n_agents)]
     return n_agents * budget, partial(algorithm.train, model, settings, observation, seeds, Schedule(budget))
-
-
-def _stepping(mode: str, times: int) -> Side:
-    envs = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode, max_episode_steps=-1)
-    envs.reset()
-    actions = np.random.default_rng(0).integers(0, N_ACTIONS, (times, 1000))
-    return actions.size, lambda: [envs.step(row) for row in actions]
 
 
 def _loop(steps: int) -> None:
@@ -174,13 +157,3 @@ def _loop(steps: int) -> None:
         target = float(reward) + (0.0 if terminated else 0.9 * max(q[following]))
         row[action] += 0.6 * (target - row[action])
         observation = env.reset()[0] if terminated or truncated else following
-
-
-def _play(episodes: int) -> None:
-    env = gymnasium.make(_ENV, max_episode_steps=200)
-    rng = random.Random(0)
-    for _ in range(episodes):
-        env.reset()
-        terminated = truncated = False
-        while not (terminated or truncated):
-            _, _, terminated, truncated, _ = env.step(rng.randrange(N_ACTIONS))

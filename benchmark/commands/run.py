@@ -70,10 +70,10 @@ def _execute(name: str, runs: Sequence[RunSpecification], store: Store, options:
             jobs = jobs if options.jobs else 2 * cluster.workers  # a worker finds its next job waiting
         folder = options.results / Path(options.experiment).stem
         workers = cluster.workers if cluster else min(jobs, usable_cores())
-        how_long, costs, time_s = estimate(todo, folder, workers)
+        how_long, costs = estimate(todo, folder, workers)
         kept = "Ctrl-C keeps what is finished"
         print(f"{name}: {len(todo):,} runs to train, {how_long} ({kept}).", file=sys.stderr)
-        with Display(name, costs, n_done, time_s) as display:
+        with Display(name, costs, n_done) as display:
             errors = driver.run(runs, store, jobs, display.advance, cluster)
     if errors:
         failed = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"

@@ -1,6 +1,5 @@
 """How long runs take: an estimate before they start, and a display while they are trained."""
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,26 +14,25 @@ from benchmark.folder import Folder
 from envs import InputError
 
 _LINE_EVERY_S: Final = 30.0  # where the output is not a terminal
-_FIRST: Final = 1.0  # percentage of the work that says nothing about speed: code is imported and compiled
 
 
 def estimate(
     missing: Sequence[RunSpecification], folder: Path, workers: int
-) -> tuple[str, Mapping[str, float], float]:
+) -> tuple[str, Mapping[str, float]]:
     """Estimates how long runs take on some workers, from the results of the same learners in a folder.
 
-    Returns the time in words, the seconds of each run by digest, and those of all on the workers. If there
-    are no such results, each run counts as a second, and all are infinite.
+    Returns the time in words, and the seconds of each run by digest. If there are no such results, each run
+    counts as a second.
     """
     try:
         published = _seconds(Folder(folder))
         costs = {run.digest: published[run.variant, run.observation] for run in missing}
     except (InputError, KeyError):
         text = f"for an unknown time: {folder} has no results of these learners"
-        return text, dict.fromkeys((run.digest for run in missing), 1.0), math.inf
+        return text, dict.fromkeys((run.digest for run in missing), 1.0)
     time_s = max(sum(costs.values()) / workers, *costs.values())
     by = f"{workers} worker{'s' * (workers > 1)}"
-    return f"{about(time_s)} with {by}, if as fast as for the results in {folder}", costs, time_s
+    return f"{about(time_s)} with {by}, if as fast as for the results in {folder}", costs
 
 
 def _seconds(folder: Folder) -> dict[tuple[str, str], float]:
@@ -56,14 +54,11 @@ def _seconds(folder: Folder) -> dict[tuple[str, str], float]:
 class Display(ProgressColumn):
     """A bar, or occasional lines where the output is not a terminal.
 
-    The time left counts down between updates. It is extrapolated from the work done since the first percent,
-    as soon as this has taken as long as the first percent; until then, it follows from the expected time.
+    The time left is extrapolated from the work done so far, and counts down between updates.
     """
 
-    def __init__(
-        self, name: str, costs: Mapping[str, float], n_done: int = 0, expected_s: float = math.inf
-    ) -> None:
-        """Takes each item's cost, in any unit, the number already done, and the expected time, if known."""
+    def __init__(self, name: str, costs: Mapping[str, float], n_done: int) -> None:
+        """Takes each item's cost, in any unit, and the number already done."""
         super().__init__()
         self._costs, self._n = costs, n_done + len(costs)
         self._n_done, self._n_failed = n_done, 0
@@ -72,7 +67,7 @@ class Display(ProgressColumn):
         self._progress = Progress(*columns, console=self._console, disable=not self._console.is_terminal)
         self._task = self._progress.add_task(name, total=sum(costs.values()))
         self._line_s = self._started_s = time.monotonic()
-        self._whole_s, self._end_s = expected_s, self._started_s + expected_s
+        self._end_s: float | None = None
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -87,15 +82,9 @@ class Display(ProgressColumn):
         """Counts items that have ended, and failures among them."""
         self._n_done, self._n_failed = self._n_done + len(ended) - n_failed, self._n_failed + n_failed
         task, now_s = self._progress.tasks[0], time.monotonic()
-        is_first = task.percentage < _FIRST
         self._progress.update(self._task, advance=sum(self._costs[key] for key in ended))
-        share = task.percentage / 100
-        if is_first:
-            self._first_s, self._first_share = now_s, share
-        done, time_s = share - self._first_share, now_s - self._first_s
-        if done and time_s >= self._first_s - self._started_s:
-            self._whole_s = time_s / done
-        self._end_s = now_s + (1 - share) * self._whole_s
+        if task.percentage:
+            self._end_s = self._started_s + (now_s - self._started_s) / (task.percentage / 100)
         if not self._console.is_terminal and now_s - self._line_s > _LINE_EVERY_S:
             self._line_s = now_s
             self._print_line()
@@ -106,7 +95,7 @@ class Display(ProgressColumn):
 
     def _text(self) -> str:
         text = f"{self._n_done:,} of {self._n:,} done" + f", {self._n_failed} failed" * (self._n_failed > 0)
-        if self._n_done + self._n_failed == self._n or not math.isfinite(self._end_s):
+        if self._n_done + self._n_failed == self._n or self._end_s is None:
             return text
         return f"{text}, {about(self._end_s - time.monotonic())} left"
 
