@@ -1,7 +1,7 @@
 """Draws how an agent learns: what it values and does, and where it walks, one frame per moment of training.
 
-A cell's four triangles are the values of its moves, the disc in its middle is that of PING, and the line is
-the greedy policy's walk from the start. Where the agent has learned nothing, no action is marked.
+A cell's colour is the value of its best action, which is marked, and the line is the greedy policy's walk
+from the start. Where the agent has learned nothing, no action is marked.
 
 The walk starts in the model's first start state. At every step one number is drawn from the generator below,
 even if there is a single greedy action: the walk takes greedy action number
@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pandas as pd
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
@@ -33,9 +32,9 @@ from PIL import Image
 
 from agents.policy import contains
 from benchmark.analysis.records import Records
-from benchmark.drawing.maps import RGB, Style, arrowheads, colour_bar, discs, dots, triangles
+from benchmark.drawing.maps import RGB, Style, colour_bar, heat, mark
 from benchmark.drawing.style import figure_of, settings
-from envs import ACTIONS, EVENTS, Model
+from envs import EVENTS, Model
 from envs.scene import colour_limits, scene_of
 
 CIRCLE: Final = "circle"
@@ -167,17 +166,9 @@ def _draw(axis: Axes, film: Film, index: int, norm: Normalize) -> None:
     values, greedy = film.values[index, observed], contains(film.greedy[index, observed])
     # All actions are greedy mostly where the agent has never been.
     is_marked = greedy & ~greedy.all(axis=1, keepdims=True) & (np.arange(scene.n_cells) != agent)[:, None]
-    cell = np.flatnonzero(~scene.is_over)
-    frame = pd.DataFrame(scene.position[cell.repeat(len(ACTIONS))], columns=["row", "column"])
-    frame["action"] = np.tile(ACTIONS, len(cell))
-    frame["value"], frame["is_marked"] = values[cell].ravel(), is_marked[cell].ravel()
-    is_ping = frame["action"] == "PING"
     axis.clear()
-    axis.set_facecolor(RGB["over"])
-    triangles(axis, scene, frame[~is_ping], norm, "value")
-    discs(axis, frame[is_ping], norm, "value")
-    arrowheads(axis, frame[~is_ping & frame["is_marked"]])
-    dots(axis, frame[is_ping & frame["is_marked"]])
+    heat(axis, scene, np.where(scene.is_over, np.nan, values.max(axis=1)), norm)
+    mark(axis, scene, is_marked)
     axis.plot(*scene.position[[*walked.cells]].T[::-1], **_PATH)
     axis.plot(*scene.position[[agent]].T[::-1], **_AGENT)
     numbers = f"step {film.steps[index]:,}, score {film.scores[index]:.2f}: {ENDINGS[walked.ending]}"

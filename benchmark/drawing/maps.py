@@ -13,13 +13,13 @@ import numpy as np
 import pandas as pd
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection, PolyCollection
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, PathPatch, Polygon
 from matplotlib.path import Path
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from benchmark.drawing.style import WIDTH, colour_map, figure_of
 from envs import ACTIONS, Model, compile_scenario, load_scenario, scenario_names
@@ -51,7 +51,7 @@ _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"
 _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
 
 # The gallery: maps in a row and of a scenario, characters in a line of names
-_COLUMNS, MAX_MAPS, _CHARACTERS = 5, 4, 17
+_COLUMNS, _MAX_MAPS, _CHARACTERS = 5, 4, 17
 _ROW, _LEGEND, _POINTS = 1.65, 0.7, 8.5  # inches of a row and of the legend; the size of texts
 _NOT_ON_A_MAP: Final[Any] = dict.fromkeys(("name", "description", "observe"), True) | {"issuer": {"feedback"}}
 
@@ -68,11 +68,9 @@ def draw_policy(axis: Axes, model: Model, policy: NDArray[np.float64], norm: Nor
     """Draws action probabilities, (O, A), in the first context: PING as colours, the likeliest as marks."""
     scene, chances = scene_of(model), policy[model.observation[model.states_of(0)]]  # (C, A)
     is_likeliest = chances >= chances.max(axis=1, keepdims=True) - _TIE
-    cells = pd.DataFrame(model.position, columns=["row", "column"])
+    is_likeliest[:, PING] &= chances.argmax(axis=1) == PING  # no move is as likely
     heat(axis, scene, np.where(scene.is_over, np.nan, chances[:, PING]), norm)
-    for action, name in enumerate(ACTIONS[:PING]):
-        arrowheads(axis, cells[is_likeliest[:, action] & ~scene.is_over].assign(action=name))
-    dots(axis, cells[(chances.argmax(axis=1) == PING) & ~scene.is_over])  # no move is as likely
+    mark(axis, scene, is_likeliest)
 
 
 def policy_legend(figure: Figure, axes: Sequence[Axes], model: Model, norm: Normalize) -> None:
@@ -83,30 +81,28 @@ def policy_legend(figure: Figure, axes: Sequence[Axes], model: Model, norm: Norm
     region_legend(figure, [scene_of(model)], ping, move, columns=2)
 
 
-def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:
-    """Draws a frame's values, by row, column and move, as triangles on the sides to which the moves lead."""
-    shapes, values = _shapes(frame, TRIANGLES), frame[value].to_numpy()
+def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize) -> None:
+    """Draws means by row, column and move as triangles on the sides to which the moves lead."""
+    corners = TRIANGLES[frame["action"].map(ACTIONS.index).to_numpy(dtype=int)]
+    shapes = list(frame[["column", "row"]].to_numpy()[:, None, :] + corners[..., ::-1])
+    values = frame["mean"].to_numpy()
     axis.add_collection(PolyCollection(shapes, array=values, **_coloured(norm), linewidths=0.2))
     _dress(axis, scene, _ON_VALUES)
 
 
-def discs(axis: Axes, frame: pd.DataFrame, norm: Normalize, value: str) -> None:
-    """Draws a frame's values, by row and column, as discs in the middle of the cells."""
-    style: Style = _coloured(norm) | {"edgecolors": RGB["line"], "linewidths": 0.4}
-    style |= {"offsets": frame[["column", "row"]].to_numpy(), "offset_transform": axis.transData}
-    values = frame[value].to_numpy()
-    axis.add_collection(EllipseCollection([0.4], [0.4], [0], units="xy", array=values, **style))
+def mark(axis: Axes, scene: Scene, is_marked: NDArray[np.bool_]) -> None:
+    """Marks actions, (C, A), where the episode goes on: small arrow heads, of which four fit, and dots."""
+    cell, action = np.nonzero(is_marked & ~scene.is_over[:, None])
+    is_ping = action == PING
+    centres = scene.position[cell][:, None]
+    shapes = (centres[~is_ping] + ARROWHEADS[action[~is_ping]])[..., ::-1]
+    axis.add_collection(PolyCollection(list(shapes), facecolors="white", edgecolors="black", linewidths=0.4))
+    dots(axis, *scene.position[cell[is_ping]].T)
 
 
-def arrowheads(axis: Axes, moves: pd.DataFrame) -> None:
-    """Draws a small arrow head for every move (row, column, action), so that four fit into a cell."""
-    shapes = _shapes(moves, ARROWHEADS)
-    axis.add_collection(PolyCollection(shapes, facecolors="white", edgecolors="black", linewidths=0.4))
-
-
-def dots(axis: Axes, cells: pd.DataFrame) -> None:
-    """Draws a dot in every cell (row, column)."""
-    axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
+def dots(axis: Axes, rows: ArrayLike, columns: ArrayLike) -> None:
+    """Draws a dot in every cell."""
+    axis.plot(columns, rows, "o", ms=3, mfc="black", mec="white", mew=0.5)
 
 
 def _coloured(norm: Normalize) -> Style:
@@ -144,60 +140,49 @@ def region_legend(figure: Figure, scenes: Sequence[Scene], *more: Line2D | Patch
 
 
 def shipped() -> Figure:
-    """Draws the shipped scenarios, each with people in one of their places."""
-    scenarios = [load_scenario(name) for name in scenario_names()]
-    # One place alone is compiled in no time.
-    places = [scenario.layout.places[len(scenario.layout.places) // 2] for scenario in scenarios]
-    changes = [
-        {"issuer.position": place if len(place) > 1 else place[0]}
-        | ({"onlookers.ways": 1} if scenario.onlookers else {})
-        for place, scenario in zip(places, scenarios, strict=True)
-    ]
-    return gallery([*map(compile_scenario, map(load_scenario, scenarios, changes))])
+    """Draws maps of the shipped scenarios, each with people in one of their places, and its names above.
 
-
-def gallery(models: Sequence[Model]) -> Figure:
-    """Draws maps of scenarios, with their names above.
-
-    Scenarios that differ only in what is observed or in feedback share their maps. If the issuer has several
-    positions or phases, which are then named below, up to four maps are shown.
+    Scenarios that differ only in what is observed or in feedback share their maps. If people have several
+    phases, which are then named below, up to four maps are shown.
     """
     groups: dict[str, list[Model]] = {}
-    for model in models:
+    for scenario in map(load_scenario, scenario_names()):
+        place = scenario.layout.places[len(scenario.layout.places) // 2]
+        # One place alone is compiled in no time.
+        changes = {"issuer.position": place if len(place) > 1 else place[0]}
+        changes |= {"onlookers.ways": 1} if scenario.onlookers else {}
+        model = compile_scenario(load_scenario(scenario, changes))
         groups.setdefault(model.scenario.model_dump_json(exclude=_NOT_ON_A_MAP), []).append(model)
     maps = []
     for group in groups.values():
-        n_contexts = group[0].n_places * len(group[0].scenario.layout.stages)
-        maps += [(group, context) for context in range(0, n_contexts, math.ceil(n_contexts / MAX_MAPS))]
+        n_phases = len(group[0].scenario.layout.stages)
+        maps += [(group, phase) for phase in range(0, n_phases, math.ceil(n_phases / _MAX_MAPS))]
     n_rows = math.ceil(len(maps) / _COLUMNS)
     with figure_of(n_rows, _COLUMNS, (WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
         figure.set_layout_engine("constrained", h_pad=0.1)
-        for axis, (group, context) in zip(axes.flat, maps, strict=False):
-            _draw_zones(axis, group[0], context)
-            names = [] if context else wrap(", ".join(model.scenario.name for model in group), _CHARACTERS)
+        for axis, (group, phase) in zip(axes.flat, maps, strict=False):
+            _draw_zones(axis, group[0], phase)
+            names = [] if phase else wrap(", ".join(model.scenario.name for model in group), _CHARACTERS)
             axis.set_title("\n".join(names), loc="left", weight="bold", size=_POINTS, pad=3)
             axis.annotate(
-                _which(group[0], context), (0, 0), (0, -3), xycoords="axes fraction",
+                _phase(group[0], phase), (0, 0), (0, -3), xycoords="axes fraction",
                 textcoords="offset points", va="top", size=_POINTS,
             )  # fmt: skip
-        scenes, wall = [scene_of(group[0], context) for group, context in maps], Patch(**_WALL, label="wall")
+        scenes, wall = [scene_of(group[0], phase) for group, phase in maps], Patch(**_WALL, label="wall")
         start = Line2D([], [], **_ONE_OF_MANY, label="one of many starts")
         nose = Line2D([], [], ls="", marker="^", color="black", ms=4, label="where a person looks")
         region_legend(figure, scenes, start, wall, nose, columns=3)
     return figure
 
 
-def _which(model: Model, context: int) -> str:
-    """Returns which of a scenario's positions and phases a map shows."""
-    place = f"place {context // len(model.scenario.layout.stages) + 1} of {model.n_places}"
-    phase = scene_of(model, context).phase
-    if phase.isdecimal():  # of people who walk
-        phase = f"phase {phase} of {len(model.scenario.layout.stages)}"
-    return ", ".join([place] * (model.n_places > 1) + [phase] * bool(phase))
+def _phase(model: Model, phase: int) -> str:
+    name = scene_of(model, phase).phase
+    # People who walk have numbered phases.
+    return f"phase {name} of {len(model.scenario.layout.stages)}" if name.isdecimal() else name
 
 
-def _draw_zones(axis: Axes, model: Model, context: int) -> None:
-    scene = scene_of(model, context)
+def _draw_zones(axis: Axes, model: Model, phase: int) -> None:
+    scene = scene_of(model, phase)
     zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
     axis.set_facecolor(RGB["outside"])
     for zone in dict.fromkeys(scene.zone):
@@ -206,9 +191,7 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
     axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
     if not scene.cells_of("start"):
-        position = model.context // len(model.scenario.layout.stages)
-        is_shown = position[model.starts] == context // len(model.scenario.layout.stages)
-        axis.plot(*scene.position[model.cell[model.starts[is_shown]]].T[::-1], **_ONE_OF_MANY)
+        axis.plot(*scene.position[model.cell[model.starts]].T[::-1], **_ONE_OF_MANY)
     _dress(axis, scene, _ON_ZONES, scale=0.7)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="", anchor="NW")
 
@@ -239,9 +222,3 @@ def add_area(axis: Axes, loops: Sequence[Loop], style: Style) -> None:
     paths = [Path(np.array([*loop, loop[0]])[:, ::-1] - 0.5, closed=True) for loop in loops]
     if paths:
         axis.add_patch(PathPatch(Path.make_compound_path(*paths), **style))
-
-
-def _shapes(frame: pd.DataFrame, corners: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Returns the corners, (x, y), of a shape in each row's cell, given those of moves, (4, n, 2)."""
-    action = frame["action"].map(ACTIONS.index).to_numpy(dtype=int)
-    return list(frame[["column", "row"]].to_numpy()[:, None, :] + corners[action][..., ::-1])

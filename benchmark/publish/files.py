@@ -1,26 +1,23 @@
-"""Writes results so that readers never see a mixture of old and new ones, and a crash loses nothing.
+"""Writes results so that a crash loses nothing: files are made aside, and moved when all are there.
 
-Unfinished files and folders have names that begin with a dot and end in `.making`. Since only one process at
-a time writes to a folder of results, those that it finds when it begins were left by a killed process.
+Unfinished files and folders have names that begin with a dot and end in `.making`. The next process that
+writes the same removes those of a killed one.
 """
 
 import os
 import shutil
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
 
 from benchmark.execution.machine import lock
+from benchmark.folder import MANIFEST
 from envs import InputError
-
-_MAKING: Final = ".making"
-_BEFORE: Final = ".before"  # ends the name of a folder for the moment in which another takes its place
 
 
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
-    """Waits until no other process writes to a folder, and removes what killed ones have left there.
+    """Waits until no other process writes to a folder.
 
     A missing folder is made; one that cannot be written raises an InputError.
     """
@@ -30,11 +27,6 @@ def alone(folder: Path) -> Iterator[None]:
     try:
         with _input_errors(folder):
             lock(descriptor, f"{folder}: waiting for another command that writes there ...")
-            for path in folder.glob(f".*{_BEFORE}"):
-                target = folder / path.name[1 : -len(_BEFORE)]
-                _remove(path) if target.exists() else path.rename(target)
-            for path in [*folder.glob(f".*{_MAKING}"), *folder.glob(f"*/.*{_MAKING}")]:
-                _remove(path)
         yield
     finally:
         os.close(descriptor)
@@ -42,31 +34,27 @@ def alone(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def replaced(folder: Path, stale: Collection[str]) -> Iterator[Path]:
-    """Yields an empty folder that takes a folder's place at the end, unless there is an exception.
+    """Yields an empty folder whose files replace those of a folder at the end, unless there is an exception.
 
-    Other files of the old folder stay, except those with stale names, which were made earlier. The caller
-    must be `alone` in the parent folder. An InputError means that something cannot be written.
+    Other files of the folder stay, except those with stale names, which were made earlier. The manifest
+    comes last, so a folder that was only half replaced does not match it. The caller must be `alone` in the
+    parent folder. An InputError means that something cannot be written.
     """
-
-    def outdated(directory: str, names: list[str]) -> list[str]:
-        files = [name for name in names if directory == str(folder) and not (folder / name).is_dir()]
-        return [name for name in files if (made / name).exists() or name in stale]
-
-    folder = folder.resolve()  # a link to a folder stays one
-    made, before = (folder.with_name(f".{folder.name}{end}") for end in (_MAKING, _BEFORE))
-    _remove(made)
+    made = _aside(folder)
+    shutil.rmtree(made, ignore_errors=True)
     with _input_errors(folder):
         made.mkdir()
     try:
         yield made
         with _input_errors(folder):
-            if folder.exists():
-                shutil.copytree(folder, made, symlinks=True, ignore=outdated, dirs_exist_ok=True)
-                folder.rename(before)
-            made.rename(folder)
-            _remove(before)
+            folder.mkdir(exist_ok=True)
+            names = {file.name for file in made.iterdir()}
+            for name in {*stale} - names:
+                (folder / name).unlink(missing_ok=True)
+            for name in sorted(names, key=lambda name: (name == MANIFEST, name)):
+                (made / name).replace(folder / name)
     finally:
-        _remove(made)
+        shutil.rmtree(made, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -76,20 +64,15 @@ def write_text(path: Path, text: str) -> None:
     """
     if path.is_file() and path.read_bytes() == text.encode():
         return
-    made = path.with_name(f".{path.name}{_MAKING}")
-    try:
-        with _input_errors(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            made.write_text(text, encoding="utf-8")
-            made.replace(path)
-    finally:
-        _remove(made)
+    made = _aside(path)
+    with _input_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made.write_text(text, encoding="utf-8")
+        made.replace(path)
 
 
-def _remove(path: Path) -> None:
-    shutil.rmtree(path, ignore_errors=True)
-    with suppress(OSError):
-        path.unlink()
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.making")
 
 
 @contextmanager

@@ -60,12 +60,8 @@ def _variants(
         about |= {"family": learner.family, "packages": learner.algorithm.packages}
         about |= {"runs": sizes[population.first.population]}  # in a scenario
         variant = variants.setdefault(learner.variant, about | {"settings": {}})
-        picks = [run.settings.model_dump(mode="json") for run in population.firsts]
-        variant["settings"][learner.observation] = picks[0]
-        if len(picks) > 1:
-            differing = [key for key in picks[0] if any(pick[key] != picks[0][key] for pick in picks)]
-            of_picks = [{key: pick[key] for key in differing} for pick in picks]
-            variant.setdefault("picks", {})[learner.observation] = of_picks
+        # Of several picks of a search, which take turns, it has the first; the search's report has all.
+        variant["settings"][learner.observation] = population.first.settings.model_dump(mode="json")
     return variants
 
 

@@ -56,7 +56,8 @@ def figure(analysis: ReplicationAnalysis, _: pd.DataFrame) -> Figure:
             axis.xaxis.set_major_locator(MaxNLocator(3))
             triangles(move_axis, scene, move, move_norm)
             heat(ping_axis, scene, ping["mean"].to_numpy(), ping_norm)
-            dots(ping_axis, ping[ping["mean"] > 0])
+            learned = ping[ping["mean"] > 0]
+            dots(ping_axis, learned["row"], learned["column"])
             move_axis.set(title=f"({letters[1]}) final Q of moves")
             ping_axis.set(title=f"({letters[2]}) final Q of PING")
         last = curves[curves["scenario"] == next(iter(groups))].iloc[-1]

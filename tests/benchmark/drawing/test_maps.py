@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, PathPatch, Polygon
 
-from benchmark.drawing.maps import gallery, heat, shipped, triangles
+from benchmark.drawing.maps import heat, shipped, triangles
 from benchmark.drawing.style import svg
 from benchmark.publish.page.build import SCENES
 from envs import compile_scenario, load_scenario, scenario_names
@@ -49,9 +49,9 @@ def test_heat_has_a_value_per_cell_and_the_scene_on_top() -> None:
 
 def test_triangles_are_on_the_side_to_which_the_moves_lead() -> None:
     moves = ["UP", "DOWN", "LEFT", "RIGHT"]
-    frame = pd.DataFrame({"row": 3, "column": 5, "action": moves, "value": [1.0, 2.0, 3.0, 4.0]})
+    frame = pd.DataFrame({"row": 3, "column": 5, "action": moves, "mean": [1.0, 2.0, 3.0, 4.0]})
     axis = Figure().subplots()
-    triangles(axis, SCENE, frame, NORM, "value")
+    triangles(axis, SCENE, frame, NORM)
     (polygons,) = drawn(axis.collections, PolyCollection)
     assert np.ravel(polygons.get_array()).tolist() == [1, 2, 3, 4]
     middles = np.array([path.vertices[:3].mean(axis=0) for path in polygons.get_paths()])
@@ -59,10 +59,10 @@ def test_triangles_are_on_the_side_to_which_the_moves_lead() -> None:
 
 
 def test_gallery_shows_zones_walls_and_starts() -> None:
-    models = [compile_scenario(load_scenario(name)) for name in ("Egg", "AnyStart", "Walls")]
-    egg, any_start, walls = [axis for axis in gallery(models).axes if axis.axison]
+    axes = {axis.get_title("left"): axis for axis in shipped().axes}
+    egg, any_start, walls = axes["Egg"], axes["AnyStart"], axes["Walls"]
     assert len(drawn(egg.patches, Polygon)) == 1  # a nose
-    scene = scene_of(models[0])
+    scene = scene_of(compile_scenario(load_scenario("Egg")))
     filled = [patch for patch in drawn(egg.patches, PathPatch) if patch.get_fill()]
     for (row, column), zone in zip(scene.position, scene.zone, strict=True):
         covering = [patch for patch in filled if patch.get_path().contains_point((column, row))]
@@ -70,13 +70,14 @@ def test_gallery_shows_zones_walls_and_starts() -> None:
         assert np.array(colour[:3]) * 255 == pytest.approx(COLOURS[zone])
     assert [len(np.asarray(line.get_xydata())) for line in any_start.lines] == [95, 1]
     path = next(patch for patch in drawn(walls.patches, PathPatch) if patch.get_hatch()).get_path()
-    inside = [path.contains_point((column, row)) for row, column in scene_of(models[2]).position]
+    inside = [path.contains_point((column, row)) for row, column in SCENE.position]  # as large
     assert inside == load_scenario("Walls").grid.is_wall.tolist()
 
 
 def test_groups_and_bystanders_are_told_apart() -> None:
     changes = {"issuer.position": [[3, 4], [3, 8]], "others": [{"position": [8, 1]}]}
-    axis = gallery([compile_scenario(load_scenario("TwoTalking", changes))]).axes[0]
+    axis, scene = Figure().subplots(), scene_of(compile_scenario(load_scenario("TwoTalking", changes)))
+    heat(axis, scene, np.zeros(scene.n_cells), NORM)
     (circle,) = drawn(axis.patches, Circle)
     assert (circle.center, circle.radius) == ((6, 3), 2)
     markers = {tuple(np.ravel(line.get_xydata()).tolist()): line.get_marker() for line in axis.lines}
