@@ -7,17 +7,14 @@ digest. So a file that was changed is refused.
 import gzip
 import hashlib
 import re
-import zlib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
-import jinja2
 import pandas as pd
 
 from benchmark.drawing.tables import read_csv
@@ -30,10 +27,6 @@ MANIFEST: Final = "manifest.json"
 README: Final = "README.md"
 SPEED: Final = "speed"  # the folder of measured speed, which is no experiment's
 SCORES: Final = "scores.csv.gz"  # every run of a comparison
-_UNREADABLE: Final = (
-    OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, RecursionError, zlib.error,
-    jinja2.UndefinedError,  # a template asks for what a table does not have
-)  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -75,8 +68,8 @@ class Folder:
         return f"the {title}" if re.search(r"\btable\b", title) else title
 
     def __contains__(self, file: str) -> bool:
-        """Returns whether the manifest lists a file of this name, or one that matches this pattern."""
-        return self.is_there and any(fnmatchcase(name, file) for name in self.manifest["files"])
+        """Returns whether the manifest lists a file of this name."""
+        return self.is_there and file in self.manifest["files"]
 
     @property
     def is_there(self) -> bool:
@@ -113,7 +106,7 @@ class Folder:
             yield
         except InputError:
             raise
-        except _UNREADABLE as error:
+        except Exception as error:  # of whatever kind: files can come from anywhere
             fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             if isinstance(error, FileNotFoundError):
                 fault = f"{Path(error.filename).name} is missing"

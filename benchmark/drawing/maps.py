@@ -149,7 +149,7 @@ def shipped() -> Figure:
     for scenario in map(load_scenario, scenario_names()):
         place = scenario.layout.places[len(scenario.layout.places) // 2]
         # One place alone is compiled in no time.
-        changes = {"issuer.position": place if len(place) > 1 else place[0]}
+        changes: dict[str, Any] = {"issuer.position": place if len(place) > 1 else place[0]}
         changes |= {"onlookers.ways": 1} if scenario.onlookers else {}
         model = compile_scenario(load_scenario(scenario, changes))
         groups.setdefault(model.scenario.model_dump_json(exclude=_NOT_ON_A_MAP), []).append(model)

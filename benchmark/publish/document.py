@@ -51,19 +51,18 @@ class Document:
                         reason = f"report: {name}: code of users runs only if you name its experiment"
                         raise InputError(f"{source}: {reason}, as in: report EXPERIMENT.")
                 study = with_items(load_study(declared["kind"], source), declared["items"], source)
-            self._headline, self.finding, self.lead = study.headline, study.finding, study.lead
-            self.name, self.items, self.template = study.name, study.items, study.document
+            self.study, self.items = study, study.items
             self.question = declared["question"] or study.question
 
     @cached_property
     def headline(self) -> str | None:
         """The finding in Markdown: as it is written by hand, or else the sentence that the report makes."""
         try:
-            if written := prose.written(self.folder, self.finding):
+            if written := prose.written(self.folder, self.study.finding):
                 return written
         except prose.ClaimError:
             pass
-        return self._headline(self.folder)
+        return self.study.headline(self.folder)
 
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
@@ -93,7 +92,7 @@ class Document:
         def others() -> str:
             return "\n\n".join(insert(item, False) for item in self.items[n_own:])
 
-        template = template or self.template
+        template = template or self.study.document
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
         known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
         with _naming_mistakes(template):
@@ -132,12 +131,8 @@ class Document:
     @property
     def listed(self) -> str:
         """A Markdown table of the files."""
-        rows = []
-        for item in self.items:
-            first, *others = [file for file in item.files() if file in self.folder] or [""]
-            if first:
-                ends = [file.removeprefix(item.name) for file in others]
-                rows.append((", ".join([first, *ends]), item.description))
+        there = [(item, [file for file in item.files() if file in self.folder]) for item in self.items]
+        rows = [(", ".join(files), item.description) for item, files in there if files]
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times; digests of files"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from benchmark.drawing import tables
 from benchmark.execution.store import Store
-from benchmark.folder import MANIFEST, write_manifest
+from benchmark.folder import MANIFEST, README, write_manifest
 from benchmark.publish import document, files, sameness
 from benchmark.publish.manifest import manifest_of
 from benchmark.studies import AnyReport
@@ -22,16 +22,15 @@ class Made(NamedTuple):
 def draw(report: AnyReport, store: Store, directory: Path, seeds: Sequence[int] | None = None) -> Made:
     """Writes every table, figure and text of an experiment.
 
-    The folder is replaced when all files are there, so a failure leaves it as it was. If they are
+    They replace earlier ones when all are there, so a failure leaves the folder as it was. If they are
     identical to the published ones, and none holds measured times, the manifest is the published one, too.
     `seeds` replace the declared ones. Missing runs raise an InputError.
     """
     study, name = report.study, directory.name
     data = report.data(store, seeds)
     measured = [file for item in study.items if item.is_measured for file in item.files()]
-    measured += ["README.md"] if measured else []  # it repeats measured numbers
-    stale = {*sameness.listed(directory), *(file for item in study.items for file in item.files())}
-    with files.alone(directory.parent), files.replaced(directory, stale) as aside:
+    measured += [README] if measured else []  # it repeats measured numbers
+    with files.alone(directory.parent), files.replaced(directory, sameness.listed(directory)) as aside:
         analysis = study.analyse(data)
         made = {item.name: item.tabulate(analysis) for item in study.items}
         frames = {table: frame for table, frame in made.items() if frame is not None}

@@ -55,10 +55,8 @@ def _variants(
     variants: dict[str, dict[str, Any]] = {}
     for (_, name), population in first.items():
         learner = data.experiment.learners[name]
-        declared = {"algorithm", "title", "colour", "reference_for", "policy", "tuned_by"}
-        about = learner.declared.model_dump(include=declared)
-        about |= {"family": learner.family, "packages": learner.algorithm.packages}
-        about |= {"runs": sizes[population.first.population]}  # in a scenario
+        about = learner.declared.model_dump(include={"algorithm", "title", "policy", "tuned_by"})
+        about |= {"family": learner.family, "runs": sizes[population.first.population]}  # in a scenario
         variant = variants.setdefault(learner.variant, about | {"settings": {}})
         # Of several picks of a search, which take turns, it has the first; the search's report has all.
         variant["settings"][learner.observation] = population.first.settings.model_dump(mode="json")
@@ -67,11 +65,7 @@ def _variants(
 
 def _made_by(provenance: Sequence[Provenance]) -> dict[str, object]:
     keys = {"commits": "commit", "machines": "machine", "processors": "processor", "versions": "versions"}
-    # Records that were made before the processor was noted do not have it.
-    texts = {
-        key: {json.dumps(run[name], sort_keys=True) for run in provenance if name in run}
-        for key, name in keys.items()
-    }
+    texts = {key: {json.dumps(run[name], sort_keys=True) for run in provenance} for key, name in keys.items()}
     return {key: [json.loads(text) for text in sorted(values)] for key, values in texts.items()} | {
         "first_started_at": min(run["started_at"] for run in provenance),
         "last_started_at": max(run["started_at"] for run in provenance),

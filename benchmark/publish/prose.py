@@ -36,8 +36,7 @@ def written(folder: Folder, template: Path | None = None) -> str | None:
     manifest = folder.manifest
     if template is None and manifest.get("argument") in experiment_names():
         template = EXPERIMENT_DIRECTORY / f"{manifest['argument']}.md.jinja"
-    is_as_declared = not manifest.get("partial") and " --seeds " not in manifest.get("command", "")
-    if template is None or not (is_as_declared and template.is_file()):
+    if template is None or not template.is_file() or " --seeds " in manifest.get("command", ""):
         return None
     tables = Tables(folder)
     known = {"rows": tables.rows, "row": tables.row, "values": tables.values, "number": tables.number}

@@ -31,13 +31,10 @@ def compare(folder: Path, name: str, measured: Collection[str]) -> Certificate |
     made, expected = digests(folder, but=(MANIFEST,)), _published(name)
     if not expected:
         return None
-    n, n_measured = len({*made, *expected} - {*measured}), len({*made, *expected} & {*measured})
-    other = [file for file in differing(made, expected) if file not in measured]
-    aside = f"; files with measured times, not compared: {n_measured}" if n_measured else ""
-    if not other:
-        return Certificate(True, f"{name}: identical to the published results ({n} of {n} files{aside}).")
-    files = f"{len(other)} of {n} files: {', '.join(other)}{aside}"
-    return Certificate(False, f"{name}: different from the published results: {files}.")
+    aside = f" (measured times are not compared: {', '.join(measured)})" if measured else ""
+    if other := [file for file in differing(made, expected) if file not in measured]:
+        return Certificate(False, f"{name}: different from the published results: {', '.join(other)}{aside}.")
+    return Certificate(True, f"{name}: identical to the published results{aside}.")
 
 
 def differing(made: Mapping[str, object], expected: Mapping[str, object]) -> list[str]:
@@ -74,5 +71,4 @@ def _published(name: str) -> dict[str, str]:
     manifest, readme = (published_file(name, file) for file in (MANIFEST, README))
     if manifest is None or readme is None:
         return {}
-    files = json.loads(manifest).get("files", {})
-    return {**files, README: hashlib.sha256(readme).hexdigest()}
+    return {**json.loads(manifest)["files"], README: hashlib.sha256(readme).hexdigest()}

@@ -9,8 +9,7 @@ import gzip
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote
@@ -23,7 +22,7 @@ from markupsafe import Markup
 from benchmark import __version__
 from benchmark.drawing.maps import shipped
 from benchmark.drawing.style import svg
-from benchmark.experiments import DEFAULT_CONDITION, PUBLISHED
+from benchmark.experiments import PUBLISHED
 from benchmark.folder import Folder
 from benchmark.publish import files
 from benchmark.publish.document import Document, templates_in
@@ -32,16 +31,14 @@ from envs import InputError
 
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # in an SVG
 _ESCAPED: Final = {ord(each): quote(each) for each in "%#&'\n"}  # in an address in single quotes
 _MAX_ROWS: Final = 100  # in a table; of longer ones, there is a link to the CSV file
 _MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _TABLE: Final = re.compile("<table>.*?</table>", re.DOTALL)  # which a document has as Markdown
 _BOX: Final = r'<div class="scroll" role="group" tabindex="0" aria-label="Table">\g<0></div>'
-_MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
-_NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
+_NUMBER: Final = re.compile(r"((-|never|[-+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
 # The page's script: these share one scope, in this order.
 _SCRIPTS: Final = ("elements", "room", "agent", "scene", "walk", "panel", "main")
 
@@ -87,12 +84,7 @@ def texts(
     if not is_own:
         template = templates_in(_TEMPLATES).get_template("index.md.jinja")
         yield results / "README.md", template.render(findings={part.name: part.finding for part in parts})
-        yield results / SCENES, _scenes()
-
-
-@cache
-def _scenes() -> str:
-    return svg(shipped())
+        yield results / SCENES, svg(shipped())
 
 
 class _Part:
@@ -114,7 +106,7 @@ class _Part:
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
         drawn = [item for item in document.items if self.folder.figure(item.name)]
-        lead = next((item for item in drawn if item.name == document.lead), drawn[0] if drawn else None)
+        lead = next((item for item in drawn if item.name == document.study.lead), None)
 
         def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
@@ -150,8 +142,6 @@ class _Part:
             target = str(token.attrGet("href") or "")
             if target and ":" not in target and not target.startswith(("#", "/")):
                 token.attrSet("href", f"{self.prefix}{target}")
-            if token.type == "text":
-                token.content = _MINUS.sub("−", token.content)
         return Markup(_DOCUMENTS.renderer.render(tokens, _DOCUMENTS.options, {}))
 
     def _body(self, markdown: str, content: Callable[[re.Match[str]], str]) -> Markup:
@@ -179,12 +169,10 @@ class _Part:
         return {"columns": columns, "are_numbers": are_numbers, "rows": cells, "n_rows": len(cells)}
 
     def _figure(self, item: AnyItem) -> dict[str, object]:
-        """Returns a figure as the page shows it: its file as an address, and its natural size in pixels."""
+        """Returns a figure as the page shows it, with its file as an address."""
         drawn = self.folder.content(self.folder.figure(item.name)).decode()
-        width, height = (round(float(size) * 4 / 3) for size in _SIZE.findall(drawn)[:2])
         address = Markup(f"svg+xml,{drawn.translate(_ESCAPED)}")
-        texts = {"caption": self.inline(item.caption), "alt": item.caption}
-        return {**texts, "address": address, "width": width, "height": height}
+        return {"address": address, "caption": self.inline(item.caption), "alt": item.caption}
 
     def agents(self) -> str:
         """Returns what the explorer shows of the folder, compressed; empty if there is nothing."""
@@ -196,20 +184,7 @@ class _Part:
             agent["learner"] = self.folder.title(learner)
             agent["family"] = self.folder.manifest["algorithms"][agent["variant"]]["family"]
             agent["experiment"] = self.name
-            agent["curve"] = self._curve(agent)
         return _base64(explorer.compressed(shown))
-
-    def _curve(self, agent: Mapping[str, object]) -> dict[str, list[float]] | None:
-        """Returns the mean score of all runs of an agent's learner over training; None if no table has it."""
-        name = next((name for name in ("curves", "learning") if f"{name}.csv" in self.folder), None)
-        if name is None:
-            return None
-        rows = self.folder.frame(name)
-        wanted = {"condition": DEFAULT_CONDITION, **agent}
-        for key in {"scenario", "condition", "variant", "observation"} & {*rows}:
-            rows = rows[rows[key] == wanted[key]]
-        rows = rows.dropna(subset="score")
-        return {key: rows[key].tolist() for key in ("step", "score", "score_low", "score_high")}
 
 
 def _render(parts: Sequence[_Part]) -> str:
@@ -222,19 +197,15 @@ def _render(parts: Sequence[_Part]) -> str:
             agents.append(part.agents())
             for name, declared in part.folder.manifest["scenarios"].items():
                 scenarios[name] = part.inline(declared["description"])
-    horizons = {part.folder.manifest.get("horizon") for part in parts} - {None}
-    manifests = [part.folder.manifest for part in parts]
     scripts = [(_TEMPLATES / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS]
     with parts[0].folder.reading():
         return templates.get_template("page.html").render(
             reports=reports,
             is_own=not parts[0].prefix,
             scenarios=scenarios,
-            horizon=horizons.pop() if len(horizons) == 1 else None,
             agents=[packed for packed in agents if packed],
-            command="make report" if len(parts) > 1 else manifests[0]["command"],
+            command="make report" if len(parts) > 1 else parts[0].folder.manifest["command"],
             version=__version__,
-            year=max(manifest.get("last_started_at", "")[:4] for manifest in manifests),
             css=Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
             js=Markup("\n".join(scripts)),
         )

@@ -66,10 +66,8 @@ def test_a_finding_of_ones_own_has_its_claims_in_python(tmp_path: Path) -> None:
         prose.written(folder, template)
 
 
-@pytest.mark.parametrize(
-    "change", ['"partial": "" -> "partial": "Few."', "reproduce --rep -> reproduce --seeds 0-9 --rep"]
-)
-def test_other_runs_have_no_text(change: str, tmp_path: Path) -> None:
+def test_other_runs_have_no_text(tmp_path: Path) -> None:
+    change = "reproduce --rep -> reproduce --seeds 0-9 --rep"
     assert prose.written(copied(tmp_path / "other", change)) is None
 
 

@@ -155,24 +155,18 @@ function readoutOf(agent, map, block, cell) {
   return [title, element("table", {}, element("thead", {}, head), element("tbody", {}, ...lines))];
 }
 
-// An agent's scores over training, with the mean score of all runs of its learner. Scores below 0, which have no bound, are drawn at 0.
+// An agent's scores over training. Those below 0, which have no bound, are drawn at 0.
 function curveOf(agent, map) {
-  if (agent.timeline.length === 1 && !agent.curve) return [];
+  if (agent.timeline.length === 1) return [];
   const [width, height, left] = [360, 84, 22];
   const last = agent.timeline.at(-1) || 1;
   const x = (step) => left + ((width - left - 8) * step) / last;
   const y = (score) => 8 + (height - 16) * (1 - Math.min(Math.max(score, 0), 1));
-  const points = (scores) => scores.map((score, i) => `${x(agent.curve.step[i])},${y(score)}`);
-  const title = `Score over training.${agent.curve ? " Line: mean of all runs, with its 95 % interval." : ""} Circles: this agent.`;
+  const title = "Score of this agent over training.";
   const image = drawn("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": title });
   for (const anchor of [0, 1]) {
     image.append(drawn("line", { class: "anchor", x1: left, x2: width - 8, y1: y(anchor), y2: y(anchor) }));
     image.append(drawn("text", { x: left - 5, y: y(anchor) + 4, "text-anchor": "end" }, anchor));
-  }
-  if (agent.curve) {
-    const band = [...points(agent.curve.score_low), ...points(agent.curve.score_high).reverse()];
-    image.append(drawn("polygon", { class: "band", points: band.join(" ") }));
-    image.append(drawn("polyline", { class: "mean", points: points(agent.curve.score).join(" ") }));
   }
   agent.score.forEach((score, i) => {
     image.append(drawn("circle", { class: "scored", cx: x(agent.steps[i]), cy: y(score), r: i === map ? 4 : 2 }));
