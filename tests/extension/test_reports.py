@@ -68,7 +68,7 @@ def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None
     assert shares["scenario"].tolist() == ["S1", "S1", "S3", "S3"]
     assert ((shares["share_low"] <= shares["share"]) & (shares["share"] <= shares["share_high"])).all()
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert "| lost.csv, .svg" in readme  # in the list of files
+    assert "| lost.csv, lost.svg" in readme  # in the list of files
     assert "![Share of runs without any success.](lost.svg)" in readme
     (tmp_path / "runs.db").unlink()  # texts can be made again from the files alone
     (folder / "README.md").unlink()

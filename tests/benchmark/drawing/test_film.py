@@ -94,7 +94,7 @@ def test_agent_issuer_and_greedy_actions_are_marked(film: Film) -> None:
     assert len(pings) > 2
     values, heads = axis.collections
     assert len(heads.get_paths()) == sum(int(mask).bit_count() for mask in greedy & 15)
-    best = np.ma.ravel(values.get_array())[~SCENE.is_over]
+    best = np.ravel(np.asarray(values.get_array()))[~SCENE.is_over]
     assert best.tolist() == film.values[25, ~SCENE.is_over].max(axis=1).tolist()
     assert axis.get_title("left").splitlines()[1] == "step 10,000, score 1.00: success"
 
