@@ -182,10 +182,7 @@ def test_means_are_over_scenarios() -> None:
     ("rows", "expected"),
     [
         ([(1, 0.2, 0.5, 0.1), (0, 0.1, 0.1, 0.0)], "goes from 0.2 to 0.5 for the best learner, a, index."),
-        (
-            [(0, 0.5, 0.5, 0.0), (1, 0.2, 0.3, 0.1)],
-            "for the best learner, a, index, but no gain is shown.",
-        ),
+        ([(0, 0.5, 0.5, 0.0), (1, 0.2, 0.3, 0.1)], "for the best learner, a, index, but no gain is shown."),
     ],
 )
 def test_headlines_claim_no_gain_that_is_not_shown(rows: Any, expected: str, tmp_path: Path) -> None:
