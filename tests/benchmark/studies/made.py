@@ -25,7 +25,7 @@ from benchmark.studies.item import Item
 from envs import compile_scenario, load_scenario
 
 BUDGET, POINTS = 400, 5  # steps of training, and how many evaluations
-_ALGORITHMS = {"tabular": "q_learning", "linear": "linear_q_lambda", "deep": f"{__name__}:NET"}
+_ALGORITHMS = {"tabular": "q_learning", "deep": f"{__name__}:NET"}
 
 
 class _Net(TabularAlgorithm):
@@ -43,7 +43,6 @@ class Made(NamedTuple):
     n: int = 100  # runs in each scenario
     score: float | None = None  # of every run; by default as its success
     policy: str = "greedy"
-    reference_for: str = ""
     every_run: bool = False  # whether the success is that of every run instead of a share of them
 
 
@@ -131,7 +130,7 @@ def compared(
     scenarios: Sequence[str] = ("S1", "S2", "S3"),
     **more: Any,
 ) -> ComparisonAnalysis:
-    """Returns a comparison of learners; without contrasts, of each but references with every baseline."""
+    """Returns a comparison of learners; without contrasts, of each with every baseline."""
     cells = []
     for name, made in learners.items():
         shares = made.success if isinstance(made.success, Sequence) else [made.success] * len(scenarios)
@@ -139,8 +138,8 @@ def compared(
             success = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
             score = None if made.score is None else np.full(made.n, made.score)
             own = made.family, made.policy, score
-            cells.append(Cell(name, success, scenario, *own, reference_for=made.reference_for))
-    others = [name for name, made in learners.items() if name not in baseline and not made.reference_for]
+            cells.append(Cell(name, success, scenario, *own))
+    others = [name for name in learners if name not in baseline]
     pairs = contrasts or [(name, table) for name in others for table in baseline]
     return analysis_of(cells, pairs, baseline, **more)
 
