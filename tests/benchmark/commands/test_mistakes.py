@@ -25,7 +25,7 @@ FILES = {
     ("arguments", "expected"),
     [
         ("run reproduct", "reproduct (did you mean reproduce?)"),
-        ("run FOLDER/reproduce", "FOLDER/reproduce; accepted: the file FOLDER/reproduce.toml."),
+        ("run FOLDER/reproduce", "or the path of a .toml file."),
         ("run FOLDER/reproduce.toml", "reproduce"),  # its results would be those of the shipped one
         ("run reproduce --jobs 0", "--jobs 0: "),
         ("run reproduce --seeds 9-2", "--seeds 9-2: "),
