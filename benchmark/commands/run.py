@@ -31,8 +31,6 @@ def main(options: argparse.Namespace) -> int:
     ranges = [each.seeds for each in experiment.populations] if seeds is None else [seeds]
     if options.report and min(map(len, ranges)) < 2 and experiment.declared.search is None:
         raise InputError("--report: one seed gives no interval; accepted: at least two for every variant.")
-    if has_stages and seeds is not None:
-        raise InputError(f"{name}: --seeds: an experiment with stages uses only its declared seeds.")
     check_scores(all_specifications(experiment, seeds))
     if options.log is not None:
         _check_log(options)

@@ -18,7 +18,7 @@ from benchmark.experiments.search import chosen_file, read_chosen
 from benchmark.folder import README, SPEED, Folder, digests
 from benchmark.publish import document, draw, files, front, sameness
 from benchmark.publish.page import build as page
-from benchmark.studies import AnyReport, AnyStudy, report_of, runs_of
+from benchmark.studies import Report, Study, report_of, runs_of
 from envs import InputError
 
 
@@ -66,7 +66,7 @@ def _problems(
     ended -= {*damaged}
     stored = [run for digest, run in declared.items() if digest in ended]
     yield from _differences(stored, store, scratch / "runs.db", options)
-    reports = dict[str, AnyStudy]()
+    reports = dict[str, Study]()
     for experiment in experiments:
         folder = options.results / experiment.name
         is_stored = [run.digest in ended for run in known[experiment.name]]
@@ -131,7 +131,7 @@ def difference_of(before: Record, after: Record) -> str:
     return f"differs in {', '.join(names)}" + f" (recorded with {'; '.join(changed)})" * bool(changed)
 
 
-def _redrawn(report: AnyReport, store: Store, folder: Path, scratch: Path) -> Iterator[str]:
+def _redrawn(report: Report, store: Store, folder: Path, scratch: Path) -> Iterator[str]:
     experiment = report.experiment
     name, made = experiment.name, scratch / experiment.name
     print(f"{name}: drawing tables and figures again ...", file=sys.stderr)
@@ -160,7 +160,7 @@ def unfounded(experiment: Experiment, folder: Path) -> Iterator[str]:
         yield str(error)
 
 
-def rewritten(reports: Mapping[str, AnyStudy], results: Path) -> Iterator[str]:
+def rewritten(reports: Mapping[str, Study], results: Path) -> Iterator[str]:
     """Yields files that differ from their manifests, and texts that differ from what the tables make.
 
     `reports` are those of the published experiments that are verified, by name.

@@ -28,7 +28,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment = load_experiment(options.experiment)
     check_file(options.save, *ANIMATIONS)
-    if DEFAULT_CONDITION not in experiment.conditions or experiment.declared.solved is not None:
+    if DEFAULT_CONDITION not in experiment.declared.conditions or experiment.declared.solved is not None:
         accepted = "an experiment without grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
     learner = ", ".join(filter(None, [options.learner, options.observation]))

@@ -61,8 +61,6 @@ def check_source(declared: Declaration, variant: str, path: Path) -> None:
         raise InputError(f"{where}: {name} has no table [search]; accepted: an experiment with one.")
     if searched not in search.algorithms:
         unknown_name(where, f"variant of {name}", searched, search.algorithms)
-    if (declared.stream or declared.name) == (search.stream or search.name):
-        raise InputError(f"{where}: its stream is that of the search; accepted: another stream.")
 
 
 def check_seeds(declared: Declaration, variant: str, path: Path) -> None:

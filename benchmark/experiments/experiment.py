@@ -4,11 +4,9 @@ Nothing after `load_experiment` looks up a name again, or asks in which way a co
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Final
@@ -135,22 +133,10 @@ class Experiment:
             return self.declared.argument
         return str(self.path)
 
-    @property
-    def conditions(self) -> Mapping[str, schema.Condition]:
-        """All conditions, by name."""
-        return self.declared.conditions
-
-    @cached_property
-    def _by_names(self) -> Mapping[tuple[str, str], Sequence[Population]]:
-        """The populations of each condition and learner, by their names."""
-        found = defaultdict[tuple[str, str], list[Population]](list)
-        for population in self.populations:
-            found[population.condition.name, population.learner.name].append(population)
-        return found
-
     def population(self, condition: str, scenario: str, learner: str) -> Population:
         """Returns a population by its names; the scenario may be any other, by name or path."""
-        alike = self._by_names[condition, learner]
+        names = condition, learner
+        alike = [each for each in self.populations if (each.condition.name, each.learner.name) == names]
         name = Path(scenario).stem
         if name in self.scenarios:
             return next(population for population in alike if population.scenario.name == name)

@@ -39,8 +39,6 @@ class Span(Table):
     def _is_sound(self) -> Self:
         require(self.low < self.high, f"low = {self.low}", f"less than high = {self.high}")
         require(self.low > 0 or self.scale == "linear", f"low = {self.low}", 'above 0, or scale = "linear"')
-        is_whole = self.low.is_integer() and self.high.is_integer()
-        require(is_whole or not self.whole, f"low = {self.low}, high = {self.high}", "whole numbers, both")
         return self
 
     def at(self, share: float) -> float:

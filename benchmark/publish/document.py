@@ -21,7 +21,7 @@ from benchmark.folder import MANIFEST, README, Folder, with_titles
 from benchmark.publish import files, prose
 from benchmark.publish.templates import mistakes_in
 from benchmark.publish.templates import templates_in as templates_in
-from benchmark.studies import STUDIES, AnyItem, AnyStudy, load_study
+from benchmark.studies import STUDIES, Item, Study, load_study
 from benchmark.studies.study import with_items
 from envs import InputError
 
@@ -36,7 +36,7 @@ def _naming_mistakes(path: Path) -> AbstractContextManager[None]:
 class Document:
     """The document of a folder of results."""
 
-    def __init__(self, path: Path, study: AnyStudy | None = None) -> None:
+    def __init__(self, path: Path, study: Study | None = None) -> None:
         """Takes the study of an experiment, see `report_of`, or finds one of this project.
 
         Manifests can come from anywhere, so they may only name code of this project. An InputError says what
@@ -69,14 +69,14 @@ class Document:
         has_files = f"{name}.csv" in self.folder or self.folder.figure(name)
         return bool(has_files) and name in [item.name for item in self.items]
 
-    def shown(self, item: AnyItem) -> pd.DataFrame:
+    def shown(self, item: Item) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts; empty if there is none here."""
         if f"{item.name}.csv" not in self.folder:
             return pd.DataFrame()
         return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
 
     def render(
-        self, insert: Callable[[AnyItem, bool], str], template: Path | None = None, **more: object
+        self, insert: Callable[[Item, bool], str], template: Path | None = None, **more: object
     ) -> str:
         """Returns the document as Markdown.
 
@@ -103,7 +103,7 @@ class Document:
         """Returns README of the folder; raises an InputError if it cannot be made, or a file was changed."""
         self.folder.check()
 
-        def insert(item: AnyItem, is_folded: bool) -> str:
+        def insert(item: Item, is_folded: bool) -> str:
             file, frame = self.folder.figure(item.name), self.shown(item)
             parts, table = [f"![{item.caption}]({file})"] if file else [], f"{item.name}.csv"
             if is_folded and table in self.folder:
@@ -137,6 +137,6 @@ class Document:
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
 
-def write(path: Path, study: AnyStudy | None = None) -> None:
+def write(path: Path, study: Study | None = None) -> None:
     """Writes README of a folder of results; raises an InputError if it cannot be made or written."""
     files.write_text(path / README, Document(path, study).readme())

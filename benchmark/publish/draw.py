@@ -9,7 +9,7 @@ from benchmark.execution.store import Store
 from benchmark.folder import MANIFEST, README, write_manifest
 from benchmark.publish import document, files, sameness
 from benchmark.publish.manifest import manifest_of
-from benchmark.studies import AnyReport
+from benchmark.studies import Report
 
 
 class Made(NamedTuple):
@@ -19,7 +19,7 @@ class Made(NamedTuple):
     certificate: sameness.Certificate | None  # None if nothing comparable is published
 
 
-def draw(report: AnyReport, store: Store, directory: Path, seeds: Sequence[int] | None = None) -> Made:
+def draw(report: Report, store: Store, directory: Path, seeds: Sequence[int] | None = None) -> Made:
     """Writes every table, figure and text of an experiment.
 
     They replace earlier ones when all are there, so a failure leaves the folder as it was. If they are

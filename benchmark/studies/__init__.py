@@ -5,12 +5,9 @@ Python can import.
 """
 
 from benchmark.studies.data import Data as Data
-from benchmark.studies.item import AnyItem as AnyItem
 from benchmark.studies.item import Item as Item
 from benchmark.studies.item import item as item
 from benchmark.studies.study import STUDIES as STUDIES
-from benchmark.studies.study import AnyReport as AnyReport
-from benchmark.studies.study import AnyStudy as AnyStudy
 from benchmark.studies.study import Declared as Declared
 from benchmark.studies.study import Report as Report
 from benchmark.studies.study import Study as Study

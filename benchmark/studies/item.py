@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Any, Final, Generic, TypeAlias, TypeVar
+from typing import Any, Final
 
 import pandas as pd
 from matplotlib import pyplot as plt
@@ -22,7 +22,6 @@ Frames = Mapping[str, pd.DataFrame]  # by the item's name
 Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Estimate`s
 Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
-A = TypeVar("A")
 # What columns mean: in any table, and in those of single studies.
 COLUMNS: Final[Mapping[str, dict[str, str]]] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
@@ -31,7 +30,7 @@ _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say wh
 
 
 @dataclass(eq=False)
-class Item(Generic[A]):
+class Item:
     """A table, a figure, both, or a file in another format. A decorator of the table's function."""
 
     name: str  # the stem of its files
@@ -48,7 +47,7 @@ class Item(Generic[A]):
     caption: str = ""  # of the figure
     draw: Draw | None = None
 
-    def __call__(self, compute: Callable[..., Rows]) -> "Item[A]":
+    def __call__(self, compute: Callable[..., Rows]) -> "Item":
         """Takes the function of the table."""
         self.compute = compute
         return self
@@ -62,7 +61,7 @@ class Item(Generic[A]):
 
         return register
 
-    def tabulate(self, analysis: A) -> pd.DataFrame | None:
+    def tabulate(self, analysis: Any) -> pd.DataFrame | None:
         """Computes the table; None if there is nothing to tabulate."""
         rows = None if self.compute is None else self.compute(analysis)
         if rows is None or isinstance(rows, pd.DataFrame):
@@ -70,7 +69,7 @@ class Item(Generic[A]):
         rows = [rows] if isinstance(rows, Mapping) else [*rows]
         return pd.DataFrame(map(expanded, rows)) if rows else None
 
-    def save(self, analysis: A, tables: Frames, directory: Path) -> None:
+    def save(self, analysis: Any, tables: Frames, directory: Path) -> None:
         """Writes the figure or the other file."""
         with settings():
             table = tables.get(self.name, pd.DataFrame() if self.compute is None else None)
@@ -106,8 +105,7 @@ class Item(Generic[A]):
         return pd.concat(rows.sort_values(by, ascending=by != self.best, kind="stable") for _, rows in parts)
 
 
-AnyItem: TypeAlias = Item[Any]  # of whatever study
-item: Final[type[AnyItem]] = Item  # as a decorator
+item: Final = Item  # as a decorator
 
 
 def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
@@ -115,12 +113,12 @@ def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.iloc[:0]
 
 
-def drawing(name: str, description: str, caption: str) -> Callable[[Draw], AnyItem]:
+def drawing(name: str, description: str, caption: str) -> Callable[[Draw], Item]:
     """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
     return lambda function: Item(name, description, caption=caption, draw=function)
 
 
-def writing(name: str, description: str, file: str) -> Callable[[Callable[..., None]], AnyItem]:
+def writing(name: str, description: str, file: str) -> Callable[[Callable[..., None]], Item]:
     """Makes an item of a function that writes a file of another form, whose argument `path` is its path."""
     return lambda function: Item(name, description, file=file, write=function)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, Generic, Self, TypeAlias, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 from benchmark.analysis.frames import Group
 from benchmark.execution import driver
@@ -26,8 +26,6 @@ STUDIES: Final = {
     "replication": "benchmark.studies.replication:STUDY",
     "search": "benchmark.studies.search:STUDY",
 }
-_MAX_LISTED: Final = 4  # populations that a sentence on missing runs names
-
 _T = TypeVar("_T")
 
 
@@ -42,23 +40,19 @@ class Declared(Table):
     """Further tables and figures, each as `module:attribute`."""
 
 
-D = TypeVar("D", bound=Declared)
-A = TypeVar("A")
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Study(Generic[D, A]):
+class Study:
     """A kind of question: what it demands of an experiment, and what it shows."""
 
     name: str
     question: str  # the page's heading
-    declared: type[D]  # the table `report` of its experiments
-    check: Callable[[Experiment, D], None]  # refuses, by an InputError, an experiment that it does not fit
-    analyse: Callable[[Data[D]], A]
-    items: tuple[Item[A], ...]
+    declared: type[Declared]  # the table `report` of its experiments
+    check: Callable[[Experiment, Any], None]  # refuses, by an InputError, an experiment that it does not fit
+    analyse: Callable[[Data[Any]], Any]
+    items: tuple[Item, ...]
     document: Path  # a template of Markdown with places for the items, see `benchmark.publish.document`
     # Yields the runs of one stage after the other, given those that are stored; by default there is one stage
-    stages: Callable[[Experiment, D, Store], Iterator[list[Group]]] | None = None
+    stages: Callable[[Experiment, Any, Store], Iterator[list[Group]]] | None = None
     headline: Callable[[Folder], str | None] = lambda _: None  # one sentence in Markdown, from tables alone
     finding: Path | None = None  # the template of a text by hand, see `benchmark.publish.prose`
     lead: str = ""  # the item whose figure stands below or beside the headline
@@ -68,12 +62,12 @@ class Study(Generic[D, A]):
 
 
 @dataclass(frozen=True, eq=False)
-class Report(Generic[D, A]):
+class Report:
     """The study of an experiment, as this declares it."""
 
     experiment: Experiment
-    study: Study[D, A]  # with the items that the experiment adds
-    declared: D
+    study: Study  # with the items that the experiment adds
+    declared: Any  # the table `report`, of the study's class
 
     def check(self, *, is_drawn: bool = True) -> Self:
         """Returns the report if it fits the experiment and, unless `is_drawn` is false, can be drawn.
@@ -107,7 +101,7 @@ class Report(Generic[D, A]):
             if driver.pending(runs_of(groups), store):
                 return
 
-    def data(self, store: Store, seeds: Sequence[int] | None = None) -> Data[D]:
+    def data(self, store: Store, seeds: Sequence[int] | None = None) -> Data[Any]:
         """Finds what is stored of the experiment; an InputError says which runs are missing, or too few."""
         experiment, has_stages = self.experiment, self.study.stages is not None
         name, statuses = experiment.name, store.statuses()
@@ -121,18 +115,17 @@ class Report(Generic[D, A]):
             raise InputError(f"{name}: {what}.")
         note = ""
         if seeds is not None:
-            fewer = " at most" * any(each.taken(seeds) != seeds for each in experiment.populations)
-            which = f"the seeds {min(seeds)} to {max(seeds)} instead of those declared"
-            note = f"Every learner has{fewer} {which}."
+            shares = "; reference implementations have a share of them" * any(
+                learner.reference_for for learner in experiment.learners.values()
+            )
+            which = f"the seeds {min(seeds)} to {max(seeds)} instead of those declared{shares}"
+            note = f"Every learner has {which}."
         columns = () if self.declared.items else self.study.columns
         return Data(experiment, self.declared, store, shown, columns, note)
 
 
 # The study of an experiment without a report, whose runs are only stored
-AnyStudy: TypeAlias = Study[Any, Any]  # whatever its kind
-AnyReport: TypeAlias = Report[Any, Any]
-
-_NONE: Final = Study[Declared, None](
+_NONE: Final = Study(
     name="none",
     question="",
     declared=Declared,
@@ -149,7 +142,7 @@ def runs_of(groups: Iterable[Group]) -> list[RunSpecification]:
     return interleaved([(group.population, group.runs) for group in groups])
 
 
-def load_study(name: str, source: str = "benchmark.studies") -> AnyStudy:
+def load_study(name: str, source: str = "benchmark.studies") -> Study:
     """Returns a study, by a key of `STUDIES`, or `module:attribute` of one that lives elsewhere.
 
     Anything but a study raises an InputError, whose message begins with the source, the file that named it.
@@ -159,7 +152,7 @@ def load_study(name: str, source: str = "benchmark.studies") -> AnyStudy:
     return _of_class(STUDIES.get(name, name), source, "report", Study)
 
 
-def with_items(study: Study[D, A], names: Iterable[str], source: str) -> Study[D, A]:
+def with_items(study: Study, names: Iterable[str], source: str) -> Study:
     """Returns a study with further items, each named as `module:attribute`.
 
     A taken name, or anything but an item, raises an InputError that begins with the source.
@@ -173,7 +166,7 @@ def with_items(study: Study[D, A], names: Iterable[str], source: str) -> Study[D
     return replace(study, items=tuple(items.values()))
 
 
-def report_of(experiment: Experiment) -> AnyReport:
+def report_of(experiment: Experiment) -> Report:
     """Returns the report of an experiment; only its table is parsed, `Report.check` checks the rest."""
     given, where = experiment.declared.report, experiment.argument
     study = _NONE if given is None else load_study(str(given.get("kind", "")), where)
@@ -199,13 +192,6 @@ def _missing(groups: Sequence[Group], statuses: Mapping[str, str], of_stage: str
     pending = runs - {run.digest for group in groups for run in _ended(group, statuses)}
     if not pending:
         return ""
-    lacking = [
-        f"{group.population.learner.name} in {group.population.scenario.name} has {n} of {len(group.runs)}"
-        for group in groups
-        if (n := len(_ended(group, statuses))) < len(group.runs)
-    ]
-    if len(lacking) > _MAX_LISTED:
-        lacking[_MAX_LISTED:] = [f"and {len(lacking) - _MAX_LISTED} more populations"]
     n_failed = sum(digest in statuses for digest in pending)
     failed = f", {n_failed} of them failed" if n_failed else ""
-    return f"{len(pending)} of {len(runs)} runs{of_stage} are missing{failed} ({'; '.join(lacking)})"
+    return f"{len(pending)} of {len(runs)} runs{of_stage} are missing{failed}"

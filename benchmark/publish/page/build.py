@@ -26,7 +26,7 @@ from benchmark.experiments import PUBLISHED
 from benchmark.folder import Folder
 from benchmark.publish import files
 from benchmark.publish.document import Document, templates_in
-from benchmark.studies import AnyItem, AnyStudy, explorer
+from benchmark.studies import Item, Study, explorer
 from envs import InputError
 
 SCENES: Final = "scenes.svg"  # the picture of all shipped scenarios, beside the list of published results
@@ -52,7 +52,7 @@ def published(results: Path) -> list[Path]:
     return [folder for folder in folders if Folder(folder).is_there]
 
 
-def write(results: Path, experiment: str | None = None, study: AnyStudy | None = None) -> Path:
+def write(results: Path, experiment: str | None = None, study: Study | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
     Raises:
@@ -66,7 +66,7 @@ def write(results: Path, experiment: str | None = None, study: AnyStudy | None =
 
 
 def texts(
-    results: Path, experiment: str | None = None, study: AnyStudy | None = None
+    results: Path, experiment: str | None = None, study: Study | None = None
 ) -> Iterator[tuple[Path, str]]:
     """Yields paths and texts: a page and, for published results, their list and a picture of scenarios.
 
@@ -90,7 +90,7 @@ def texts(
 class _Part:
     """A folder of results on the page."""
 
-    def __init__(self, path: Path, prefix: str, study: AnyStudy | None) -> None:
+    def __init__(self, path: Path, prefix: str, study: Study | None) -> None:
         """Reads its manifest and checks its files; `prefix` leads from the page to the folder."""
         self.document = Document(path, study)
         self.document.folder.check()
@@ -151,7 +151,7 @@ class _Part:
             token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
         return Markup(_MARKED.sub(content, _TABLE.sub(_BOX, str(self._html(tokens)))))
 
-    def _table(self, item: AnyItem) -> dict[str, object] | None:
+    def _table(self, item: Item) -> dict[str, object] | None:
         """Returns an item's table: its columns, the class of each, and its rows; None without rows to show.
 
         Of a long one, there is the number of rows alone.
@@ -168,7 +168,7 @@ class _Part:
         columns = [self.inline(str(name)) for name in shown]
         return {"columns": columns, "are_numbers": are_numbers, "rows": cells, "n_rows": len(cells)}
 
-    def _figure(self, item: AnyItem) -> dict[str, object]:
+    def _figure(self, item: Item) -> dict[str, object]:
         """Returns a figure as the page shows it, with its file as an address."""
         drawn = self.folder.content(self.folder.figure(item.name)).decode()
         address = Markup(f"svg+xml,{drawn.translate(_ESCAPED)}")

@@ -52,7 +52,7 @@ class ComparisonDeclared(Declared):
 def check(experiment: Experiment, declared: ComparisonDeclared) -> None:
     """Raises an InputError if something cannot be compared, or names a learner that there is not."""
     source, learners = experiment.argument, experiment.learners
-    if len(experiment.conditions) > 1:
+    if len(experiment.declared.conditions) > 1:
         raise InputError(f"{source}: readings, grids: accepted in a comparison: none.")
     settings = [population.first.settings for population in experiment.populations]
     if len({each.budget for each in settings}) > 1:

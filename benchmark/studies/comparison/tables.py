@@ -28,10 +28,10 @@ AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")
 _DRAWS: Final = 1_000  # of a bootstrap
 
 
-def _item(name: str, description: str, shown: str = "", **more: Any) -> Item[ComparisonAnalysis]:
+def _item(name: str, description: str, shown: str = "", **more: Any) -> Item:
     """Makes an item of the analysis's attribute of its name; `shown` has the columns for readers."""
     labels = COLUMNS["comparison_labels"] if shown else {}
-    found = Item[ComparisonAnalysis](name, description, shown, labels=labels, **more)
+    found = Item(name, description, shown, labels=labels, **more)
     return found(lambda analysis: getattr(analysis, name))
 
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from benchmark.folder import Folder
 from benchmark.studies.map import figures, tables
-from benchmark.studies.map.analysis import MapAnalysis, analyse
+from benchmark.studies.map.analysis import analyse
 from benchmark.studies.map.declared import MapDeclared, check
 from benchmark.studies.study import Study
 
@@ -21,7 +21,7 @@ def headline(folder: Folder) -> str:
     return f"By the steps that runs need {until}, {'; '.join(parts)}."
 
 
-STUDY: Final = Study[MapDeclared, MapAnalysis](
+STUDY: Final = Study(
     name="map",
     question="When does a net earn its keep over a table?",
     declared=MapDeclared,

@@ -17,7 +17,7 @@ from benchmark.studies.map.declared import name_of
 Row = Mapping[str, object]
 
 _LABELS: Final = COLUMNS["map_labels"]
-_item: Final = partial(Item[MapAnalysis], labels=_LABELS)
+_item: Final = partial(Item, labels=_LABELS)
 _NONE: Final = Estimate(math.nan, math.nan, math.nan)
 
 

@@ -11,7 +11,7 @@ from benchmark.analysis.records import OPTIMUM_TOLERANCE, anchors, optimal_value
 from benchmark.studies.item import Item, expanded, item, no_rows
 from benchmark.studies.replication.analysis import ReplicationAnalysis, differing
 
-_Table = Item[ReplicationAnalysis]
+_Table = Item
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _JUDGED: Final = ("part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict")
 _SHOWN: Final = {"low": "value_low", "high": "value_high", "sets_agreeing": "agreeing"}

@@ -74,7 +74,7 @@ class SearchAnalysis:
     def settings(self, learner: Learner, trial: int) -> Row:
         """Returns the searched settings of a trial, by dotted key."""
         experiment = self.data.experiment
-        condition, scenario = [*experiment.conditions][trial], next(iter(experiment.scenarios))
+        condition, scenario = [*experiment.declared.conditions][trial], next(iter(experiment.scenarios))
         settings = experiment.population(condition, scenario, learner.name).first.settings
         return {key: value_at(settings, key) for key in learner.declared.search}
 
@@ -114,7 +114,11 @@ def stages(experiment: Experiment, _: Declared, store: Store) -> Iterator[list[G
     assert search is not None
     first = [Group(each, each.runs()) for each in experiment.populations]
     yield first
-    runs, fresh, conditions = tables(first, store, COLUMNS)[0], list[Group](), [*experiment.conditions]
+    runs, fresh, conditions = (
+        tables(first, store, COLUMNS)[0],
+        list[Group](),
+        [*experiment.declared.conditions],
+    )
     for learner in experiment.learners.values():
         searched = _searched(experiment, runs, learner)
         again = product([*chain(*finalists(searched, search)), 0], names)
@@ -163,7 +167,7 @@ def _searched(experiment: Experiment, runs: pd.DataFrame, learner: Learner) -> F
     """Returns the measures of a learner's trials on the first seeds, (trials, I, N)."""
     rows = runs[(runs["learner"] == learner.name) & ~_is_fresh(experiment, runs)]
     measures = rows[measure_of(experiment)].to_numpy()
-    return measures.reshape(len(experiment.conditions), len(experiment.scenarios), -1)
+    return measures.reshape(len(experiment.declared.conditions), len(experiment.scenarios), -1)
 
 
 def _chosen(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Chosen:
@@ -190,7 +194,7 @@ def _chosen(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Cho
 
 def _declared_settings(experiment: Experiment, learner: Learner, trial: int) -> Row:
     """Returns the settings that a trial declares or draws, but for the budget and the time limit."""
-    condition = [*experiment.conditions.values()][trial]
+    condition = [*experiment.declared.conditions.values()][trial]
     own = experiment.declared.settings | learner.declared.settings
     kept = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
     return override(kept, condition.settings_changes(learner.variant), learner.name)

@@ -19,7 +19,7 @@ from benchmark.studies.search.analysis import (
     text_of,
 )
 
-_item: Final = partial(Item[SearchAnalysis], labels=COLUMNS["search_labels"])
+_item: Final = partial(Item, labels=COLUMNS["search_labels"])
 
 
 @_item(

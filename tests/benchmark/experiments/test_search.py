@@ -161,8 +161,6 @@ def test_only_what_a_search_depends_on_changes_its_digest(search: Experiment, tm
     assert digest("horizon", "solved = { growth = 1.1 }\nhorizon") != same
     growths = {digest("horizon", f"solved = {{ growth = {growth} }}\nhorizon") for growth in (1.1, 1.2, 1.2)}
     assert len(growths) == 2
-    given_up = digest("horizon", "solved = { growth = 1.1, given_up_after = 0.3 }\nhorizon")
-    assert given_up not in growths
 
 
 def test_trials_change_single_arguments_of_the_optimiser(tmp_path: Path) -> None:
@@ -192,7 +190,6 @@ settings = { policy_kwargs = { net_arch = [5], optimizer_kwargs = { eps = 0.1 } 
     [
         ('["S1"]', '["S1", "FarCorner"]', "FarCorner is FarCorner, a scenario of the search"),
         ("first_seed = 100", "first_seed = 12", "seeds 0 to 1 and 10 to 12; accepted: .* than 12 to 13"),
-        ("description", 'stream = "search"\ndescription', "its stream is that of the search"),
         (":q_learning", ":dqn", "unknown variant of .* dqn; accepted: q_learning"),
         ("PATH:q_learning", "reproduce:q_learning", "reproduce has no table .search.; accepted"),
     ],
@@ -203,19 +200,16 @@ def test_what_a_search_does_not_offer_is_refused(tmp_path: Path, old: str, new: 
 
 
 @pytest.mark.usefixtures("search")
-@pytest.mark.parametrize("start", ["[9, 11]", "[0, 0]"], ids=["the same", "another start"])
-def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str) -> None:
-    """Also one that a condition makes the same."""
+def test_a_scene_under_another_name_is_refused(tmp_path: Path) -> None:
+    """Here one that a condition makes the same."""
     text = (SCENARIO_DIRECTORY / "FarCorner.toml").read_text(encoding="utf-8")
     text = re.sub("description.*", 'description = "Mine."', text)
-    (tmp_path / "Mine.toml").write_text(text.replace("[9, 11]", start))
-    changes = [('"S1"', f'"{tmp_path / "Mine.toml"}"')]
-    if start == "[0, 0]":
-        assert tuned(tmp_path, *changes).name == "tuned"
-        condition = '[grids.all.axes.at.1]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
-        changes.append(("[algorithms.plain]", condition))
+    (tmp_path / "Mine.toml").write_text(text.replace("[9, 11]", "[0, 0]"))
+    mine = ('"S1"', f'"{tmp_path / "Mine.toml"}"')
+    assert tuned(tmp_path, mine).name == "tuned"
+    condition = '[grids.all.axes.at.1]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
     with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
-        tuned(tmp_path, *changes)
+        tuned(tmp_path, mine, ("[algorithms.plain]", condition))
 
 
 @pytest.mark.usefixtures("search")
@@ -252,9 +246,7 @@ def test_missing_and_changed_choices_are_refused(
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("low = 0.03", "low = 3.0", "low = 3.0: accepted: less than high = 1.0"),
         ("low = 0.03", "low = 0.0", "low = 0.0: accepted: above 0, or scale"),
-        ("trials = 4", "parts = 2, trials = 4", r"parts = 2: accepted: .* divides trials \+ 1 = 5"),
         ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
         ("first_seed = 10", "first_seed = 1", "accepted: seeds outside 1 to 3, which its finalists use"),
         ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", "", "a table .search."),

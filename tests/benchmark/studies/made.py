@@ -144,7 +144,7 @@ def compared(
     return analysis_of(cells, pairs, baseline, **more)
 
 
-def item(name: str) -> Item[ComparisonAnalysis]:
+def item(name: str) -> Item:
     """Returns an item of the comparison."""
     return next(found for found in STUDY.items if found.name == name)
 

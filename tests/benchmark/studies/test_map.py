@@ -197,7 +197,7 @@ def by_hand(
     return analyse(cast("Any", SimpleNamespace(experiment=experiment, **data)))
 
 
-def tabulated(item: Item[Any], analysis: MapAnalysis) -> pd.DataFrame:
+def tabulated(item: Item, analysis: MapAnalysis) -> pd.DataFrame:
     table = item.tabulate(analysis)
     assert table is not None
     return table
