@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import pandas as pd
 
 from benchmark.analysis.intervals import mean_over_scenarios, p_above, proportion, student
-from benchmark.experiments import Experiment, Learner
+from benchmark.experiments import Experiment
 from benchmark.studies.comparison.contrasts import ALPHA, Means, contrast, holm, over_scenarios, verdict
 from benchmark.studies.comparison.declared import ComparisonDeclared, Pair
 from benchmark.studies.data import Data
@@ -153,10 +153,7 @@ def analyse(data: Data[ComparisonDeclared]) -> ComparisonAnalysis:
         frame.sort_values("learner", key=lambda names: names.map(order.index), kind="stable")
         for frame in (data.runs, data.curves)
     )
-    cells = {
-        (name, names["scenario"]): _cell(names, learners[name], rows)
-        for names, name, rows in by_learner(runs)
-    }
+    cells = {(name, names["scenario"]): _cell(names, rows) for names, name, rows in by_learner(runs)}
     return ComparisonAnalysis(data, own_learners, runs, curves, cells)
 
 
@@ -166,7 +163,7 @@ def by_learner(frame: pd.DataFrame, names: Iterable[str] = NAMES) -> Iterator[tu
         yield dict(zip(names, values, strict=True)), str(name), rows
 
 
-def _cell(names: Row, learner: Learner, runs: pd.DataFrame) -> Row:
+def _cell(names: Row, runs: pd.DataFrame) -> Row:
     """Summarises runs after training; the interval of wrong PINGs in training is Student's."""
     first = runs.iloc[0]
     row: Row = {**names, "policy": first["policy"], "n": len(runs), "budget": first["budget"]}
@@ -178,5 +175,4 @@ def _cell(names: Row, learner: Learner, runs: pd.DataFrame) -> Row:
         row["every_cell_success"] = proportion(runs["every_cell_success"].to_numpy())
     rate = student((runs["training_wrong_pings"] / runs["budget"] * 1000).to_numpy())
     row["training_wrong_pings"] = rate._replace(low=max(rate.low, 0.0))
-    row["settings_tried"] = 0 if learner.chosen is None else learner.chosen.trials
     return row
