@@ -184,7 +184,7 @@ def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
     expected[6, 8] = np.nan  # the issuer's cell
     assert np.array_equal(shown, expected, equal_nan=True)
     (heads,) = [artist for artist in axis.collections if type(artist) is PolyCollection]
-    centres = np.array([path.vertices.mean(axis=0) for path in heads.get_paths()])
+    centres = np.array([np.asarray(path.vertices).mean(axis=0) for path in heads.get_paths()])
     towards, counts = np.unique(np.sign((centres - centres.round()).round(6)), axis=0, return_counts=True)
     # (column, row): down and right, in nine rows of twelve cells
     assert (towards.tolist(), counts.tolist()) == ([[0, 1], [1, 0]], [108, 108])
