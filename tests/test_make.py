@@ -18,7 +18,7 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "check": (["CHECKED=tests/__init__.py"], ["no issues found in 1 source file"], set()),
     "report": ([], [], {"README.md", "index.html"}),
     "when": (["SMOKE=1"], ["the page is"], {"runs.db", "when_smoke/map.svg"}),
-    "sb3": (["SMOKE=1"], ["the page is"], {"runs.db", "sb3_smoke/summary.svg"}),
+    "sb3": (["SMOKE=1"], ["the page is"], {"runs.db", "sb3_smoke/curves.svg"}),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),
 }
 

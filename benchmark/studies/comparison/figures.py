@@ -10,8 +10,7 @@ import seaborn as sns
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from benchmark.drawing.style import WIDTH, colour_map, figure_of, ink_on, name_lines, name_rows
-from benchmark.drawing.tables import show
+from benchmark.drawing.style import WIDTH, figure_of, name_lines, name_rows
 from benchmark.folder import with_titles
 from benchmark.studies.comparison import tables
 from benchmark.studies.comparison.analysis import ENDPOINTS, ComparisonAnalysis
@@ -19,7 +18,6 @@ from benchmark.studies.comparison.tables import AGGREGATES, WORDS
 from benchmark.studies.data import Style, style_of
 from benchmark.studies.item import COLUMNS
 from envs.people import FEEDBACK
-from envs.scene import COLOUR_MAP
 
 _STYLES: Final[dict[str, Style]] = {
     "better": {"marker": "^", "color": "black"},
@@ -33,7 +31,6 @@ _STYLES: Final[dict[str, Style]] = {
 _COLUMNS: Final = 3  # of panels
 _N_MARKERS: Final = 6  # of a curve
 _FEW_RUNS: Final = 20  # fewer are drawn one by one: their exact intervals would hide them
-_CHARACTERS, _MAX_COLUMNS = 66, 8  # of the names of a figure's columns in a line; columns with level names
 
 
 @tables.contrasts.figure(
@@ -64,36 +61,6 @@ def draw_contrasts(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
         figure.supxlabel(
             "difference in success; right of the dotted line, the first is better", fontsize="small"
         )
-    return figure
-
-
-@tables.summary.figure("How often each learner succeeds after training.")
-def draw_summary(analysis: ComparisonAnalysis, table: pd.DataFrame) -> Figure:
-    """Draws success by scenario and learner, with means over scenarios if these are pooled."""
-    frame, every = with_titles(table, {}), analysis.experiment.learners
-    learners = [name for name in frame["learner"].unique() if name in analysis.drawn | analysis.over_training]
-    values = frame.pivot(index="scenario", columns="learner", values="success")[learners]
-    values = values.loc[frame["scenario"].unique()]
-    if len(values) > 1 and analysis.is_pooled:
-        values.loc["mean"] = values.mean()
-    is_crowded = len(learners) > _MAX_COLUMNS  # then their names are turned
-    characters = 24 if is_crowded else max(_CHARACTERS // len(learners), 11)
-    titles = [fill(every[name].title, characters, break_on_hyphens=False) for name in learners]
-    cells = {"vmin": 0.0, "vmax": 1.0, "cmap": colour_map(COLOUR_MAP), "cbar": False, "linewidths": 2}
-    texts = {"annot": values.map(lambda value: show(value, 2)), "fmt": "", "annot_kws": {"size": "small"}}
-    with figure_of(1, 1, (WIDTH, 0.32 * len(values) + 1.3 + is_crowded)) as (figure, axes):
-        axis = sns.heatmap(values, ax=axes[0, 0], xticklabels=False, yticklabels=False, **cells, **texts)
-        axis.set_xticks(np.arange(len(titles)) + 0.5, titles)
-        axis.set_yticks(np.arange(len(values)) + 0.5, [*values.index])
-        shown = values.to_numpy().ravel()
-        for text, value in zip(axis.texts, shown[~np.isnan(shown)], strict=True):
-            text.set_color(ink_on(colour_map(COLOUR_MAP)(value)))
-        axis.set(xlabel="", ylabel="")
-        axis.xaxis.tick_top()
-        axis.tick_params(length=0, labelsize="small", labelrotation=0)
-        axis.tick_params(axis="x", labelrotation=90 * is_crowded)
-        axis.axhline(0, color="black", lw=0)  # unseen; with it, the published files stay the same
-        figure.supxlabel("success after training, mean over runs", fontsize="small")
     return figure
 
 

@@ -34,8 +34,8 @@ def analysis_of(experiment: Experiment, store: Store) -> ComparisonAnalysis:
 
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
-    drawn_names = ["contrasts", "summary", "curves", "rliable"]
-    tables = [*drawn_names, "aggregate", "cost"]
+    drawn_names = ["contrasts", "curves", "rliable"]
+    tables = [*drawn_names, "summary", "aggregate", "cost"]
     expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in drawn_names}
     assert names == expected | {"README.md", "manifest.json", SCORES, "agents.json.gz"}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
