@@ -149,8 +149,8 @@ def load_experiment(experiment: str | Path, *, smoke: bool = False) -> Experimen
     """Reads an experiment, and checks it together with the algorithms and scenarios that it names.
 
     It is the name of a shipped experiment, or the path of a TOML file. With `smoke`, it is a miniature, with
-    two runs of each learner and a twenty-fifth of the budget. A mistake is an InputError with a sentence. Its
-    report checks what it demands.
+    two runs of each learner and a twenty-fifth of the budget, at most 1,000. A mistake is an InputError with
+    a sentence. Its report checks what it demands.
     """
     declared, path = schema.read_experiment(experiment)
     declared = declared.miniature() if smoke else declared
@@ -283,7 +283,8 @@ def _settings(
 def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> dict[str, object]:
     """Returns settings with a small budget, which rollouts and intervals of records divide."""
     whole = {key: value for key, value in settings.items() if isinstance(value, int)}
-    budget = max(whole.get("budget", cls.model_fields["budget"].default) // 25, 1)
+    declared = whole.get("budget", cls.model_fields["budget"].default)
+    budget = min(max(declared // 25, 1), 1000)
     rollouts = whole.keys() & {"n_steps", "train_freq", "record_every"}
     small = {key: math.gcd(whole[key], budget) for key in rollouts} | {"budget": budget}
     return settings | small | dict.fromkeys(settings.keys() & {"n_envs"}, 1)
