@@ -199,8 +199,8 @@ def _parser() -> argparse.ArgumentParser:
     _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
     _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
     _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
-    about = "form of observation that the agent takes: index, one_hot, factored, tiles, coordinates or "
-    about += "centred; or, relative to the agent, offset, alone or followed by _one_hot, _factored and so on"
+    about = "form of observation that the agent takes: index, one_hot, factored, tiles, coordinates, "
+    about += "centred or planes; or, relative to the agent, offset, alone or followed by _one_hot and so on"
     _add(assess, "--observation", "FORM", about, required=True)
     _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
 
