@@ -46,6 +46,16 @@ class Learner:
         return title_of(self.declared.title or self.variant, self.observation, self.family)
 
     @property
+    def policy(self) -> str:
+        """Which policy counts: "greedy" or "stochastic"."""
+        return self.declared.policy
+
+    @property
+    def search(self) -> str:
+        """The search that its settings come from; empty if they are declared."""
+        return self.declared.source[0]
+
+    @property
     def reference_for(self) -> str:
         """The name of the learner that it is the reference implementation of; empty if it is none."""
         of = self.declared.reference_for

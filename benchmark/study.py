@@ -1,0 +1,61 @@
+"""What a study is: a module that turns the runs of an experiment into tables, figures and text.
+
+`[report] kind` names a study of this project, such as `comparison`, or any module, for example one beside the
+experiment's file. The module has, in this order, what experiments declare, tables, figures, and text:
+
+    Declared   a class of the table `[report]`, by default `Report`
+    check      a function of the experiment and its `[report]`; raises an InputError if they do not fit
+    TABLES     functions of `Data` that return a data frame, or None, by the name of the CSV file
+    FIGURES    functions of `Data` that return a figure, or None, by the name of the SVG file
+    SHOWN      columns, separated by spaces, of the tables that README shows, by the table's name
+    COLUMNS    what columns mean, by name
+    headline   a function of `Data` that returns what was found, in Markdown
+    reading    a function of `Data` that returns how to read the tables, in Markdown
+
+Only TABLES is necessary. The first line of a table's docstring says what its file holds, that of a figure is
+its caption, and that of the module is the question if `[report]` has none.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from benchmark.experiments import Experiment
+from envs.inputs import Label, Names, Table
+
+
+class Report(Table):
+    """What any experiment declares of its report."""
+
+    kind: str
+    """The study: `comparison`, `map`, `replication`, `search`, or a module."""
+    question: Label = ""
+    """The heading of the results; by default the study's."""
+    items: Names = ()
+    """Further tables and figures: functions of `Data`, each as `module:function`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What tables, figures and texts are made of."""
+
+    experiment: Experiment
+    declared: Any
+    """The table `[report]`, an instance of the study's `Declared`."""
+    runs: pd.DataFrame
+    """A row per run, as published, see `benchmark.runs`."""
+    curves: pd.DataFrame
+    """A row per run and evaluation, as published."""
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    """The tables that were made before, by name."""
+    store: Path | None = None
+    """The file of stored records; only a replication reads it, for its tables of Q-values."""
+
+
+TableFunction = Callable[[Data], pd.DataFrame | None]
+FigureFunction = Callable[[Data], Figure | None]
+Functions = Mapping[str, Callable[[Data], Any]]
