@@ -107,6 +107,29 @@ class Population:
         """The run with the first seed and the first pick."""
         return self.firsts[0]
 
+    @property
+    def keys(self) -> dict[str, str | int]:
+        """The columns that name it in tables."""
+        axes, names = dict(self.condition.axes), dict[str, str | int]()
+        if "trial" in axes:
+            names = {"trial": int(axes["trial"])}
+        elif "grid" in axes:
+            grid = axes.pop("grid")
+            point = ", ".join(f"{axis} {value}" for axis, value in axes.items())
+            names = {"grid": grid, "point": point}
+        elif self.condition.name in self.condition_names:
+            names = {"reading": self.condition.name}
+        return {"scenario": self.scenario.name, **names, "learner": self.learner.name}
+
+    @property
+    def condition_names(self) -> frozenset[str]:
+        """Names of readings: of conditions that a table declares."""
+        return frozenset(
+            name.removeprefix("readings.")
+            for name, change in self.condition.changes.items()
+            if isinstance(change, schema.Reading)
+        )
+
     def pick_of(self, seed: int) -> int:
         """Returns the index of a seed's run in `firsts`; a reference implementation has the same."""
         return (seed - self.beside.start) % len(self.firsts)
