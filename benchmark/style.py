@@ -1,0 +1,270 @@
+"""What all figures share: the looks of learners, their style, and how they are saved."""
+
+import hashlib
+import io
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from textwrap import fill
+from typing import Any, Final
+
+import matplotlib as mpl
+import pandas as pd
+import seaborn as sns
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, Normalize, to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.style import context
+from matplotlib.text import Text
+from matplotlib.typing import ColorType
+from numpy.typing import NDArray
+
+from benchmark.experiments import Learner
+from envs import InputError
+
+WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
+COLOURS: Final = sns.color_palette("colorblind")
+# Names beside lines: height of a line of text and distance in points, characters of a line
+_LINE, _GAP, _CHARACTERS = 11.0, 16.0, 23
+_RC: Final = {
+    **sns.axes_style("ticks"),
+    **sns.plotting_context("paper", font_scale=1.1),
+    "svg.hashsalt": "proxemic",  # otherwise equal figures get different identifiers
+    "svg.fonttype": "none",  # texts stay texts
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": "medium",
+    "font.sans-serif": ["DejaVu Sans", "Verdana"],  # Verdana is as wide
+}
+
+# Colour and marker of a variant, in every figure. Tables are black, grey or green, linear learners
+# red, DQN and its relatives blue, PPO and its relatives orange. In grey, brightness differs.
+Look = dict[str, Any]
+_KNOWN: Final[Mapping[str, tuple[str, str]]] = {
+    "q_learning": ("#000000", "o"),
+    "q_learning_tuned": ("#707070", "s"),
+    "expected_sarsa": ("#4d5d3a", "d"),
+    "watkins_q_lambda": ("#00856a", "D"),
+    "replay_table": ("#17a2b8", "*"),
+    "softmax_table": ("#79c36a", "P"),
+    "tile_coding": ("#b3003c", "<"),
+    "tile_coding_earlier": ("#8a4a5e", "v"),
+    "replay_tiles": ("#f08fb8", ">"),
+    "linear_q_lambda": ("#c2418f", "H"),
+    "dqn": ("#0173b2", "^"),
+    "dqn_linear": ("#16206b", "p"),
+    "dqn_default": ("#8a63d2", "v"),
+    "dqn_forms": ("#5aa9e6", "s"),
+    "dqn_earlier": ("#7d9bb5", "d"),
+    "ppo": ("#de7400", "X"),
+    "ppo_again": ("#de7400", "X"),
+    "ppo_default": ("#7a3b12", "h"),
+    "ppo_forms": ("#d9a300", "8"),
+    "ppo_earlier": ("#b08d62", "D"),
+}
+# Other variants take one of these pairs, which follows from their name.
+_HUES: Final = ("#8f1d2c", "#3f7f93", "#b59b00", "#5b5b5b", "#d98880", "#6a3d9a")
+_OTHERS: Final = [(hue, marker) for marker in "sDo^vPX*dhp<>" for hue in _HUES]
+# Dashes, and how much lighter a learner is drawn; other forms of observation are solid.
+_BY_OBSERVATION: Final[Mapping[str, tuple[tuple[float, ...], float]]] = {
+    "coordinates": ((4, 1.5), 0.3),
+    "centred": ((6, 2), 0.1),
+    "factored": ((9, 1.2), 0.0),
+    "tiles": ((2.5, 1), 0.2),
+    "planes": ((6, 1, 2, 1), 0.0),
+    "offset": ((1, 1.2), 0.4),
+    "offset_one_hot": ((1, 1.2), 0.2),
+    "offset_coordinates": ((4, 1.2, 1, 1.2), 0.15),
+    "offset_centred": ((6, 1.2, 1, 1.2), 0.3),
+    "offset_factored": ((4, 1.2, 1, 1.2, 1, 1.2), 0.0),
+    "offset_tiles": ((2, 1.2, 1, 1.2), 0.0),
+}
+
+
+def look(learner: Learner, others: Iterable[Learner] = ()) -> Look:
+    """Returns the colour and marker of a learner's variant, and tint and dashes of its observation.
+
+    A reference implementation looks like its learner, but hollow and on a dotted line. `others` are
+    the learners of the experiment: no two variants of it share both colour and marker.
+    """
+    variant, is_reference = _drawn_as(learner)
+    colour, marker = _marks({variant, *(_drawn_as(other)[0] for other in others)})[variant]
+    dashes, tint = _BY_OBSERVATION.get(learner.observation, ((), 0.0))
+    line = (0, dashes) if dashes else "-"
+    style: Look = {"color": _lighter(colour, tint), "marker": marker, "ls": line}
+    return style | {"mfc": "white", "ls": (0, (1, 1))} if is_reference else style
+
+
+def _drawn_as(learner: Learner) -> tuple[str, bool]:
+    """Returns the variant whose colour and marker a learner has, and whether it is a reference."""
+    of = learner.reference_for.partition(",")[0] or learner.variant.removeprefix("sb3_")
+    is_reference = of != learner.variant and (bool(learner.reference_for) or of in _KNOWN)
+    return (of, True) if is_reference else (learner.variant, False)
+
+
+def _marks(variants: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Returns the colour and marker of each variant; a pair that is taken is left out."""
+    marks: dict[str, tuple[str, str]] = {}
+    for name in sorted(variants):
+        first = hashlib.sha256(name.encode()).digest()[0] % len(_OTHERS)
+        pairs = (*_OTHERS[first:], *_OTHERS[:first])
+        free = (pair for pair in pairs if pair not in marks.values())
+        marks[name] = _KNOWN.get(name) or next(free, pairs[0])
+    return marks
+
+
+def settings() -> AbstractContextManager[None]:
+    """Sets all of matplotlib that figures depend on, within a `with` block."""
+    return context(["default", _RC])
+
+
+def colour_map(name: str) -> Colormap:
+    """Returns a colour map in 256 colours, whatever users have set."""
+    return mpl.colormaps[name].resampled(256)
+
+
+@contextmanager
+def figure_of(
+    rows: int, columns: int, size: tuple[float, float]
+) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Makes a figure in the project's style.
+
+    Its size is in inches, and the axes are (rows, columns). Those without data are hidden.
+    """
+    with settings():
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False)
+        yield figure, axes
+        for text in figure.findobj(Text):
+            # "$" is a character, but in ticks of logarithmic axes, which have no text yet.
+            if isinstance(text, Text) and "$" in text.get_text():
+                text.set_parse_math(False)
+        for axis in axes.flat:
+            if not axis.has_data():
+                axis.set_axis_off()
+            if axis.get_aspect() != "auto":
+                axis.label_outer()  # the maps of a figure share their axes
+
+
+def check_file(path: Path, *endings: str) -> None:
+    """Raises an InputError if a file has none of these endings, or its folder does not exist."""
+    if path.suffix.lower() not in endings:
+        raise InputError(f"{path}: accepted: a name that ends in {' or '.join(endings)}.")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}.")
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Writes a figure as .png or .svg; equal figures give equal bytes."""
+    if path.suffix.lower() == ".svg":
+        path.write_text(svg(figure), encoding="utf-8")
+        return
+    with settings():
+        figure.savefig(path, dpi=144, metadata={"Software": None})
+
+
+_TAG: Final = re.compile(r"<[a-z][^>]*>")
+_LENGTHS: Final = re.compile(r' (?:d|x|y|width|height|transform)="[^"]*"')
+_DECIMAL: Final = re.compile(r"-?\d+\.\d+(?:e-?\d+)?")
+_NAME: Final = re.compile(r'( id="|href="#|url\(#)([^")]*)')
+
+
+def svg(figure: Figure) -> str:
+    """Returns the figure as the text of an SVG, which is the same on every processor.
+
+    Lengths are rounded; identifiers, which are digests of unrounded ones, are numbered.
+    """
+    file, names = io.StringIO(), dict[str, str]()
+    with settings():
+        figure.savefig(file, format="svg", metadata=dict.fromkeys(["Date", "Creator"]))
+
+    def named(match: re.Match[str]) -> str:
+        return match[1] + names.setdefault(match[2], f"i{len(names)}")
+
+    def rounded(match: re.Match[str]) -> str:
+        return _DECIMAL.sub(lambda number: f"{round(float(number[0]), 2) + 0.0:g}", match[0])
+
+    return _TAG.sub(lambda tag: _NAME.sub(named, _LENGTHS.sub(rounded, tag[0])), file.getvalue())
+
+
+def name_rows(axis: Axes, names: Sequence[str]) -> None:
+    """Names the rows of a chart, the first above, with a line through each."""
+    axis.set_yticks(range(len(names)), names)
+    axis.set(ylim=(len(names) - 0.5, -0.5))
+    axis.grid(axis="y", lw=0.4, color="0.85")
+    axis.tick_params(axis="y", length=0)
+
+
+def name_lines(axis: Axes, lines: Mapping[str, tuple[float, Look]]) -> None:
+    """Writes names right of lines, given where each ends on the linear y axis and its look.
+
+    Names that would overlap are moved apart, and lead back to their lines.
+    """
+    box = axis.get_window_extent().transformed(axis.figure.dpi_scale_trans.inverted())
+    width, height = 72 * box.width, 72 * box.height
+    bottom, top = axis.get_ylim()
+    texts = {name: fill(name, _CHARACTERS, break_on_hyphens=False) for name in lines}
+    half = {name: _LINE * (text.count("\n") + 1.25) / 2 for name, text in texts.items()}
+    ends = {name: (end - bottom) / (top - bottom) * height for name, (end, _) in lines.items()}
+    at = _moved_apart(ends, half, height)
+    for name, (_, style) in lines.items():
+        lead = [1, 1 + _GAP / width], [ends[name] / height, at[name] / height]
+        mark = {"mfc": style["color"], **style, "mec": style["color"], "ls": ":", "lw": 1, "ms": 5}
+        axis.plot(*lead, **mark, markevery=[1], transform=axis.transAxes, clip_on=False)
+        place = {"va": "center", "fontsize": "small", "transform": axis.transAxes}
+        axis.text(1 + 1.4 * _GAP / width, at[name] / height, texts[name], **place)
+
+
+def _moved_apart(
+    ends: Mapping[str, float], half: Mapping[str, float], height: float
+) -> dict[str, float]:
+    """Returns heights, close to given ones, at which texts of given half heights do not overlap."""
+    upwards = sorted(ends, key=lambda name: ends[name])
+    at, below, above = dict[str, float](), -_LINE, height + _LINE
+    for name in upwards:
+        at[name] = max(ends[name], below + half[name])
+        below = at[name] + half[name]
+    for name in reversed(upwards):
+        at[name] = min(at[name], above - half[name])
+        above = at[name] - half[name]
+    return at
+
+
+def draw_cells(
+    axis: Axes,
+    cells: Sequence[Sequence[tuple[str, str]]],
+    rows: Sequence[str],
+    columns: Sequence[str],
+) -> None:
+    """Draws a table of texts, each on the colour of its cell, with names of rows and columns."""
+    for y, row in enumerate(cells):
+        for x, (text, colour) in enumerate(row):
+            axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
+            place = {"ha": "center", "va": "center", "fontsize": "small"}
+            axis.text(x, y, text, color=ink_on(colour), **place)
+    axis.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
+    axis.set_xticks(range(len(columns)), columns, fontsize="small")
+    axis.set_yticks(range(len(rows)), rows, fontsize="small")
+    axis.xaxis.tick_top()
+    axis.tick_params(length=0)
+    axis.spines[:].set_visible(False)
+
+
+def ink_on(colour: ColorType) -> str:
+    """Returns the colour of a text on a colour."""
+    red, green, blue = to_rgb(colour)
+    return "white" if 0.3 * red + 0.59 * green + 0.11 * blue < 0.45 else "black"
+
+
+def norm_of(values: pd.Series) -> Normalize:
+    """Returns the colour scale that spans values; with both signs, zero is in its middle."""
+    low, high = float(values.min()), float(values.max())
+    limit = max(-low, high)
+    return Normalize(-limit, limit) if low < 0 < high else Normalize(low, high)
+
+
+def _lighter(colour: str, share: float) -> str:
+    red, green, blue = (part + share * (1 - part) for part in to_rgb(colour))
+    return to_hex((red, green, blue))
