@@ -1,24 +1,28 @@
 """Intervals, p-values and contrasts.
 
-Means of numbers in [0, 1] have exact binomial intervals, from which those of sums and differences of such
-means follow; they have a width even where all agents agree. Other statistics have percentile intervals over
-seeded resamples, so equal records give equal digits.
+Means of numbers in [0, 1] have exact binomial intervals, from which those of sums and differences
+of such means follow; they have a width even where all agents agree. Other statistics have
+percentile intervals over seeded resamples, so equal records give equal digits.
 """
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special, stats
+
+if TYPE_CHECKING:
+    from benchmark.experiments import Population
 
 RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
 MAX_Z: Final = 8.0  # standard errors beyond which p-values count as zero
 _NONE: Final = 1e-12  # smaller counts are rounding errors
 LEVEL: Final = 0.95  # confidence, unless another is given
-TAIL: Final = (1 - LEVEL) / 2  # what an interval leaves out on each side
+ALPHA: Final = 1 - LEVEL
+TAIL: Final = ALPHA / 2  # what an interval leaves out on each side
 
 Numbers = Any  # a float, or an array
 
@@ -33,9 +37,9 @@ class Estimate(NamedTuple):
 
 @lru_cache(maxsize=8)
 def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
-    """Draws how often each agent counts in each resample, (RESAMPLES + 1, N); in the first, all count once.
+    """Draws how often each agent counts in each resample, (RESAMPLES + 1, N).
 
-    Populations of the same scenario and size share the draws.
+    In the first one, all count once.     Populations of the same scenario and size share the draws.
     """
     rng = np.random.default_rng([BOOTSTRAP_SEED, *scenario.encode()])
     counts = rng.multinomial(n_agents, np.full(n_agents, 1 / n_agents), size=RESAMPLES)
@@ -43,7 +47,7 @@ def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
 
 
 def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of the 95 % interval of a resampled statistic; the first sample is the statistic."""
+    """Returns the ends of the 95 % interval of a statistic, the first of its samples."""
     with np.errstate(invalid="ignore"):  # infinite ratios give NaN
         low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
     return low, high
@@ -52,10 +56,12 @@ def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
 def proportion_interval(
     mean: NDArray[np.float64] | float, n: NDArray[np.int_] | int, tail: float = TAIL
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of intervals of means, of any shape, of n numbers in [0, 1], with a tail on each side.
+    """Returns the ends of intervals of means of n numbers in [0, 1].
 
-    For shares of successes they are the exact binomial ones (Clopper and Pearson 1934). Other numbers in
-    [0, 1] with the same mean vary less; in all cases that were tried, the interval is conservative for them.
+    Means have any shape; an interval leaves out a tail on each side.
+    For shares of successes they are the exact binomial ones (Clopper and Pearson 1934). Other
+    numbers in [0, 1] with the same mean vary less; in all cases that were tried, the interval is
+    conservative for them.
 
     >>> [round(float(end), 4) for end in proportion_interval(1.0, 100)]  # 0.025 ** (1 / 100)
     [0.9638, 1.0]
@@ -77,11 +83,13 @@ def proportion(values: NDArray[np.generic]) -> Estimate:
 def combined(
     weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], tail: float = TAIL
 ) -> tuple[float, float]:
-    """Returns the ends of the interval of a weighted sum of independent means of `sizes` numbers in [0, 1].
+    """Returns the ends of the interval of a weighted sum of independent means.
 
-    Like Newcombe's interval of a difference, it follows from the intervals of the means: the distance of each
-    end from the sum is the root of the summed squares of the distances of the means' own ends (Zou and Donner
-    2008, Statistics in Medicine 27:1693-1702). Weights may be negative.
+    Each is the mean of so many numbers in [0, 1] as `sizes` has.
+    Like Newcombe's interval of a difference, it follows from the intervals of the means: the
+    distance of each end from the sum is the root of the summed squares of the distances of the
+    means' own ends (Zou and Donner 2008, Statistics in Medicine 27:1693-1702). Weights may be
+    negative.
     """
     weight, mean = np.asarray(weights, dtype=float), np.asarray(means, dtype=float)
     low, high = proportion_interval(mean, np.asarray(sizes), tail)
@@ -92,17 +100,19 @@ def combined(
 
 
 def mean_over_scenarios(values: Sequence[NDArray[np.float64]]) -> Estimate:
-    """Returns the mean over scenarios of the mean of each one's numbers in [0, 1], with its interval."""
+    """Returns the mean over scenarios of the mean of each one's numbers in [0, 1]."""
     means = [float(numbers.mean()) for numbers in values]
     weights = [1 / len(values)] * len(values)
     return Estimate(float(np.mean(means)), *combined(weights, means, [*map(len, values)]))
 
 
-def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float) -> float:
-    """Returns the one-sided p-value of the hypothesis that a weighted sum of means is at most a value.
+def p_above(
+    weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float
+) -> float:
+    """Returns the one-sided p-value of a weighted sum of means being at most a value.
 
-    It is the tail for which the lower end of `combined` is the value; 1 if there is none, as when the
-    observed sum is at most the value.
+    It is the tail for which the lower end of `combined` is the value; 1 if there is none, as when
+    the observed sum is at most the value.
     """
 
     def distance(z: float) -> float:
@@ -110,13 +120,16 @@ def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[in
 
     if distance(0.0) <= 0:
         return 1.0
-    return 0.0 if distance(MAX_Z) > 0 else float(stats.norm.sf(optimize.brentq(distance, 0.0, MAX_Z)))
+    return (
+        0.0 if distance(MAX_Z) > 0 else float(stats.norm.sf(optimize.brentq(distance, 0.0, MAX_Z)))
+    )
 
 
 def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1) -> Estimate:
     """Returns means over N agents of (N, ...) values without outliers, with Student's intervals.
 
-    By Bonferroni's correction, `n_means` intervals contain all their true means at once with this confidence.
+    By Bonferroni's correction, `n_means` intervals contain all their true means at once with this
+    confidence.
     """
     n = len(values)
     t = stats.t.ppf(1 - (1 - level) / (2 * n_means), n - 1)
@@ -126,8 +139,31 @@ def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1)
     return Estimate(mean, mean - reach, mean + reach)
 
 
+def wins(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns 1 where x took less than y, 1/2 where both took the same, else 0.
+
+    Of independent pairs, the mean is the probability that x takes less; `proportion` has its
+    interval, and `p_half` its p-value.
+    """
+    return np.where(x == y, 0.5, x < y)
+
+
+def p_half(mean: float, n: int) -> float:
+    """Returns the one-sided p-value of a mean of n numbers being on the other side of 1/2.
+
+    It is the tail for which `proportion_interval` ends at 1/2; for counts, that of the sign test.
+
+    >>> p_half(1.0, 5), p_half(0.0, 5)
+    (0.03125, 0.03125)
+    """
+    count = max(mean, 1 - mean) * n
+    return float(special.betainc(count, n - count + 1, 0.5))
+
+
 def median(values: NDArray[np.float64]) -> Estimate:
-    """Returns the median of N values with its exact interval by ranks; for few values, 0 or infinite ends.
+    """Returns the median of N values with its exact interval by ranks.
+
+    For few values, its ends are 0 or infinite.
 
     >>> median(np.arange(1.0, 21.0)), median(np.array([1.0, 2.0, np.inf])).value
     (Estimate(value=10.5, low=6.0, high=15.0), 2.0)
@@ -137,9 +173,6 @@ def median(values: NDArray[np.float64]) -> Estimate:
     low, high = int((ranks <= TAIL).sum()), int((ranks < 1 - TAIL).sum())
     ends = np.array([0.0, *np.sort(values), np.inf])
     return Estimate(float(np.median(values)), float(ends[low]), float(ends[min(high + 1, n + 1)]))
-
-
-ALPHA: Final = 1 - LEVEL
 
 
 class Means(NamedTuple):
@@ -165,7 +198,9 @@ class Contrast(NamedTuple):
     difference: float
     difference_low: float  # of the 95 % interval
     difference_high: float
-    difference_low_90: float  # of the 90 % interval: within the margin if two one-sided tests reject at 5 %
+    difference_low_90: (
+        float  # of the 90 % interval: within the margin if two one-sided tests reject at 5 %
+    )
     difference_high_90: float
     p_different: float
     p_equivalent: float
@@ -185,6 +220,39 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
     )
 
 
+def with_ends(name: str, estimate: Estimate) -> dict[str, Any]:
+    """Returns the columns of a number, or of several, with its 95 % interval."""
+    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+
+
+_SAME_INPUT: Final = {
+    "index": "one_hot",
+    "offset": "offset_one_hot",
+}  # which row of a table is which 1
+
+
+def differences(x: "Population", y: "Population") -> str:
+    """Says what differs between two learners besides their algorithms and the values of settings.
+
+    It is empty if nothing does.
+    """
+
+    def of(side: "Population") -> dict[str, str]:
+        learner, settings = side.learner, side.first.settings
+        form = _SAME_INPUT.get(learner.observation, learner.observation)
+        limit = getattr(settings, "time_limit", None)
+        return {
+            "settings": f"searched ({learner.search})" if learner.search else "as declared",
+            "time limit": f"{limit:,}" if limit else "none",
+            "input": form.replace("_", " "),
+            "policy": learner.policy,
+            "steps": f"{settings.budget:,}",
+        }
+
+    pairs = zip(of(x).items(), of(y).values(), strict=True)
+    return "; ".join(f"{name} {a} against {b}" for (name, a), b in pairs if a != b)
+
+
 def holm(p_values: Sequence[float]) -> list[float]:
     """Returns p-values adjusted by Holm's method, in the same order."""
     adjusted = np.array(p_values, dtype=float)
@@ -194,35 +262,12 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return [float(p) for p in adjusted]
 
 
-def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
-    """Returns the verdict on x against y, by their difference, x - y, and adjusted p-values."""
-    if p_equivalent <= ALPHA:
-        return "equivalent"  # even if a difference is significant, too
-    if p_different <= ALPHA:
-        return "better" if difference > 0 else "worse"
-    return "undecided"
-
-
-def over_scenarios(decided: str, x: Means, y: Means, margin: float) -> tuple[str, list[int]]:
-    """Returns a verdict on a mean over scenarios, *mixed* if some contradict it, and the indices of these.
-
-    A scenario contradicts a verdict if its own difference does so by the margin or more: opposite differences
-    must not cancel. If none does, the indices are those of scenarios whose own 90 % interval does not exclude
-    such a difference.
-    """
-    if len(x.means) == 1 or decided not in ("better", "worse", "equivalent"):
-        return decided, []
-    alone = [
-        contrast(Means([a], [n]), Means([b], [m]), margin)
-        for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
+def contrasts(pairs: Sequence[tuple[Means, Means]], margin: float) -> list[Contrast]:
+    """Compares pairs of learners; p-values are adjusted over all of them."""
+    tests = [contrast(x, y, margin) for x, y in pairs]
+    different = holm([test.p_different for test in tests])
+    equivalent = holm([test.p_equivalent for test in tests])
+    return [
+        test._replace(p_different=p, p_equivalent=q)
+        for test, p, q in zip(tests, different, equivalent, strict=True)
     ]
-
-    def contradicting(lows: Sequence[float], highs: Sequence[float]) -> list[int]:
-        is_worse = (decided != "worse") & (np.array(lows) <= -margin)
-        is_better = (decided != "better") & (np.array(highs) >= margin)
-        return np.flatnonzero(is_worse | is_better).tolist()
-
-    differences, _, _, lows, highs = [*zip(*alone, strict=True)][:5]
-    if found := contradicting(differences, differences):
-        return "mixed", found
-    return decided, contradicting(lows, highs)
