@@ -6,7 +6,6 @@ corner.
 
 import math
 from collections.abc import Sequence
-from textwrap import fill
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -49,12 +48,14 @@ _ON_ZONES: Final[Style] = {"fill": False, "ec": "black", "lw": 0.8}
 # Light above dark, which can be seen on any colour
 _ON_VALUES: Final[Style] = {"fill": False, "ec": "white", "lw": 1.6, "path_effects": [_BELOW]}
 _GLYPHS: Final[dict[str, Style]] = {
-    "issuer": {"marker": "*", "ms": 9, "mfc": "white", "label": "person"},
-    "bystander": {"marker": "o", "ms": 7, "mfc": "white", "label": "bystander"},
-    "onlooker": {"marker": "D", "ms": 4, "mfc": "0.8", "label": "onlooker"},
-    "start": {"marker": "s", "ms": 5, "mfc": "white", "label": "start"},
+    kind: {"ls": "", "marker": marker, "ms": size, "mfc": colour, "mec": "black", "mew": 0.8}
+    for kind, marker, size, colour in (
+        ("issuer", "*", 9, "white"),
+        ("bystander", "o", 7, "white"),
+        ("onlooker", "D", 4, "0.8"),
+        ("start", "s", 5, "white"),
+    )
 }
-_GLYPH: Final[Style] = {"ls": "", "mec": "black", "mew": 0.8}
 _SIGN: Final[Style] = {"ls": "", "color": "black", "ms": 4}
 # Hatched, since the colours of values include greys.
 _WALL: Final[Style] = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
@@ -63,10 +64,6 @@ _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likel
 
 # The gallery: maps in a row, inches of a row and of the legend
 _COLUMNS, _ROW, _LEGEND = 5, 1.65, 0.7
-_NOT_ON_A_MAP: Final[Any] = {
-    **dict.fromkeys(("name", "description", "observe"), True),
-    "issuer": {"feedback"},
-}
 
 
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
@@ -145,7 +142,7 @@ def region_legend(
 ) -> None:
     """Draws a legend of borders, of glyphs in scenes and of more marks."""
     marks = {
-        kind: Line2D([], [], **_GLYPH | style)
+        kind: Line2D([], [], **style, label=kind.replace("issuer", "person"))
         for kind, style in _GLYPHS.items()
         if kind in ("issuer", "start") or any(scene.cells_of(kind) for scene in scenes)
     }
@@ -161,32 +158,22 @@ def region_legend(
 
 
 def shipped() -> Figure:
-    """Draws a map of every shipped scenario, each with people in one of their places.
-
-    Scenarios that differ only in what is observed or in feedback share a map. Of several phases,
-    the first is shown.
-    """
-    groups: dict[str, list[Model]] = {}
+    """Draws the shipped scenarios, with people in one of their places and in their first phase."""
+    models = []
     for scenario in map(load_scenario, scenario_names()):
         place = scenario.layout.places[len(scenario.layout.places) // 2]
         # One place alone is compiled in no time.
-        changes: dict[str, Any] = {"issuer.position": place if len(place) > 1 else place[0]}
-        changes |= {"onlookers.ways": 1} if scenario.onlookers else {}
-        model = compile_scenario(load_scenario(scenario, changes))
-        groups.setdefault(model.scenario.model_dump_json(exclude=_NOT_ON_A_MAP), []).append(model)
-    n_rows = math.ceil(len(groups) / _COLUMNS)
+        changes = {"issuer.position": place if len(place) > 1 else place[0]}
+        models.append(compile_scenario(load_scenario(scenario, changes)))
+    n_rows = math.ceil(len(models) / _COLUMNS)
     with figure_of(n_rows, _COLUMNS, (WIDTH, n_rows * _ROW + _LEGEND)) as (figure, axes):
-        for axis, group in zip(axes.flat, groups.values(), strict=False):
-            _draw_zones(axis, group[0])
-            names = fill(", ".join(model.scenario.name for model in group), 17)
-            axis.set_title(names, loc="left", weight="bold", size=8.5, pad=3)
-        more = [
-            Patch(**_WALL, label="wall"),
-            Line2D([], [], **_SIGN, marker=".", label="one of many starts"),
-            Line2D([], [], **_SIGN, marker="^", label="where a person looks"),
-        ]
-        scenes = [scene_of(group[0]) for group in groups.values()]
-        region_legend(figure, scenes, *more, columns=3)
+        for axis, model in zip(axes.flat, models, strict=False):
+            _draw_zones(axis, model)
+            axis.set_title(model.scenario.name, loc="left", weight="bold", size=8.5, pad=3)
+        signs = {".": "one of many starts", "^": "where a person looks"}
+        more = [Line2D([], [], **_SIGN, marker=sign, label=text) for sign, text in signs.items()]
+        scenes = map(scene_of, models)
+        region_legend(figure, [*scenes], Patch(**_WALL, label="wall"), *more, columns=3)
     return figure
 
 
@@ -227,7 +214,7 @@ def _dress(axis: Axes, scene: Scene, border: Style = _ON_VALUES) -> None:
         row, column = centre = scene.position[glyph.cell]
         nose = (centre + 2 * glyph.nose)[:, ::-1]  # without corners if nobody looks anywhere
         axis.add_patch(Polygon(nose, fc="black", ec="white", lw=0.6))
-        axis.plot(column, row, **_GLYPH | _GLYPHS[glyph.kind])
+        axis.plot(column, row, **_GLYPHS[glyph.kind])
     axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
     axis.spines[:].set_visible(True)
     axis.set_xticks(range(0, scene.columns, max(scene.columns // 6, 1)))

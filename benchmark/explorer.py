@@ -1,0 +1,182 @@
+"""The data of the page's explorer, as compressed JSON: what agents have learned, and where.
+
+Values over training are those of the first seed's agent, which was chosen before any result was
+seen; large tables are left out. For as many other agents as fit, there is the final greedy policy.
+From the compiled scenarios, the page looks up the outcomes of a step and computes the optimum.
+"""
+
+import gzip
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import to_hex
+from numpy.typing import NDArray
+
+from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, load_records
+from benchmark.execution.store import VALUE_DECIMALS, Store
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, Learner
+from envs import ACTIONS, EVENTS, ZONES, Model
+from envs import scene as drawn
+from envs.model import MOVES, kept_with_model
+from envs.observations import compile_seen
+
+FILE: Final = "agents.json.gz"
+MAX_VALUED: Final = 500  # observations of a learner whose values are shown
+MAX_STATES: Final = 200_000  # of a scenario that is shown
+MAX_MASKS: Final = 480  # per learner: final policies of as many agents as fit, at least one
+_PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene`
+_NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
+_FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one on
+
+
+def write(
+    experiment: Experiment, store: Store, path: Path, seeds: Sequence[int] | None = None
+) -> None:
+    """Writes what the explorer shows of an experiment from its stored runs, if that is anything.
+
+    It shows all learners but reference implementations, under the first condition. Of the runs of
+    maps and searches, no policies are stored. Each agent refers to its scene and sight by index.
+    """
+    agents, scenes, sights = [], list[object](), list[object]()
+    for population in experiment.populations:
+        is_shown = population.condition.name == DEFAULT_CONDITION
+        if not is_shown or population.first.solved or population.learner.reference_for:
+            continue
+        model = compile_seen(population.first.scenario, population.first.observation)
+        if len(model.observation) > MAX_STATES:
+            continue
+        n_shown = max(MAX_MASKS // model.n_observations, 1)
+        runs = population.runs(population.taken(seeds)[:n_shown])
+        agent = _agents(population.learner, load_records(runs, store))
+        place = {"scene": _index(scenes, _scene(model)), "sight": _index(sights, _sight(model))}
+        agents.append(agent | place)
+    if agents:
+        path.write_bytes(
+            compressed(_CONSTANTS | {"scenes": scenes, "sights": sights, "agents": agents})
+        )
+
+
+_CONSTANTS: Final = {
+    "actions": ACTIONS,
+    "events": EVENTS,
+    "zones": ZONES,
+    "decimals": VALUE_DECIMALS,
+    "no_number": _NO_NUMBER,
+    "first_mask": _FIRST_MASK,
+    "tolerance": OPTIMUM_TOLERANCE,
+    "colours": [
+        *map(to_hex, mpl.colormaps[drawn.COLOUR_MAP].resampled(256)(np.linspace(0, 1, 33)))
+    ],
+    "palette": {name: to_hex(np.array(drawn.COLOURS[name]) / 255) for name in _PALETTE},
+    "clipped_share": drawn.CLIPPED_SHARE,
+    "triangles": drawn.TRIANGLES.tolist(),
+    "moves": MOVES.tolist(),
+}
+
+
+def compressed(data: object) -> bytes:
+    """Returns data as compressed JSON."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return gzip.compress(text.encode(), mtime=0)
+
+
+def _index(items: list[object], item: object) -> int:
+    """Returns where an item is, after adding it if there is no equal one."""
+    if item not in items:
+        items.append(item)
+    return items.index(item)
+
+
+def _agents(learner: Learner, records: Records) -> dict[str, object]:
+    """Returns a learner's first agent, with every second map of its training, and others' policies.
+
+    Maps hold action values, `q`, or the action probabilities of a stochastic policy.
+    """
+    last, has_values = len(records.map_indices) - 1, records.model.n_observations <= MAX_VALUED
+    chosen = [*(range(0, last, 2) if has_values and last > 1 else []), last]
+    points = records.map_indices[chosen]  # among the evaluation steps
+    first, scores = records.agents[0], records.unbounded_scores()
+    others = [agent["greedy"][-1] for agent in records.agents[1:]]
+    return {
+        "scenario": records.scenario,
+        "learner": learner.title,
+        "family": learner.family,
+        "horizon": records.run.horizon,
+        "kind": "probability" if first["stochastic"].shape[0] else "q",
+        "discount": records.run.settings.discount_factor,
+        "steps": [records.evaluation_steps[point] for point in points],
+        "score": _listed(scores[0, points]),
+        "success": _listed(first["success"][points]),
+        "values": _integers(first["values"][chosen]) if has_values else None,
+        "greedy": _characters(first["greedy"][points]),
+        "seeds": records.seeds,
+        "others": {  # after the first
+            "score": _listed(scores[1:, -1]),
+            "success": _listed(records.arrays["success"][1:, -1]),
+            "greedy": _characters(np.array(others, dtype=np.uint8)),
+        },
+    }
+
+
+def _sight(model: Model) -> dict[str, object]:
+    observed = [component.name for component in model.components]
+    return {"observed": observed, "changes": np.diff(model.observation, prepend=0).tolist()}
+
+
+@kept_with_model
+def _scene(model: Model) -> dict[str, object]:
+    """Returns the looks of a scenario and the effects of each action, whatever is observed of it.
+
+    `views` has a map for each place and phase. Effects are the same in many states, so each refers
+    to one of the `kinds`: flattened lists, (kinds, A, K) of outcomes, (kinds,) of `over`, else
+    (kinds, A).
+    """
+    scenario, n_states = model.scenario, len(model.observation)
+    views = [drawn.scene_of(model, context) for context in np.unique(model.context).tolist()]
+    effects: dict[str, NDArray[Any]] = {
+        "change": model.next_state - np.arange(n_states)[:, None, None],
+        "terminated": model.terminated.astype(int),
+        "over": model.is_over.astype(int),
+    }
+    for name in ("probability", "grid_reward", "issuer_reward", "event"):
+        effects[name] = getattr(model, name)
+    columns = np.concatenate([each.reshape(n_states, -1) for each in effects.values()], axis=1)
+    _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
+    starts = np.concatenate([model.starts, model.unseen_starts])
+    n_delayed = 1 + scenario.is_delayed
+    return {
+        "group": scenario.n_people if scenario.group else 1,
+        "rows": views[0].rows,
+        "columns": views[0].columns,
+        "walls": np.flatnonzero(views[0].is_wall).tolist(),
+        "outlines": [*drawn.BORDERS.values()],
+        "views": [view.as_json() for view in views],
+        "shape": [model.n_places, len(scenario.layout.ticks), n_delayed, scenario.ping_limit],
+        "ticks": scenario.layout.ticks.tolist(),
+        "phases": [stage.name for stage in scenario.layout.stages],
+        "starts": starts.tolist(),
+        "kind": kind.ravel().tolist(),
+        "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()},
+    }
+
+
+def _listed(values: NDArray[np.float64]) -> list[float | None]:
+    return [None if math.isnan(value) else round(value, 6) for value in values.tolist()]
+
+
+def _integers(maps: NDArray[np.floating]) -> list[int]:
+    """Returns maps, (V, O, A), as integer differences from the map before: mostly zeros."""
+    scaled = np.rint(maps.astype(np.float64) * 10**VALUE_DECIMALS)
+    # Only the values of nets about to diverge exceed two million; their digits are noise.
+    whole = np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1)
+    whole[np.isnan(scaled)] = _NO_NUMBER
+    return np.diff(whole.astype(np.int64), axis=0, prepend=0).ravel().tolist()
+
+
+def _characters(masks: NDArray[np.uint8]) -> str:
+    return (masks.ravel() + np.uint8(_FIRST_MASK)).tobytes().decode("ascii")
