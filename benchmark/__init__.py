@@ -17,5 +17,5 @@ for _name in ("agents", "envs"):  # names that others use, too
 def __getattr__(name: str) -> Any:
     """Imports `runs` and `curves`, which need pandas, when somebody asks for them."""
     if name in ("curves", "runs"):
-        return getattr(import_module("benchmark.frames"), name)
+        return getattr(import_module("benchmark.tables"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
