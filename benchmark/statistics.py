@@ -3,6 +3,10 @@
 Means of numbers in [0, 1] have exact binomial intervals, from which those of sums and differences
 of such means follow; they have a width even where all agents agree. Other statistics have
 percentile intervals over seeded resamples, so equal records give equal digits.
+
+A contrast compares two learners by means of numbers in [0, 1]. Equivalence takes two one-sided
+tests (Schuirmann 1987). P-values of several contrasts are adjusted by Holm's method (1979,
+Scandinavian Journal of Statistics 6:65-70): the probability of any wrong claim is at most 5 %.
 """
 
 from collections.abc import Sequence
@@ -14,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import optimize, special, stats
 
 if TYPE_CHECKING:
-    from benchmark.experiments import Population
+    from benchmark.experiment import Population
 
 RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
@@ -25,6 +29,7 @@ ALPHA: Final = 1 - LEVEL
 TAIL: Final = ALPHA / 2  # what an interval leaves out on each side
 
 Numbers = Any  # a float, or an array
+Floats = NDArray[np.float64]
 
 
 class Estimate(NamedTuple):
@@ -35,33 +40,37 @@ class Estimate(NamedTuple):
     high: Numbers
 
 
+def with_ends(name: str, estimate: Estimate) -> dict[str, Numbers]:
+    """Returns the columns of a number, or of several, with its interval."""
+    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+
+
 @lru_cache(maxsize=8)
-def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
+def resample(n_agents: int, scenario: str) -> Floats:
     """Draws how often each agent counts in each resample, (RESAMPLES + 1, N).
 
-    In the first one, all count once.     Populations of the same scenario and size share the draws.
+    In the first one, all count once. Populations of the same scenario and size share the draws.
     """
     rng = np.random.default_rng([BOOTSTRAP_SEED, *scenario.encode()])
     counts = rng.multinomial(n_agents, np.full(n_agents, 1 / n_agents), size=RESAMPLES)
     return np.vstack([np.ones(n_agents), counts]).astype(np.float64)
 
 
-def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of the 95 % interval of a statistic, the first of its samples."""
+def interval(samples: Floats) -> tuple[Floats, Floats]:
+    """Returns the ends of the 95 % interval of a statistic, which is the first of its samples."""
     with np.errstate(invalid="ignore"):  # infinite ratios give NaN
         low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
     return low, high
 
 
 def proportion_interval(
-    mean: NDArray[np.float64] | float, n: NDArray[np.int_] | int, tail: float = TAIL
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    mean: Floats | float, n: NDArray[np.int_] | int, tail: float = TAIL
+) -> tuple[Floats, Floats]:
     """Returns the ends of intervals of means of n numbers in [0, 1].
 
-    Means have any shape; an interval leaves out a tail on each side.
-    For shares of successes they are the exact binomial ones (Clopper and Pearson 1934). Other
-    numbers in [0, 1] with the same mean vary less; in all cases that were tried, the interval is
-    conservative for them.
+    Means have any shape; an interval leaves out a tail on each side. For shares of successes they
+    are the exact binomial ones (Clopper and Pearson 1934). Other numbers in [0, 1] with the same
+    mean vary less; in all cases that were tried, the interval is conservative for them.
 
     >>> [round(float(end), 4) for end in proportion_interval(1.0, 100)]  # 0.025 ** (1 / 100)
     [0.9638, 1.0]
@@ -85,11 +94,10 @@ def combined(
 ) -> tuple[float, float]:
     """Returns the ends of the interval of a weighted sum of independent means.
 
-    Each is the mean of so many numbers in [0, 1] as `sizes` has.
-    Like Newcombe's interval of a difference, it follows from the intervals of the means: the
-    distance of each end from the sum is the root of the summed squares of the distances of the
-    means' own ends (Zou and Donner 2008, Statistics in Medicine 27:1693-1702). Weights may be
-    negative.
+    Each is a mean of numbers in [0, 1]; `sizes` says of how many. Like Newcombe's interval of a
+    difference, it follows from the intervals of the means: the distance of each end from the sum
+    is the root of the summed squares of the distances of the means' own ends (Zou and Donner
+    2008, Statistics in Medicine 27:1693-1702). Weights may be negative.
     """
     weight, mean = np.asarray(weights, dtype=float), np.asarray(means, dtype=float)
     low, high = proportion_interval(mean, np.asarray(sizes), tail)
@@ -99,7 +107,7 @@ def combined(
     return value - below, value + above
 
 
-def mean_over_scenarios(values: Sequence[NDArray[np.float64]]) -> Estimate:
+def mean_over_scenarios(values: Sequence[Floats]) -> Estimate:
     """Returns the mean over scenarios of the mean of each one's numbers in [0, 1]."""
     means = [float(numbers.mean()) for numbers in values]
     weights = [1 / len(values)] * len(values)
@@ -120,12 +128,12 @@ def p_above(
 
     if distance(0.0) <= 0:
         return 1.0
-    return (
-        0.0 if distance(MAX_Z) > 0 else float(stats.norm.sf(optimize.brentq(distance, 0.0, MAX_Z)))
-    )
+    if distance(MAX_Z) > 0:
+        return 0.0
+    return float(stats.norm.sf(optimize.brentq(distance, 0.0, MAX_Z)))
 
 
-def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1) -> Estimate:
+def student(values: Floats, level: float = LEVEL, n_means: int = 1) -> Estimate:
     """Returns means over N agents of (N, ...) values without outliers, with Student's intervals.
 
     By Bonferroni's correction, `n_means` intervals contain all their true means at once with this
@@ -139,31 +147,10 @@ def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1)
     return Estimate(mean, mean - reach, mean + reach)
 
 
-def wins(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns 1 where x took less than y, 1/2 where both took the same, else 0.
-
-    Of independent pairs, the mean is the probability that x takes less; `proportion` has its
-    interval, and `p_half` its p-value.
-    """
-    return np.where(x == y, 0.5, x < y)
-
-
-def p_half(mean: float, n: int) -> float:
-    """Returns the one-sided p-value of a mean of n numbers being on the other side of 1/2.
-
-    It is the tail for which `proportion_interval` ends at 1/2; for counts, that of the sign test.
-
-    >>> p_half(1.0, 5), p_half(0.0, 5)
-    (0.03125, 0.03125)
-    """
-    count = max(mean, 1 - mean) * n
-    return float(special.betainc(count, n - count + 1, 0.5))
-
-
-def median(values: NDArray[np.float64]) -> Estimate:
+def median(values: Floats) -> Estimate:
     """Returns the median of N values with its exact interval by ranks.
 
-    For few values, its ends are 0 or infinite.
+    For few values, ends are 0 or infinite.
 
     >>> median(np.arange(1.0, 21.0)), median(np.array([1.0, 2.0, np.inf])).value
     (Estimate(value=10.5, low=6.0, high=15.0), 2.0)
@@ -173,6 +160,40 @@ def median(values: NDArray[np.float64]) -> Estimate:
     low, high = int((ranks <= TAIL).sum()), int((ranks < 1 - TAIL).sum())
     ends = np.array([0.0, *np.sort(values), np.inf])
     return Estimate(float(np.median(values)), float(ends[low]), float(ends[min(high + 1, n + 1)]))
+
+
+def wins(x: Floats, y: Floats) -> Floats:
+    """Returns 1 where x took less than y, 1/2 where both took the same, else 0.
+
+    Of independent pairs, the mean is the probability that x takes less: its interval is that of a
+    `proportion`, its p-value `p_half`.
+    """
+    return np.where(x == y, 0.5, x < y)
+
+
+def p_half(mean: float, n: int) -> float:
+    """Returns the one-sided p-value of a mean of n numbers being on the other side of 1/2.
+
+    It is the tail for which its `proportion_interval` ends at 1/2; without ties, the sign test's.
+
+    >>> p_half(1.0, 5), p_half(0.0, 5)
+    (0.03125, 0.03125)
+    """
+    count = max(mean, 1 - mean) * n
+    return float(special.betainc(count, n - count + 1, 0.5))
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Returns p-values adjusted by Holm's method, in the same order.
+
+    >>> holm([0.01, 0.04, 0.03])
+    [0.03, 0.06, 0.06]
+    """
+    adjusted = np.array(p_values, dtype=float)
+    order = np.argsort(adjusted, kind="stable")
+    factors = np.arange(len(order), 0, -1)
+    adjusted[order] = np.maximum.accumulate(np.minimum(factors * adjusted[order], 1.0))
+    return [float(p) for p in adjusted]
 
 
 class Means(NamedTuple):
@@ -193,21 +214,19 @@ class Means(NamedTuple):
 
 
 class Contrast(NamedTuple):
-    """A difference, x - y, with p-values before adjustment."""
+    """A difference, x - y, with the p-values of no difference, and of one as large as a margin."""
 
     difference: float
     difference_low: float  # of the 95 % interval
     difference_high: float
-    difference_low_90: (
-        float  # of the 90 % interval: within the margin if two one-sided tests reject at 5 %
-    )
+    difference_low_90: float  # of the 90 % interval, which belongs to two one-sided tests at 5 %
     difference_high_90: float
     p_different: float
     p_equivalent: float
 
 
 def contrast(x: Means, y: Means, margin: float) -> Contrast:
-    """Compares two learners in the same scenarios; a difference below the margin is equivalence."""
+    """Compares two learners in the same scenarios; p-values are not adjusted."""
     weights = x.weights + [-weight for weight in y.weights]
     means, sizes = [*x.means, *y.means], [*x.sizes, *y.sizes]
     signs = weights, [-weight for weight in weights]
@@ -220,54 +239,40 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
     )
 
 
-def with_ends(name: str, estimate: Estimate) -> dict[str, Any]:
-    """Returns the columns of a number, or of several, with its 95 % interval."""
-    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+def contrasts(pairs: Sequence[tuple[Means, Means]], margin: float) -> list[Contrast]:
+    """Compares pairs of learners; each kind of p-value is adjusted over all pairs."""
+    found = [contrast(x, y, margin) for x, y in pairs]
+    different = holm([each.p_different for each in found])
+    equivalent = holm([each.p_equivalent for each in found])
+    return [
+        each._replace(p_different=p, p_equivalent=q)
+        for each, p, q in zip(found, different, equivalent, strict=True)
+    ]
 
 
-_SAME_INPUT: Final = {
-    "index": "one_hot",
-    "offset": "offset_one_hot",
-}  # which row of a table is which 1
+# The row of a table and the one-hot input of a net are the same observation.
+_SAME_INPUT: Final = {"index": "one_hot", "offset": "offset_one_hot"}
 
 
 def differences(x: "Population", y: "Population") -> str:
-    """Says what differs between two learners besides their algorithms and the values of settings.
+    """Says what differs between two learners besides their algorithms and their settings' values.
 
-    It is empty if nothing does.
+    An empty text says that nothing does.
     """
-
-    def of(side: "Population") -> dict[str, str]:
-        learner, settings = side.learner, side.first.settings
-        form = _SAME_INPUT.get(learner.observation, learner.observation)
-        limit = getattr(settings, "time_limit", None)
-        return {
-            "settings": f"searched ({learner.search})" if learner.search else "as declared",
-            "time limit": f"{limit:,}" if limit else "none",
-            "input": form.replace("_", " "),
-            "policy": learner.policy,
-            "steps": f"{settings.budget:,}",
-        }
-
-    pairs = zip(of(x).items(), of(y).values(), strict=True)
-    return "; ".join(f"{name} {a} against {b}" for (name, a), b in pairs if a != b)
+    sides = zip(_conditions(x).items(), _conditions(y).values(), strict=True)
+    return "; ".join(
+        f"{name} {of_x} against {of_y}" for (name, of_x), of_y in sides if of_x != of_y
+    )
 
 
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Returns p-values adjusted by Holm's method, in the same order."""
-    adjusted = np.array(p_values, dtype=float)
-    order = np.argsort(adjusted, kind="stable")
-    factors = np.arange(len(order), 0, -1)
-    adjusted[order] = np.maximum.accumulate(np.minimum(factors * adjusted[order], 1.0))
-    return [float(p) for p in adjusted]
-
-
-def contrasts(pairs: Sequence[tuple[Means, Means]], margin: float) -> list[Contrast]:
-    """Compares pairs of learners; p-values are adjusted over all of them."""
-    tests = [contrast(x, y, margin) for x, y in pairs]
-    different = holm([test.p_different for test in tests])
-    equivalent = holm([test.p_equivalent for test in tests])
-    return [
-        test._replace(p_different=p, p_equivalent=q)
-        for test, p, q in zip(tests, different, equivalent, strict=True)
-    ]
+def _conditions(population: "Population") -> dict[str, str]:
+    """Returns under which conditions a learner was trained, in words."""
+    learner, settings = population.learner, population.first.settings
+    form = _SAME_INPUT.get(learner.observation, learner.observation)
+    return {
+        "settings": f"searched ({learner.search})" if learner.search else "declared",
+        "time limit": f"{settings.time_limit:,}" if settings.time_limit else "none",
+        "input": form.replace("_", " "),
+        "policy": learner.policy,
+        "training steps": f"{settings.budget:,}",
+    }
