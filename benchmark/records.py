@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate, from_starts, largest_success, solve
 from agents.policy import uniform_policy
-from benchmark.execution.store import Provenance, Store
 from benchmark.specification import RunSpecification
+from benchmark.store import Provenance, Store, evaluated
 from envs import ZONES, InputError, Model, compile_scenario
 from envs.model import PING, kept_with_model
 from envs.observations import compile_seen
@@ -111,21 +111,14 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
     """Reads the records of runs of a population; an InputError says if any is missing."""
     ended = store.ended(run.digest for run in runs)
     if missing := [run.seed for run in runs if run.digest not in ended]:
-        found = f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name}"
+        found = (
+            f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name}"
+        )
         which = f"are missing or failed (the first is seed {missing[0]})"
         raise InputError(f"{found} {which}: run the experiment first.")
     records = store.get([run.digest for run in runs])
     arrays = [record.arrays for record in records]
     return Records(runs, arrays, [record.provenance for record in records])
-
-
-def evaluated(name: str, policy: str) -> str:
-    """Returns the name that a field of `Evaluation` has in a record, by policy.
-
-    >>> evaluated("success", "greedy"), evaluated("success", "stochastic")
-    ('success', 'stochastic_success')
-    """
-    return name if policy == "greedy" else f"{policy}_{name}"
 
 
 @kept_with_model

@@ -20,12 +20,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pandas as pd
 
-from benchmark.execution.store import Store
 from benchmark.experiment import Experiment, Population, load_experiment
 from benchmark.folder import MANIFEST, digests
-from benchmark.records import Array, Records, evaluated, load_records, random_success
+from benchmark.records import Array, Records, load_records, random_success
 from benchmark.sealed import sealed, unsealed
 from benchmark.specification import RunSpecification, solved
+from benchmark.store import Store, evaluated
 from envs import ZONES, InputError
 
 RUNS: Final = "runs.csv.gz"
@@ -52,7 +52,15 @@ _TRAINING: Final = ("training_wrong_pings", "diverged_at", "updates", "parameter
 _TEXTS: Final = {
     "scenario", "grid", "point", "reading", "learner", "run", "policy", *MEASURED[4:],
 }  # fmt: skip
-_INTEGERS: Final = {"trial", "seed", "step", "budget", "training_wrong_pings", "updates", "parameters"}
+_INTEGERS: Final = {
+    "trial",
+    "seed",
+    "step",
+    "budget",
+    "training_wrong_pings",
+    "updates",
+    "parameters",
+}
 _IDENTITY: Final = ("seed", "run", "policy", "budget")
 _MAX_BYTES: Final = 3_000_000  # of a published file
 _REPOSITORY: Final = Path(__file__).parents[1]
@@ -116,7 +124,9 @@ def run_id(run: RunSpecification) -> str:
 
 def _endpoints(records: Records, policy: str) -> dict[str, Any]:
     """Returns what the final policies reach, (N,) each."""
-    found: dict[str, Any] = {name: _over_training(name, records, policy)[:, -1] for name in ENDPOINTS}
+    found: dict[str, Any] = {
+        name: _over_training(name, records, policy)[:, -1] for name in ENDPOINTS
+    }
     random = random_success(records.model, records.run.horizon)
     return found | {"greedy_success": records.arrays["success"][:, -1], "random_success": random}
 
@@ -222,7 +232,9 @@ def _number(value: float) -> str:
 def _is_same(made: bytes, other: bytes) -> bool:
     """Returns whether two compressed tables differ in measured columns alone."""
     try:
-        first, second = (_unmeasured(gzip.decompress(content).decode()) for content in (made, other))
+        first, second = (
+            _unmeasured(gzip.decompress(content).decode()) for content in (made, other)
+        )
     except (OSError, EOFError, ValueError):
         return False
     return first == second
@@ -306,12 +318,17 @@ def _accepted(keys: list[str]) -> dict[str, list[list[str]]]:
     measured = [name for name in MEASURED if name != "cpu_learned_s"]
     progress = [*keys, "seed", "step", "success", "training_wrong_pings"]
     return {
-        RUNS: [[*keys, *_IDENTITY, *usual, *measured], [*keys, *_IDENTITY, *until_solved, *MEASURED]],
+        RUNS: [
+            [*keys, *_IDENTITY, *usual, *measured],
+            [*keys, *_IDENTITY, *until_solved, *MEASURED],
+        ],
         CURVES: [[*progress, "score"], progress],
     }
 
 
-def check_declared(experiment: Experiment, table: pd.DataFrame, seeds: Sequence[int] | None = None) -> None:
+def check_declared(
+    experiment: Experiment, table: pd.DataFrame, seeds: Sequence[int] | None = None
+) -> None:
     """Checks that the published runs are those that an experiment declares, or with other seeds.
 
     Of a search, the second stage depends on the first, so its runs are checked but not demanded.
@@ -329,7 +346,9 @@ def check_declared(experiment: Experiment, table: pd.DataFrame, seeds: Sequence[
     if missing or foreign:
         what = f"{missing} of {len(declared)} declared runs are missing, and {foreign} are others"
         run = f"python -m benchmark run {experiment.argument}"
-        raise InputError(f"{experiment.name}: of the published runs, {what}; {run} makes them anew.")
+        raise InputError(
+            f"{experiment.name}: of the published runs, {what}; {run} makes them anew."
+        )
 
 
 # For an analysis of one's own
@@ -359,7 +378,9 @@ def curves(experiment: str | Path, results: str | Path | None = None) -> pd.Data
     return _published(experiment, results)[1]
 
 
-def _published(experiment: str | Path, results: str | Path | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _published(
+    experiment: str | Path, results: str | Path | None
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     declared = load_experiment(experiment)
     folders = [Path("results"), _RESULTS] if results is None else [Path(results)]
     there = [path / declared.name for path in folders if (path / declared.name / RUNS).exists()]
