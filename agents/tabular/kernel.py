@@ -393,8 +393,12 @@ def compile_kernel(update: UpdateRule) -> Kernel:
             results.steps_taken[n] = turn.steps
             results.episodes_ended[n] = turn.episodes
 
-    code = update.bootstrap.__code__
-    cells = [cell.cell_contents for cell in update.bootstrap.__closure__ or ()]
+    code, around = update.bootstrap.__code__, inspect.getclosurevars(update.bootstrap)
+    cells = [
+        (key, value)
+        for key, value in (around.globals | around.nonlocals).items()
+        if isinstance(value, bool | int | float | tuple | np.ndarray)
+    ]
     text = linecache.getlines(inspect.getfile(update.bootstrap))
     imported = digest_when_loaded(update.bootstrap.__module__)
     flags = update.is_on_policy, has_two_tables, has_traces
