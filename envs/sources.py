@@ -7,11 +7,12 @@ import os
 import re
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.machinery import PathFinder
 from importlib.util import find_spec, resolve_name
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,7 +38,7 @@ def digest_of_source(module: str) -> str:
 
     It is the same in every process, and counts:
 
-    - the sources of the module and of all modules that they import
+    - the sources of the module and of all modules that they import, or name in a text
     - the content of files that a text in these sources names, relative to the folder of its module or to the
       current one, or by its absolute path
     - the values of environment variables that they read by name, but for those that this project sets
@@ -65,8 +66,11 @@ def digest_of_source(module: str) -> str:
                     source = spec.loader.get_data(spec.origin)
                     counted.add(f"{name} {_digest(source)}")
                     tree = ast.parse(source)
+                    texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+                    texts = {text for text in texts if isinstance(text, str)}
                     waiting += _imports(tree, name if spec.submodule_search_locations else package)
-                    counted |= {*_data(tree, path.parent)}
+                    waiting += texts
+                    counted |= {*_data(tree, texts, path.parent)}
     return _digest(repr(sorted(counted)).encode()) if counted else ""
 
 
@@ -78,14 +82,12 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _data(tree: ast.Module, folder: Path) -> Iterator[str]:
+def _data(tree: ast.Module, texts: Iterable[str], folder: Path) -> Iterator[str]:
     """Yields the files and environment variables that a module names, and what they contain."""
-    texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
-    for text in texts:
-        for root in (folder, Path.cwd()):
-            with suppress(OSError, TypeError, ValueError):  # no text, no path, or it may not be read
-                if (path := root / text).is_file():
-                    yield f"{text} {_digest(path.read_bytes())}"
+    for root, text in product((folder, Path.cwd()), texts):
+        with suppress(OSError, ValueError):  # a text that is no path, or a file that may not be read
+            if (path := root / text).is_file():
+                yield f"{text} {_digest(path.read_bytes())}"
     for name in _READING.findall(ast.unparse(tree)):
         if name not in VARIABLES:
             yield f"{name}={os.environ.get(name)}"
