@@ -1,133 +1,227 @@
-"""A folder of published results, as its files have it: the source of all sentences, README and page.
+"""A folder of published results: its manifest and tables, and how its files are written.
 
-Its manifest lists the digest of each of its files but README, which is made from them, and ends with its own
-digest. So a file that was changed is refused.
+The manifest lists the digest of each file but README, which is made from the others, and ends with
+its own digest. So a file that was changed is refused.
 """
 
-import gzip
 import hashlib
-import re
-from collections.abc import Collection, Iterator, Mapping
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property, partial
-from io import BytesIO
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
 
-from benchmark.drawing.tables import read_csv
-from benchmark.experiments import experiment_names, title_of
-from benchmark.sealed import sealed, unsealed
+from benchmark.execution.machine import lock
 from envs import InputError
 from envs.inputs import check_all
 
 MANIFEST: Final = "manifest.json"
 README: Final = "README.md"
-SPEED: Final = "speed"  # the folder of measured speed, which is no experiment's
-SCORES: Final = "scores.csv.gz"  # every run of a comparison
+SEAL: Final = "sha256"  # the last key: the digest of all others, as JSON with sorted keys
+REPOSITORY: Final = Path(__file__).parents[1]
+_AGAIN: Final = "make these results again"
 
 
-@dataclass(eq=False)
+# Reading
+
+
 class Folder:
-    """A folder of results: its manifest, and its tables as read back from the CSV files."""
+    """A folder of results, of which nothing is read that its manifest does not list."""
 
-    path: Path
-
-    @cached_property
-    def manifest(self) -> Mapping[str, Any]:
-        """What made the results; raises an InputError if it is missing, damaged or of other results."""
-        if not (self.path / MANIFEST).is_file():
-            raise InputError(f"{self.path}: there are no results; run the experiment with --report first.")
-        with self.reading(MANIFEST):
-            manifest = unsealed((self.path / MANIFEST).read_bytes())
-            manifest["report"]["kind"], manifest["scenarios"].items(), manifest["files"].items()
-            if self.path.name in experiment_names() and manifest["experiment"] != self.path.name:
-                raise ValueError(f"it belongs to {manifest['experiment']}")
-            if any(Path(file).name != file for file in manifest["files"]):
+    def __init__(self, path: Path) -> None:
+        """Reads the manifest; raises an InputError if it is missing or damaged."""
+        self.path = path
+        if not (path / MANIFEST).is_file():
+            raise InputError(
+                f"{path}: there are no results; run the experiment with --report first."
+            )
+        with _damaged(path / MANIFEST):
+            self.manifest = unsealed((path / MANIFEST).read_bytes())
+            self.files: dict[str, str] = dict(self.manifest["files"])
+            if any(Path(name).name != name for name in self.files):
                 raise ValueError("it lists files outside its folder")
-        return manifest
-
-    @cached_property
-    def titles(self) -> dict[str, str]:
-        """What readers call the learners, by their names in files."""
-        return {
-            f"{name}, {form}": title_of(variant.get("title") or name, form, variant.get("family", ""))
-            for name, variant in self.manifest.get("algorithms", {}).items()
-            for form in variant["settings"]
-        }
-
-    def title(self, learner: str) -> str:
-        """Returns what readers call a learner."""
-        return self.titles.get(learner, learner)
-
-    def phrase(self, learner: str) -> str:
-        """Returns the title for a sentence, in which a table gets an article."""
-        title = self.title(learner)
-        return f"the {title}" if re.search(r"\btable\b", title) else title
-
-    def __contains__(self, file: str) -> bool:
-        """Returns whether the manifest lists a file of this name."""
-        return self.is_there and file in self.manifest["files"]
-
-    @property
-    def is_there(self) -> bool:
-        """Whether there are results; their manifest may be missing, which raises an InputError when read."""
-        return any((self.path / file).exists() for file in (MANIFEST, README))
 
     def content(self, file: str) -> bytes:
-        """Returns a file's content; raises an InputError if it is not listed, missing or changed."""
-        with self.reading(file):
-            if (path := self.path / file).exists() and not path.is_file():
+        """Returns a file's content; an InputError says if it is missing, not listed or changed."""
+        with _damaged(path := self.path / file):
+            if path.exists() and not path.is_file():
                 raise ValueError("it is not a regular file")  # it may be a pipe that never ends
             content = path.read_bytes()
-            if hashlib.sha256(content).hexdigest() != self.manifest["files"][file]:
+            if _sha256(content) != self.files[file]:
                 raise ValueError(f"{MANIFEST} lists another digest")
         return content
 
     def check(self) -> None:
         """Reads all files; an InputError names those that are missing or changed."""
-        check_all(*(partial(self.content, file) for file in self.manifest["files"]))
+        check_all(*(partial(self.content, file) for file in self.files))
 
-    def figure(self, name: str) -> str:
-        """Returns the name of the file with an item's figure; empty if there is none."""
-        return file if (file := f"{name}.svg") in self else ""
-
-    def frame(self, name: str) -> pd.DataFrame:
-        """Returns a table by the name of its file, from which the ending `.csv` may be left out."""
-        content = self.content(name if "." in name else f"{name}.csv")
-        return read_csv(BytesIO(gzip.decompress(content) if name.endswith(".gz") else content))
-
-    @contextmanager
-    def reading(self, file: str = "") -> Iterator[None]:
-        """Turns an error while files of this folder are read into an `InputError`."""
-        try:
-            yield
-        except InputError:
-            raise
-        except Exception as error:  # of whatever kind: files can come from anywhere
-            fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-            if isinstance(error, FileNotFoundError):
-                fault = f"{Path(error.filename).name} is missing"
-            what = f"damaged, or made by another version of this project ({fault})"
-            raise InputError(f"{self.path / file}: {what}; make these results again.") from error
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Returns the tables by name, but not those of runs and of curves, which are compressed."""
+        names = [file for file in self.files if file.endswith(".csv")]
+        check_all(*(partial(self.content, file) for file in names))
+        with _damaged(self.path):
+            return {name.removesuffix(".csv"): read_csv(self.path / name) for name in names}
 
 
-def write_manifest(path: Path, content: Mapping[str, Any]) -> None:
-    """Writes the manifest of a folder, whose other files are there."""
-    text = sealed({**content, "files": digests(path, but=(MANIFEST, README))}, indent=2)
-    (path / MANIFEST).write_text(text, encoding="utf-8")
+@contextmanager
+def _damaged(path: Path) -> Iterator[None]:
+    """Turns whatever goes wrong while a file is read into an InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        if isinstance(error, FileNotFoundError):
+            fault = "it is missing"
+        what = f"damaged, or made by another version of this project ({fault})"
+        raise InputError(f"{path}: {what}; {_AGAIN}.") from error
+
+
+def unsealed(text: bytes) -> dict[str, Any]:
+    """Returns the content of a sealed file; raises a ValueError if its digest is another."""
+    content = dict(json.loads(text))
+    if content.get(SEAL) != _seal({key: value for key, value in content.items() if key != SEAL}):
+        raise ValueError(f"{SEAL} is not the digest of the content")
+    return content
+
+
+def committed(name: str, file: str) -> bytes | None:
+    """Returns a file of a folder of results in the last commit; None if there is no such file."""
+    git = ["git", "-C", str(REPOSITORY), "show", f"HEAD:results/{name}/{file}"]
+    try:
+        return subprocess.run(git, check=True, capture_output=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def read_csv(path: Path) -> pd.DataFrame:
+    """Reads a table, in which only an empty entry is a missing value, not a text such as "NA"."""
+    return pd.read_csv(path, keep_default_na=False, na_values=[""])
+
+
+# Writing
+
+
+def sealed(content: Mapping[str, Any], indent: int = 2) -> str:
+    """Returns JSON that carries its own digest, which replaces an earlier one."""
+    unsealed = {key: value for key, value in content.items() if key != SEAL}
+    return json.dumps(unsealed | {SEAL: _seal(unsealed)}, indent=indent) + "\n"
+
+
+def _seal(content: Mapping[str, Any]) -> str:
+    return _sha256(json.dumps(content, sort_keys=True).encode())
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def digests(path: Path, but: Collection[str] = ()) -> dict[str, str]:
     """Returns the SHA-256 digest of each file of a folder, by name, but pages and hidden files."""
     names = sorted(file.name for file in path.iterdir() if file.is_file())
-    return {
-        name: hashlib.sha256((path / name).read_bytes()).hexdigest()
-        for name in names
-        if name not in (*but, "index.html") and not name.startswith(".")
-    }
+    shown = [name for name in names if name not in (*but, "index.html") and name[0] != "."]
+    return {name: _sha256((path / name).read_bytes()) for name in shown}
+
+
+def write_manifest(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes the manifest of a folder, whose other files are there."""
+    files = digests(path, but=(MANIFEST, README))
+    (path / MANIFEST).write_text(sealed({**content, "files": files}), encoding="utf-8")
+
+
+def csv_text(frame: pd.DataFrame) -> str:
+    """Returns a table as CSV; floats have six significant digits, and are read as floats.
+
+    >>> numbers = [1.0, 1e-7, 2 / 3, 1234567.0, float("inf"), float("nan"), -1e-16]
+    >>> csv_text(pd.DataFrame({"x": numbers})).split()
+    ['x', '1.0', '1e-07', '0.666667', '1.23457e+06', 'inf', '""', '0.0']
+    """
+    return frame.infer_objects().to_csv(index=False, lineterminator="\n", float_format=_number)
+
+
+def _number(value: float) -> str:
+    text = f"{0.0 if abs(value) < 1e-12 else value:.6g}"  # zero but for rounding
+    return f"{text}.0" if text.lstrip("-").isdecimal() else text
+
+
+def write_csv(frame: pd.DataFrame, path: Path) -> None:
+    """Writes a table, see `csv_text`."""
+    path.write_text(csv_text(frame), encoding="utf-8")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file, whole, unless it has this text; an InputError if it cannot be written."""
+    if path.is_file() and path.read_bytes() == text.encode():
+        return
+    with _unwritable(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = _aside(path)
+        made.write_text(text, encoding="utf-8")
+        made.replace(path)
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Waits until no other process writes to a folder, which is made if it is missing."""
+    with _unwritable(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with _unwritable(folder):
+            lock(descriptor, f"{folder}: waiting for another command that writes there ...")
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def replaced(folder: Path, stale: Iterable[str] = ()) -> Iterator[Path]:
+    """Yields an empty folder, whose files replace those of a folder at the end, if all goes well.
+
+    Stale files are removed, others stay. The manifest comes last, so a folder that was only half
+    replaced does not match it. The caller must be `alone` in the folder that both are in.
+    """
+    made = _aside(folder)
+    shutil.rmtree(made, ignore_errors=True)  # of a killed process
+    with _unwritable(folder):
+        made.mkdir()
+    try:
+        yield made
+        with _unwritable(folder):
+            folder.mkdir(exist_ok=True)
+            names = {file.name for file in made.iterdir()}
+            for name in {*stale} - names:
+                (folder / name).unlink(missing_ok=True)
+            for name in sorted(names, key=lambda name: (name == MANIFEST, name)):
+                (made / name).replace(folder / name)
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.making")
+
+
+@contextmanager
+def _unwritable(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        advice = "choose another folder with --results"
+        raise InputError(f"{path}: cannot be written: {reason}; {advice}.") from error
+
+
+# Until the old house is gone
+SCORES: Final = "scores.csv.gz"
+SPEED: Final = "speed"
 
 
 def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:

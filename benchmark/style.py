@@ -21,7 +21,7 @@ from matplotlib.text import Text
 from matplotlib.typing import ColorType
 from numpy.typing import NDArray
 
-from benchmark.experiments import Learner
+from benchmark.experiment import Learner
 from envs import InputError
 
 WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
