@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, load_records
 from benchmark.execution.store import VALUE_DECIMALS, Store
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, Learner
+from benchmark.style import colour_map
 from envs import ACTIONS, EVENTS, ZONES, Model
 from envs import scene as drawn
 from envs.model import MOVES, kept_with_model
@@ -69,9 +69,7 @@ _CONSTANTS: Final = {
     "no_number": _NO_NUMBER,
     "first_mask": _FIRST_MASK,
     "tolerance": OPTIMUM_TOLERANCE,
-    "colours": [
-        *map(to_hex, mpl.colormaps[drawn.COLOUR_MAP].resampled(256)(np.linspace(0, 1, 33)))
-    ],
+    "colours": [*map(to_hex, colour_map(drawn.COLOUR_MAP)(np.linspace(0, 1, 33)))],
     "palette": {name: to_hex(np.array(drawn.COLOURS[name]) / 255) for name in _PALETTE},
     "clipped_share": drawn.CLIPPED_SHARE,
     "triangles": drawn.TRIANGLES.tolist(),

@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, Patch, PathPatch, Polygon
 from matplotlib.path import Path
 from numpy.typing import ArrayLike, NDArray
 
-from benchmark.drawing.style import WIDTH, figure_of
+from benchmark.style import WIDTH, colour_map, figure_of
 from envs import ACTIONS, ZONES, Model, compile_scenario, load_scenario, scenario_names
 from envs.model import PING
 from envs.regions import Loop, outlines
@@ -121,7 +121,7 @@ def _coloured(norm: Normalize) -> Style:
     # The middle of a diverging map, white, is zero.
     name = DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP
     # Edges have the same colour, since the background would shine through between cells.
-    return {"cmap": mpl.colormaps[name].resampled(256), "norm": norm, "edgecolors": "face"}
+    return {"cmap": colour_map(name), "norm": norm, "edgecolors": "face"}
 
 
 def colour_bar(

@@ -1,0 +1,249 @@
+"""Assesses any agent exactly: its score, and a map of where it PINGs; the command `assess`.
+
+An agent is a function of the observation, or a model of Stable-Baselines3, loaded or saved. It is
+read as a table over all observations, so it has to be memoryless.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs import ACTIONS, ZONES, InputError, Model, load_scenario
+from envs.inputs import shortened
+from envs.observations import compile_seen, observation_table
+from envs.packages import contained, imported, needed_by
+from envs.scenario import ScenarioLike
+
+with needed_by("benchmark.assess"):
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    from agents.dynamic_programming import Evaluation, evaluate
+    from agents.policy import Policy
+    from agents.sb3.algorithms import is_sb3_class
+    from benchmark.analysis.records import anchors, check_anchors, unbounded_scores
+    from benchmark.scenes import draw_policy, policy_legend
+    from benchmark.style import check_file, figure_of, save
+
+Act = Callable[[Any], object]  # from an observation to an action, or to probabilities of actions
+
+HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
+PICTURES: Final = (".png", ".svg")  # endings of files
+_TOLERANCE: Final = 1e-5  # for probabilities, which may be of single precision
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    if options.save is not None:
+        check_file(options.save, *PICTURES)
+    agent = options.model
+    if options.agent is not None:
+        agent = imported(options.agent, "--agent", "function")
+    names = ("scenario", "observation", "algorithm", "stochastic")
+    assessment = assess(agent, **{name: getattr(options, name) for name in names})
+    print(assessment)
+    if options.save is not None:
+        assessment.draw(options.save)
+        print(f"\nmap: {options.save}")
+    return 0
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What an agent does in a scenario. O observations, A actions."""
+
+    model: Model  # the scenario, compiled for the form of observation
+    observation: str  # the form that the agent is given
+    policy: Policy  # (O, A) its action probabilities
+    evaluation: Evaluation  # exact, from the scenario's starts
+
+    @property
+    def unbounded_score(self) -> float:
+        """The return as a score: 0 for the random policy, 1 for the optimal; it can be below 0."""
+        return float(unbounded_scores(self.evaluation.grid_return, self.model, HORIZON, "start"))
+
+    @property
+    def score(self) -> float:
+        """The score clipped to [0, 1], as published learners are compared."""
+        return min(max(self.unbounded_score, 0.0), 1.0)
+
+    @property
+    def success(self) -> float:
+        """The probability that an episode ends with a PING in the target region."""
+        return float(self.evaluation.success)
+
+    def __repr__(self) -> str:
+        exact, below = self.evaluation, ""
+        if self.unbounded_score < 0:
+            random, _ = anchors(self.model, HORIZON, "start")
+            returned = f"{float(exact.grid_return):g}"
+            below = f" (the return, {returned}, is below a random policy's, {random:g})"
+        clipped = "(0: random, 1: optimal for an agent that knows the state; clipped)"
+        uncomfortable = exact.zone_steps[ZONES.index("uncomfortable")]
+        return (
+            f"{self.model.scenario.name}, observed as {self.observation}: a memoryless policy, "
+            f"evaluated exactly over episodes of at most {HORIZON} steps\n"
+            f"  success              {self.success:g}\n"
+            f"  score                {self.score:<10g} {clipped}\n"
+            f"  unbounded score      {self.unbounded_score:g}{below}\n"
+            f"  steps                {float(exact.steps):g}\n"
+            f"  wrong PINGs          {float(exact.wrong_pings):g}\n"
+            f"  uncomfortable steps  {float(uncomfortable):g}"
+        )
+
+    def draw(self, path: str | Path) -> None:
+        """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
+
+        If it observes more than its cell, the map is of the person's first position and the first
+        phase, before any wrong PING.
+
+        Raises:
+          InputError: The file name has another ending, or there is no such folder.
+        """
+        check_file(Path(path), *PICTURES)
+        save(draw_map(self), Path(path))
+
+
+def assess(
+    agent: object,
+    *,
+    scenario: ScenarioLike,
+    observation: str,
+    algorithm: str | None = None,
+    stochastic: bool = False,
+) -> Assessment:
+    """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
+
+    No code from the file of a model is run; one that needs some is refused. A file does not say
+    behind which wrappers a model was trained. Its last observation shows most that change
+    observations, but not, for example, `1 - o`, or one that changes actions: assess a function.
+
+    Args:
+      agent: A function that takes an observation and returns an action from 0 to 4
+        (`envs.ACTIONS`), five probabilities, or what `model.predict` returns; a model of
+        Stable-Baselines3, or its `predict`; or the path of a saved one. A model's wrappers must not
+        change observations or actions.
+      scenario: A name or a path, see `envs.load_scenario`.
+      observation: The form of observation that the agent takes, see `envs.observations`.
+      algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
+      stochastic: Whether a model draws its actions; otherwise it acts greedily.
+
+    Raises:
+      InputError: The scenario, the form of observation or the model cannot be used, or a function
+        returns something else, or another answer when it is asked again.
+    """
+    model, is_path = (
+        compile_seen(load_scenario(scenario), observation),
+        isinstance(agent, str | Path),
+    )
+    if is_path != (algorithm is not None):
+        accepted = "module:class, such as stable_baselines3:PPO, only and always with a saved model"
+        what = agent if is_path else "agent"
+        raise InputError(f"{what}: algorithm = {algorithm}: accepted: {accepted}.")
+    owner = getattr(agent, "__self__", None)
+    if getattr(agent, "__name__", "") == "predict" and is_sb3_class(type(owner)):
+        agent = owner
+    if is_path or is_sb3_class(type(agent)):
+        policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
+    elif not callable(agent):
+        accepted = "a function, a model of Stable-Baselines3, or the path of a saved one"
+        raise InputError(f"agent = {_shown(agent)}: accepted: {accepted}.")
+    elif stochastic:
+        raise InputError("stochastic: accepted only with a model of Stable-Baselines3.")
+    else:
+        policy = _policy_of_function(agent, model, observation)
+    check_anchors(model, HORIZON, "start")
+    return Assessment(model, observation, policy, evaluate(model, policy, HORIZON))
+
+
+def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
+    """Returns a function's action probabilities, (O, A); it is called twice with each observation.
+
+    The second call, in reverse order, detects functions with memory or randomness.
+    """
+    table = observation_table(model, observation)
+    policy = np.stack([_asked(act, table, o) for o in range(len(table))])
+    again = np.stack([_asked(act, table, o) for o in reversed(range(len(table)))])[::-1]
+    if abs(again - policy).max() > _TOLERANCE:
+        found = "act: returned another answer for the same observation, asked again"
+        drawing = f"an agent that draws its actions returns {len(ACTIONS)} probabilities"
+        raise InputError(f"{found}; accepted: one without memory; {drawing}.")
+    return policy
+
+
+def _asked(act: Act, table: NDArray[Any], o: int) -> NDArray[np.float64]:
+    """Returns the action probabilities, (A,), that a function answers to an observation."""
+    # As an environment gives it: a number, or an array that the function may change.
+    given = int(table[o]) if table.ndim == 1 else table[o].copy()
+    try:
+        answer = contained()(act)(given)
+    except Exception as error:  # whatever the function raises
+        reason = f"{type(error).__name__}: {error}".removesuffix(".")
+        raise InputError(f"act: failed for observation {o}: {reason}.") from error
+    row = _row(answer)
+    if row is None:
+        raise InputError(
+            f"act: returned {_shown(answer)} for observation {o}; accepted: an action, a whole "
+            f"number from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to "
+            "one, or either with None, as in (action, None), which predict returns for a model "
+            "without memory."
+        )
+    return row
+
+
+def _row(answer: object) -> NDArray[np.float64] | None:
+    """Returns the probabilities, (A,), that a function's answer stands for; None for no answer."""
+    if isinstance(answer, tuple) and len(answer) == 2 and answer[1] is None:
+        answer = answer[0]  # what a model's `predict` returns without a memory
+    try:
+        values = np.asarray(answer)
+    except (ValueError, TypeError, RuntimeError):  # nested lists, or tensors that need a gradient
+        return None
+    if values.shape == () and values.dtype.kind in "iu" and 0 <= values < len(ACTIONS):
+        return np.asarray(np.eye(len(ACTIONS))[int(values)])
+    if values.shape != (len(ACTIONS),) or values.dtype.kind not in "iuf":
+        return None
+    total = values.sum(dtype=np.float64)
+    is_distribution = (values >= 0).all() and abs(total - 1.0) <= _TOLERANCE
+    return values / total if is_distribution else None
+
+
+def _shown(answer: object) -> str:
+    return shortened(" ".join(repr(answer).split()), 100)
+
+
+def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic: bool) -> Policy:
+    """Reads the policy, (O, A), of a model, or of a saved one; `given` is for `agent_table`."""
+    where = "agent" if algorithm is None else str(agent)
+    with needed_by(f"{where}: a saved model"):
+        from agents.sb3.tables import agent_table, saved_table
+    if algorithm is None:
+        table, is_value = agent_table(agent, where, *given)
+    else:
+        path, whole = Path(where), Path(f"{where}.zip")  # the ending may be missing, as in SB3
+        found = whole if whole.is_file() and not path.is_file() else path
+        table, is_value = saved_table(found, algorithm, *given)
+    if not stochastic:  # the first of several best actions, as in SB3
+        return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])
+    if is_value:
+        accepted = "accepted only with action probabilities"
+        raise InputError(f"{where}: stochastic = True: {accepted}.")
+    return table
+
+
+def draw_map(assessment: Assessment) -> Figure:
+    """Draws the map of an agent, see `Assessment.draw`."""
+    model, norm = assessment.model, Normalize(0.0, 1.0)
+    rows, columns = model.scenario.grid.rows, model.scenario.grid.columns
+    with figure_of(1, 1, (6.0, 2.1 + 4.6 * rows / columns)) as (figure, axes):
+        figure.set_layout_engine("compressed")  # the colour scale gets the height of the map
+        draw_policy(axes[0, 0], model, assessment.policy, norm)
+        numbers = f"score {assessment.score:.3g}, success {assessment.success:.3g}"
+        axes[0, 0].set_title(f"{model.scenario.name}: {numbers}")
+        policy_legend(figure, [axes[0, 0]], model, norm)
+    return figure

@@ -1,0 +1,125 @@
+"""The command `export`: repeats a run and writes its trained agent, for NumPy or Stable-Baselines3.
+
+The run is stored, or must equal the stored one.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.nets.learner import NetAlgorithm
+from agents.policy import mask_policy
+from agents.sb3.algorithms import Sb3Algorithm
+from benchmark.execution.executors.processes import Processes
+from benchmark.execution.job import POLICY
+from benchmark.execution.store import Record, Store
+from benchmark.experiment import Experiment, load_experiment
+from benchmark.specification import RunSpecification
+from benchmark.style import check_file
+from envs import InputError
+from envs.inputs import unknown_name, whole_number
+from envs.observations import compile_seen, observation_table
+
+_MAX_SEED = 999_999
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    experiment, path = load_experiment(options.experiment), options.file
+    learner, scenario = options.learner, options.scenario
+    run = find_run(experiment, learner, options.seed, scenario, options.condition)
+    learner = experiment.learners[f"{run.variant}, {run.observation}"]
+    is_net = isinstance(learner.algorithm, NetAlgorithm | Sb3Algorithm)
+    check_file(path, *([".zip"] if is_net else []), ".npz")
+    title = f"{run.scenario.name}: {learner.title}, seed {run.seed}"
+    print(f"training {title} ...", file=sys.stderr)
+    made = path.with_name(f".making_{path.name}")
+    try:
+        with Store(options.results / "runs.db") as store:
+            _export(run, title, made, store)
+        made.replace(path)
+    finally:
+        made.unlink(missing_ok=True)
+    print(f"{title}: {path} has the trained agent; its run is stored in {options.results}")
+    return 0
+
+
+def find_run(
+    experiment: Experiment, learner: str, seed: str, scenario: str | None, condition: str | None
+) -> RunSpecification:
+    """Returns a run with any seed of a learner, or of a variant with its first form of observation.
+
+    By default, the scenario is the experiment's first, and the condition the learner's first.
+    """
+    number = whole_number(seed, "--seed", 0, _MAX_SEED)
+    alike = [p for p in experiment.populations if learner in (p.learner.name, p.learner.variant)]
+    if not alike:
+        names = {f'"{population.learner.name}"' for population in experiment.populations}
+        unknown_name(experiment.name, "learner", learner, names)
+    name, condition = alike[0].learner.name, condition or alike[0].condition.name
+    conditions = {each.condition.name for each in alike if each.learner.name == name}
+    if condition not in conditions:
+        unknown_name(f"{experiment.name}: {name}", "condition", condition, conditions)
+    scenario = scenario or next(iter(experiment.scenarios))
+    return experiment.population(condition, scenario, name).runs([number])[0]
+
+
+def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None:
+    """Repeats a run and writes its agent; the run is stored, or must equal the stored one."""
+    scenario, form = run.drawn_scenario if run.solved else run.scenario, run.observation
+    content = json.loads(run.content) | {"scenario": scenario.model_dump(mode="json")}
+    about = json.dumps(content | {"digest": run.digest})
+    keep: Any = bool  # keeps nothing
+    if path.suffix.lower() == ".zip":
+        from agents.sb3.training import save
+
+        keep = partial(save, path, about, scenario, run.settings, form)
+    record = _repeated(replace(run, keep=keep))
+    if record.status != "done":
+        reason = record.error or "it diverged"
+        raise InputError(f"{title}: there is no agent to write: {reason}.")
+    greedy, q, stochastic = (record.arrays[name] for name in POLICY)
+    if path.suffix.lower() == ".npz":
+        tables = {"q": q, "greedy": mask_policy(greedy[-1])}
+        tables["observations"] = observation_table(compile_seen(scenario, form), form)
+        tables["stochastic"] = stochastic[-1:].reshape(-1, 5)
+        with path.open("wb") as file:
+            np.savez(file, about=about, **tables)
+    if run.solved:  # of these, the store has only curves
+        curves = {name: array for name, array in record.arrays.items() if name not in POLICY}
+        record = replace(record, arrays=curves)
+    if not store.ended([run.digest]):
+        store.add([record])
+    elif found := difference_of(store.get([run.digest])[0], record):
+        raise InputError(f"{title}: not written, since the repeated run {found}.")
+
+
+def _repeated(run: RunSpecification) -> Record:
+    executor = Processes(1)
+    try:
+        (record,) = executor.submit([run]).result()
+    finally:
+        executor.cancel()
+    return record
+
+
+def difference_of(before: Record, after: Record) -> str:
+    """Returns what differs between two records of a run, but times; empty if nothing does."""
+    if before.status != after.status:
+        why = f": {after.error}" if after.error else ""
+        return f"was {before.status}, but is {after.status} now{why}"
+    old, new = (
+        {name: (each.dtype, each.shape, each.tobytes()) for name, each in record.arrays.items()}
+        for record in (before, after)
+    )
+    names = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
+    if not names:
+        return ""
+    machines = (f"{record.provenance['machine']}" for record in (before, after))
+    return f"differs in {', '.join(names)} (recorded on {', repeated on '.join(machines)})"
