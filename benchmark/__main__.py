@@ -1,9 +1,12 @@
-"""The command line: parses arguments, runs a command of `benchmark.commands`, returns its exit code."""
+"""The command line: parses arguments, runs a command, returns its exit code.
+
+Every command but `list` has a module of its name, whose `main` takes the parsed options.
+"""
 
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +16,6 @@ from benchmark import __version__
 
 _CORE: Final = ("gymnasium", "numpy", "pydantic")  # packages without which nothing works
 _INTERRUPTED: Final = "interrupted: what is stored is kept; repeat the command to go on."
-
 
 try:
     from envs.inputs import InputError
@@ -29,20 +31,20 @@ except ModuleNotFoundError as error:
     print(f"error: the package {error.name} is not installed; {installer}.", file=sys.stderr)
     sys.exit(2)
 
-_EPILOG = """\
+_EPILOG: Final = """\
 examples:
   python -m benchmark list                         scenarios, algorithms, experiments
-  python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
-  python -m benchmark run when --cluster tcp://HOST:8786  on the machines of a Dask cluster
-  python -m benchmark report                       texts and page of results, from their tables
-  python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
-  python -m benchmark watch --scenario S2 --learner dqn --save film.webp  a film of an agent that learns
-  python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip  a trained agent, for SB3
-  python -m benchmark assess --agent module:act --scenario S1 --observation index  score an agent exactly
+  python -m benchmark run reproduce --report       missing runs on all cores, then results/reproduce
+  python -m benchmark report compare_deep          tables, figures and texts from published runs
+  python -m benchmark report                       texts and page of all results, from their tables
+  python -m benchmark verify reproduce             repeats 20 runs, and makes the results again
+  python -m benchmark watch --scenario S2 --learner dqn --save film.webp
+  python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip
+  python -m benchmark assess --agent module:act --scenario S1 --observation index
 
-Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
-with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
-interrupted.
+Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and
+continue with the same command. Exit codes: 0 success, 1 a run failed or a problem was found,
+2 invalid input, 130 interrupted.
 """
 
 
@@ -56,16 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
     _open_streams()
     if arguments is None:  # nothing else uses this process and its children
-        os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's backend might not be installed
+        os.environ["MPLBACKEND"] = VARIABLES["MPLBACKEND"]  # a notebook's may not be installed
     try:
-        options = _parser().parse_args(arguments)
-        if [] in vars(options).values():  # argparse takes the -- of --save=-- away
-            raise InputError("an option has the value --; accepted: another value.")
-        # Imported on demand: --help and mistakes do not wait for what a command needs.
-        with contained(), needed_by(f"benchmark {options.command}"):
-            code: int = import_module(f"benchmark.commands.{options.command}").main(options)
-            if not code and getattr(options, "report", False):
-                code = import_module("benchmark.commands.report").main(options)
+        code = _run(_parser().parse_args(arguments))
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
         _silence_output()
@@ -73,31 +68,64 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(_INTERRUPTED, file=sys.stderr)
         return 130
-    except (InputError, OSError) as error:
-        message = str(error)
-        if not isinstance(error, InputError):
-            _silence_output()
-            message = f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}."
-        print(*(f"error: {line}" for line in message.split("\n")), sep="\n", file=sys.stderr)
+    except InputError as error:
+        print(*(f"error: {line}" for line in str(error).split("\n")), sep="\n", file=sys.stderr)
+        return 2
+    except OSError as error:
+        _silence_output()
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {where}{error.strerror or error}.", file=sys.stderr)
         return 2
     return code
 
 
+def _run(options: argparse.Namespace) -> int:
+    if [] in vars(options).values():  # argparse takes the -- of --save=-- away
+        raise InputError("an option has the value --; accepted: another value.")
+    # Imported on demand: --help and mistakes do not wait for what a command needs.
+    with contained(), needed_by(f"benchmark {options.command}"):
+        if options.command == "list":
+            return _list()
+        code: int = import_module(f"benchmark.{options.command}").main(options)
+        return code
+
+
 def _open_streams() -> None:
     """Opens closed standard streams, since a file would otherwise get one of their descriptors."""
-    for descriptor in range(3):
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the lowest that is free
-    sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
-    sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) < 3:  # the lowest that is free
+        pass
+    os.close(descriptor)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
 
 
 def _silence_output() -> None:
     """Discards what is still to be printed, which Python would try to print when it exits."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _list() -> int:
+    """Shows scenarios, algorithms and experiments."""
+    from agents import ALGORITHMS
+    from benchmark.experiment import experiment_names, read_experiment
+    from envs import load_scenario, scenario_names
+
+    _show("scenarios", scenario_names(), lambda name: load_scenario(name).description)
+    _show("algorithms", ALGORITHMS, lambda name: ALGORITHMS[name])
+    # To load them would import torch and resolve thousands of trials.
+    _show("experiments", experiment_names(), lambda name: read_experiment(name)[0].description)
+    return 0
+
+
+def _show(title: str, names: Iterable[str], about: Callable[[str], str]) -> None:
+    print(title)
+    for name in names:
+        try:
+            print(f"  {name:24} {about(name)}")
+        except InputError as error:
+            print(f"  {name:24} not usable: {error}")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -108,14 +136,83 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message}; '{self.prog} --help' says what is accepted.")
 
 
-def _add(
-    command: argparse._ActionsContainer, name: str, metavar: str, about: str, kind: type = str, **more: Any
-) -> None:
-    """Adds an option, or one without a value if it has no metavar."""
-    if metavar:
-        command.add_argument(name, metavar=metavar, help=about, type=kind, **more)
-    else:
-        command.add_argument(name, action="store_true", help=about)
+# What each command does, and its options: `!` marks those that must be given, `?` an argument that
+# can be left out, and `=` is followed by a default.
+COMMANDS: Final = {
+    "list": ("show scenarios, algorithms and experiments", ""),
+    "run": (
+        "execute the missing runs of an experiment, and publish all of them",
+        "experiment --results=results --seeds --jobs --smoke --report --cluster --log",
+    ),
+    "report": (
+        "make an experiment's tables, figures and texts from its published runs, and the page",
+        "experiment? --results=results --seeds --smoke",
+    ),
+    "verify": (
+        "verify checksums, repeat some runs, and make tables, figures, texts and page again",
+        "experiment? --results=results --runs=20 --seed --jobs --smoke",
+    ),
+    "watch": (
+        "make a film of an agent that learns",
+        "--scenario=S1 --learner=q_learning --observation --seed=0 --experiment=compare_deep "
+        "--results=results --save!",
+    ),
+    "export": (
+        "repeat a run, and write its trained agent to a file",
+        "experiment --results=results --learner! --seed! --scenario --condition file",
+    ),
+    "assess": (
+        "score an agent exactly",
+        "--agent --model --algorithm --stochastic --scenario=S1 --observation! --save",
+    ),
+    "speed": (
+        "measure speed, relative to common alternatives in the same process",
+        "--results=results --smoke",
+    ),
+}
+# The value that each option takes, none if it is only given or not, and what it means
+_OPTIONS: Final = {
+    "experiment": ("EXPERIMENT", "a name shown by 'list', or the path of a TOML file"),
+    "--results": ("DIR", "folder of results"),
+    "--seeds": (
+        "A-B",
+        "seeds, for example 0-29 or 7 (default: as declared; not for searches and maps); reference "
+        "implementations get a proportional share; results are in EXPERIMENT_seeds_A-B",
+    ),
+    "--jobs": (
+        "N",
+        "number of jobs to run at a time; results do not depend on it (default: number of cores, "
+        "with --cluster twice that of its workers at the start)",
+    ),
+    "--smoke": ("", "do it in miniature, as EXPERIMENT_smoke: its numbers mean nothing"),
+    "--report": ("", "then make tables, figures and texts, as 'report' does"),
+    "--cluster": ("tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler"),
+    "--log": ("DIR", "log each run below DIR: progress.csv, and events of TensorBoard"),
+    "--runs": ("N", "how many runs to repeat, drawn at random"),
+    "--seed": ("N", "the run's seed, or what selects the runs to repeat"),
+    "--experiment": ("EXPERIMENT", "the learner's; a missing run is trained and stored"),
+    "--scenario": ("NAME", "a name or a path"),
+    "--condition": ("NAME", "a condition of the experiment (default: the learner's first)"),
+    "--learner": ("NAME", "a variant, or one with its form, as in 'ppo, one_hot'"),
+    "--observation": (
+        "FORM",
+        "form of observation: index, one_hot, factored, tiles, coordinates, centred or planes; or, "
+        "relative to the agent, offset, alone or followed by _one_hot and so on",
+    ),
+    "--agent": (
+        "MODULE:FUNCTION",
+        "a function of the observation that returns an action, five probabilities or what predict "
+        "returns",
+    ),
+    "--model": (
+        "FILE",
+        "a model saved by Stable-Baselines3; its file runs no code, and is refused if it needs any",
+    ),
+    "--algorithm": ("MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO"),
+    "--stochastic": ("", "let a saved model sample its actions (default: greedy)"),
+    "--save": ("FILE", "a film, .webp or .gif, or a map of the agent, .png or .svg"),
+    "file": ("FILE", "a .zip for Stable-Baselines3 (only nets), or an .npz for NumPy"),
+}
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -125,88 +222,34 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"proxemic-benchmark {__version__}")
+    version = f"proxemic-benchmark {__version__}"
+    parser.add_argument("--version", action="version", version=version)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    named = "a name shown by 'list', or the path of a TOML file"
-    seeds = "seeds, for example 0-29 or 7 (default: as declared; not for searches and maps); "
-    seeds += "reference implementations get a proportional share; tables and figures of other seeds go into "
-    seeds += "EXPERIMENT_seeds_A-B"
-    jobs = "number of jobs to run at a time; results do not depend on it (default: number of cores"
-
-    def command(name: str, summary: str, *, has_results: bool = True) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
-        sub.set_defaults(command=name)
-        if has_results:
-            about = "folder of results (default: results)"
-            _add(sub, "--results", "DIR", about, Path, default=Path("results"))
-        return sub
-
-    command("list", "show scenarios, algorithms and experiments", has_results=False)
-
-    smoke = (
-        "do it in miniature, to check that everything works, as EXPERIMENT_smoke; its numbers mean nothing"
-    )
-
-    run = command("run", "execute the missing runs of an experiment")
-    _add(run, "experiment", "EXPERIMENT", named)
-    _add(run, "--seeds", "A-B", seeds)
-    _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)")
-    _add(run, "--smoke", "", smoke)
-    _add(run, "--report", "", "draw tables and figures when all runs are done, as 'report' does")
-    _add(run, "--cluster", "tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler")
-    about = "log runs in folders below DIR: progress.csv, which is overwritten, and events of TensorBoard"
-    _add(run, "--log", "DIR", about, Path)
-
-    report = command("report", "draw an experiment's tables and figures, and build the page")
-    about = f"{named}; without one, only the texts of all results and the page are written"
-    _add(report, "experiment", "EXPERIMENT", about, nargs="?")
-    _add(report, "--seeds", "A-B", seeds)
-    _add(report, "--smoke", "", smoke)
-
-    summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
-    verify = command("verify", summary)
-    _add(verify, "experiment", "EXPERIMENT", f"{named}; by default all that 'list' shows", nargs="?")
-    _add(verify, "--smoke", "", smoke)
-    _add(verify, "--runs", "N", "how many runs to repeat, drawn at random (default: 20)", int, default=20)
-    _add(verify, "--seed", "N", "seed that selects the runs to repeat (default: random)", int)
-    _add(verify, "--jobs", "N", f"{jobs})")
-
-    watch = command("watch", "make a film of an agent that learns")
-    _add(watch, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
-    about = "a variant, or one with its form, as in 'ppo, one_hot' (default: q_learning)"
-    _add(watch, "--learner", "NAME", about, default="q_learning")
-    _add(watch, "--observation", "FORM", "a form of observation of a variant (default: its first)")
-    _add(watch, "--seed", "N", "the run's seed (default: 0)", default="0")
-    about = "the learner's experiment; a missing run is trained and stored (default: compare_deep)"
-    _add(watch, "--experiment", "EXPERIMENT", about, default="compare_deep")
-    _add(watch, "--save", "FILE", "the film, an animated .webp or .gif", Path, required=True)
-
-    export = command("export", "repeat a run, and write its trained agent to a file")
-    _add(export, "experiment", "EXPERIMENT", named)
-    _add(export, "--learner", "NAME", "a variant, or one with its form, as in 'ppo, one_hot'", required=True)
-    _add(export, "--seed", "N", "the run's seed", required=True)
-    _add(export, "--scenario", "NAME", "a name or a path (default: the experiment's first)")
-    _add(export, "--condition", "NAME", "a condition of the experiment (default: the learner's first)")
-    about = "a .zip for Stable-Baselines3 (only nets), or an .npz for NumPy (every learner)"
-    _add(export, "file", "FILE", about, Path)
-
-    assess = command("assess", "score an agent exactly", has_results=False)
-    agent = assess.add_mutually_exclusive_group(required=True)
-    about = "a function of the observation that returns an action, five probabilities or what predict returns"
-    _add(agent, "--agent", "MODULE:FUNCTION", about)
-    about = "a model saved by Stable-Baselines3; its file runs no code, and is refused if it needs any"
-    _add(agent, "--model", "FILE", about, Path)
-    _add(assess, "--algorithm", "MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO")
-    _add(assess, "--stochastic", "", "let a saved model sample its actions (default: greedy)")
-    _add(assess, "--scenario", "NAME", "a name or a path (default: S1)", default="S1")
-    about = "form of observation that the agent takes: index, one_hot, factored, tiles, coordinates, "
-    about += "centred or planes; or, relative to the agent, offset, alone or followed by _one_hot and so on"
-    _add(assess, "--observation", "FORM", about, required=True)
-    _add(assess, "--save", "FILE", "draw a map of the agent, .png or .svg", Path)
-
-    speed = command("speed", "measure speed, relative to common alternatives in the same process")
-    _add(speed, "--smoke", "", "measure very little, into speed_smoke; the numbers mean nothing")
+    for name, (summary, options) in COMMANDS.items():
+        command = commands.add_parser(name, help=summary, description=f"{summary.capitalize()}.")
+        command.set_defaults(command=name)
+        for option in options.split():
+            _add(command, option)
     return parser
+
+
+def _add(command: argparse.ArgumentParser, option: str) -> None:
+    """Adds an option as `COMMANDS` has it."""
+    given, _, default = option.partition("=")
+    name = given.rstrip("!?")
+    metavar, about = _OPTIONS[name]
+    shown = ""
+    if not metavar:
+        command.add_argument(name, help=about, action="store_true")
+        return
+    more: dict[str, Any] = {"required": True} if given.endswith("!") else {}
+    if given.endswith("?"):
+        more["nargs"], shown = "?", "all results"
+    if default:
+        more["default"], shown = default, default
+    about += f" (default: {shown})" if shown else ""
+    kind = Path if metavar in ("DIR", "FILE") else str
+    command.add_argument(name, metavar=metavar, type=kind, help=about, **more)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ with needed_by("benchmark.assess"):
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
     from agents.sb3.algorithms import is_sb3_class
-    from benchmark.analysis.records import anchors, check_anchors, unbounded_scores
+    from benchmark.records import anchors, check_anchors, unbounded_scores
     from benchmark.scenes import draw_policy, policy_legend
     from benchmark.style import check_file, figure_of, save
 
@@ -41,6 +41,8 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.save is not None:
         check_file(options.save, *PICTURES)
+    if (options.agent is None) == (options.model is None):
+        raise InputError("assess: accepted: either --agent or --model.")
     agent = options.model
     if options.agent is not None:
         agent = imported(options.agent, "--agent", "function")
@@ -65,7 +67,7 @@ class Assessment:
     @property
     def unbounded_score(self) -> float:
         """The return as a score: 0 for the random policy, 1 for the optimal; it can be below 0."""
-        return float(unbounded_scores(self.evaluation.grid_return, self.model, HORIZON, "start"))
+        return float(unbounded_scores(self.evaluation.grid_return, self.model, HORIZON))
 
     @property
     def score(self) -> float:
@@ -80,7 +82,7 @@ class Assessment:
     def __repr__(self) -> str:
         exact, below = self.evaluation, ""
         if self.unbounded_score < 0:
-            random, _ = anchors(self.model, HORIZON, "start")
+            random, _ = anchors(self.model, HORIZON)
             returned = f"{float(exact.grid_return):g}"
             below = f" (the return, {returned}, is below a random policy's, {random:g})"
         clipped = "(0: random, 1: optimal for an agent that knows the state; clipped)"
@@ -157,7 +159,7 @@ def assess(
         raise InputError("stochastic: accepted only with a model of Stable-Baselines3.")
     else:
         policy = _policy_of_function(agent, model, observation)
-    check_anchors(model, HORIZON, "start")
+    check_anchors(model, HORIZON)
     return Assessment(model, observation, policy, evaluate(model, policy, HORIZON))
 
 

@@ -16,9 +16,10 @@ import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, load_records
-from benchmark.execution.store import VALUE_DECIMALS, Store
-from benchmark.experiments import DEFAULT_CONDITION, Experiment, Learner
+from benchmark.experiment import Experiment, Learner
+from benchmark.experiments import DEFAULT_CONDITION
+from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records
+from benchmark.store import VALUE_DECIMALS, Store
 from benchmark.style import colour_map
 from envs import ACTIONS, EVENTS, ZONES, Model
 from envs import scene as drawn

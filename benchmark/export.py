@@ -18,9 +18,9 @@ from agents.policy import mask_policy
 from agents.sb3.algorithms import Sb3Algorithm
 from benchmark.execution.executors.processes import Processes
 from benchmark.execution.job import POLICY
-from benchmark.execution.store import Record, Store
 from benchmark.experiment import Experiment, load_experiment
 from benchmark.specification import RunSpecification
+from benchmark.store import Record, Store
 from benchmark.style import check_file
 from envs import InputError
 from envs.inputs import unknown_name, whole_number

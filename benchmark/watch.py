@@ -18,13 +18,13 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from agents.policy import contains
-from benchmark.analysis.records import Records, load_records
 from benchmark.execution.driver import pending, run
-from benchmark.execution.store import Store
 from benchmark.experiment import load_experiment
 from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.export import find_run
+from benchmark.records import Records, load_records
 from benchmark.scenes import RGB, Style, colour_bar, heat, mark
+from benchmark.store import Store
 from benchmark.style import check_file, figure_of, settings
 from envs import EVENTS, InputError, Model
 from envs.scene import colour_limits, scene_of
