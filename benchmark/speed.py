@@ -1,147 +1,134 @@
-"""Speed: each row compares this project with a common alternative in the same process.
+"""The command `speed`: compares this project with common alternatives in the same process.
 
-Machines are noisy: the two sides of a row take turns, and the best turn of each side counts. Training whole
-nets takes too long for that: rates by CPU time are the units of all turns per second.
+The two sides of a row take turns, since machines are noisy; rates are totals of all turns but the
+first, per second of CPU time.
 """
 
+import argparse
 import random
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import gymnasium
-import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from benchmark.drawing.tables import to_markdown, write_csv
 from benchmark.execution import provenance
-from benchmark.folder import README, SPEED, write_manifest
-from benchmark.publish import files
+from benchmark.folder import README, alone, replaced, write_csv, write_manifest
 from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 
-_ABOUT: Final = """# Speed against alternatives
-
-`make speed` measures all of this anew; the numbers are in speed.csv.
-
-{table}
-`per_second` is this project's rate, `baseline` that of the alternative, and `ratio` the quotient of the two.
-Most rates are the best of many rounds in the same run, in which rows take turns. In rows named `net_`, both
-sides train whole runs with the settings of `speed_nets.toml`, in turns; these rates are totals per second of
-CPU time.
-
-Measured on: {machine}. Machines differ and are noisy; ratios differ between machines, too.
-"""
 _ENV: Final = "envs:Proxemic/S1-v0"
 _NETS: Final = Path(__file__).with_name("speed_nets.toml")
 _LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
-_SB3: Final = "Stable-Baselines3, by CPU time"
-Side = tuple[float, Callable[[], object]]  # how many units one call of a function does
+_SB3: Final = "Stable-Baselines3"
+_TURNS: Final = 6
 
 
-class Row(NamedTuple):
-    """Two ways to do the same."""
+class Side(NamedTuple):
+    """A function, and how many steps one call of it makes."""
 
-    name: str
-    unit: str
-    ours: Side
-    other: Side
-    against: str
-    is_by_cpu_time: bool = False
+    steps: int
+    work: Callable[[], object]
 
 
-def measure(results: Path, *, smoke: bool) -> None:
-    """Measures all rows, or very little in a smoke test, and writes a folder among those of results.
+Row = tuple[str, Side, Side, str]  # name, this project, an alternative, and what that is
 
-    Other commands that write there wait meanwhile, as they would disturb the measurement. A folder that
-    cannot be written is an InputError before anything is measured.
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code.
+
+    Other commands that write results wait meanwhile, as they would disturb the measurement.
     """
     import agents.sb3.training  # a missing package is refused before anything is measured
 
     agents.sb3.use_same_instructions()
-
-    directory = results / (f"{SPEED}_smoke" if smoke else SPEED)
-    with files.alone(results), files.replaced(directory, stale=()) as aside:
-        print("speed: preparing what is measured ...", file=sys.stderr)
-        frame = _measured(all_rows(smoke), 2 if smoke else 16)
-        print(to_markdown(frame))
-        manifest = {
-            "experiment": SPEED,
-            "description": "The speed of this project against common alternatives.",
-            "command": "make speed",
-            "argument": "",
-            "report": {"kind": SPEED, "question": "", "items": []},
-            "note": "Measured with `--smoke`: the numbers mean nothing." if smoke else "",
-            "scenarios": {},
-            "algorithms": {},
-            "commits": [provenance.commit(Path(__file__))],
-            "machines": [provenance.machine()],
-            "processors": [provenance.processor()],
-            "versions": [provenance.versions("q_learning")],
-        }
+    folder = options.results / ("speed_smoke" if options.smoke else "speed")
+    with alone(options.results), replaced(folder) as aside:
+        frame = measured(all_rows(options.smoke))
         write_csv(frame, aside / "speed.csv")
-        write_manifest(aside, manifest)
-        readme = _ABOUT.format(table=to_markdown(frame), machine=provenance.machine())
-        (aside / README).write_text(readme, encoding="utf-8")
-    print(f"written to {directory}")
+        about = {"machines": [provenance.machine()], "processors": [provenance.processor()]}
+        write_manifest(aside, {"experiment": "speed", "command": "make speed"} | about)
+        text = _readme(frame)
+        (aside / README).write_text(text, encoding="utf-8")
+    print(f"{text}\nwritten to {folder}")
+    return 0
 
 
-def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
-    """Lets the sides of each row take turns, fewer of them by CPU time, and tabulates their rates.
+def measured(rows: Iterable[Row]) -> pd.DataFrame:
+    """Lets the sides of each row take turns, and tabulates their rates.
 
     The first turn of a side, which compiles, imports and fills caches, does not count.
     """
     table = []
-    for row in rows:
-        print(f"speed: {row.name} ...", file=sys.stderr)
-        clock = time.process_time if row.is_by_cpu_time else time.perf_counter
-        sides, rates = (row.ours, row.other), []
-        seconds = np.empty((min(n_turns, 5) if row.is_by_cpu_time else n_turns, 2))
-        for turn in np.ndindex(*seconds.shape):
-            started_s = clock()
-            sides[turn[1]][1]()
-            seconds[turn] = clock() - started_s
-        for (units, _), counted in zip(sides, seconds[1:].T, strict=True):
-            rates.append(units / (counted.mean() if row.is_by_cpu_time else counted.min()))
-        table.append((row.name, *rates, rates[0] / rates[1], row.unit, row.against))
-    return pd.DataFrame(table, columns=["name", "per_second", "baseline", "ratio", "unit", "against"])
+    for name, *sides, against in rows:
+        print(f"speed: {name} ...", file=sys.stderr)
+        seconds = [0.0, 0.0]
+        for turn in range(_TURNS):
+            for i, side in enumerate(sides):
+                started = time.process_time()
+                side.work()
+                seconds[i] += time.process_time() - started if turn else 0.0
+        ours, other = (
+            side.steps * (_TURNS - 1) / spent for side, spent in zip(sides, seconds, strict=True)
+        )
+        table.append((name, ours, other, ours / other, against))
+    return pd.DataFrame(table, columns=["name", "per_second", "baseline", "ratio", "against"])
+
+
+def _readme(frame: pd.DataFrame) -> str:
+    heads = "name", "per second", "baseline", "ratio", "against"
+    rows = [heads, ["---"] * len(heads)]
+    for row in frame.itertuples(index=False):
+        numbers = f"{row.per_second:,.0f}", f"{row.baseline:,.0f}", f"{row.ratio:.1f}"
+        rows.append((row.name, *numbers, row.against))
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return f"""# Speed against alternatives
+
+Steps per second of CPU time while training in S1: of this project, of an alternative in the same
+process, and how many times as many the first makes. `make speed` measures all of it anew; the
+numbers are in speed.csv. Rows named `net_` train with the settings of `speed_nets.toml`.
+
+{table}
+
+Measured on: {provenance.machine()}. Machines differ and are noisy; ratios differ, too.
+"""
 
 
 def all_rows(smoke: bool) -> list[Row]:
     """Lists all rows; for a smoke test they do a hundredth of the work."""
-
-    def size(n: int) -> int:
-        return max(n // 100, 1) if smoke else n
-
-    s1 = compile_scenario(load_scenario("S1"))
-    short, long = size(20_000), size(100_000)
-    cells = _training(s1, "q_learning", "index", {"budget": short, "record_every": short}, 200)
-    rows = [Row("q_learning_kernel", "updates", cells, (long, partial(_loop, long)), _LOOP)]
-    budget = 200 if smoke else 10_000
+    share = 100 if smoke else 1
+    s1, budget = compile_scenario(load_scenario("S1")), 20_000 // share
+    cells = _training(s1, "q_learning", "index", {"budget": budget, "record_every": budget}, 200)
+    loop = Side(5 * budget, partial(_loop, 5 * budget))
+    rows: list[Row] = [("q_learning_kernel", cells, loop, _LOOP)]
     for net, declared in read_toml(_NETS).items():
+        name = net.partition("_")[0]
         for observation in declared.pop("observations"):
-            name = net.partition("_")[0]
-            settings = declared | {"budget": budget, "time_limit": 200}
-            ours = _training(s1, f"compiled_{name}", observation, settings, size(25))
+            settings = declared | {"budget": 200 if smoke else 10_000, "time_limit": 200}
+            ours = _training(s1, f"compiled_{name}", observation, settings, 1 if smoke else 25)
             stock = _training(s1, f"sb3_{name}", observation, settings, 1)
-            rows.append(Row(f"net_{net}_{observation}", "steps", ours, stock, _SB3, is_by_cpu_time=True))
+            rows.append((f"net_{net}_{observation}", ours, stock, _SB3))
     return rows
 
 
-def _training(model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int) -> Side:
+def _training(
+    model: Model, name: str, observation: str, declared: dict[str, Any], n_agents: int
+) -> Side:
     algorithm, budget = load_algorithm(name), declared["budget"]
     settings = parse(algorithm.settings, declared, str(_NETS))
     seeds = [SeedSequence([0, i]) for i in range(n_agents)]
-    return n_agents * budget, partial(algorithm.train, model, settings, observation, seeds, Schedule(budget))
+    given = model, settings, observation, seeds, Schedule(budget)
+    return Side(n_agents * budget, partial(algorithm.train, *given))
 
 
 def _loop(steps: int) -> None:
-    """Learns in Python without NumPy, whose calls take longer than the arithmetic on a few numbers."""
+    """Learns in Python without NumPy, whose calls take longer than arithmetic on a few numbers."""
     env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = random.Random(0)
     q = [[0.0] * 5 for _ in range(120)]
