@@ -12,19 +12,19 @@ The tables are made of stored records, since action values are not published.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from string import ascii_lowercase
 from textwrap import fill
 from typing import Final, NamedTuple
+from warnings import catch_warnings
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -33,9 +33,9 @@ from benchmark.execution.store import Store
 from benchmark.experiment import Experiment
 from benchmark.records import OPTIMUM_TOLERANCE, Records, anchors, load_records, optimal_values
 from benchmark.scenes import colour_bar, dots, heat, region_legend, triangles
-from benchmark.statistics import LEVEL, Estimate, interval, proportion, resample, student, with_ends
+from benchmark.statistics import LEVEL, interval, proportion, resample, student, with_ends
 from benchmark.study import Data, Report
-from benchmark.style import COLOURS, WIDTH, draw_cells, figure_of, norm_of
+from benchmark.style import WIDTH, draw_cells, figure_of, norm_of
 from envs import ACTIONS, InputError, compile_scenario, load_scenario
 from envs.model import PING
 from envs.people import FEEDBACK
@@ -46,66 +46,78 @@ from envs.words import listed
 Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
 Floats = NDArray[np.float64]
 
+DEFAULT: Final = "default"  # the name of the default reading
 SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
-VERDICTS: Final = ("holds", "undecided", "does not hold")  # on a claim
-STATES: Final = ("passes", "undecided", "fails")  # of a part, in the same order
+VERDICTS: Final = {
+    "holds": ("✓", "#56b4e9"),
+    "undecided": ("?", "#f7ecc3"),
+    "does not hold": ("✗", "#d55e00"),
+}
+"""The verdicts on a claim, each with its sign and colour."""
 _OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve of a reading
 
 
 def check(experiment: Experiment, _: Report) -> None:
     """Refuses all but one table, which records the maximum Q, in scenes like the paper's."""
-    source, accepted = experiment.argument, "accepted in a replication"
     first, *others = experiment.learners.values()
-    if others or "record_every" not in first.algorithm.settings.model_fields:
-        raise InputError(f"{source}: algorithms: {accepted}: one, a table that records max Q.")
-    if not experiment.declared.readings:
-        raise InputError(f"{source}: readings: {accepted}: at least one.")
-    default = experiment.populations[0].condition
-    read = [each.scenario for each in experiment.populations if each.condition is default]
-    if sorted(map(str, read)) != sorted(str(load_scenario(name)) for name in SCENARIOS):
-        raise InputError(f"{source}: scenarios: {accepted}: the paper's, {listed(SCENARIOS)}.")
+    is_table = not others and "record_every" in first.algorithm.settings.model_fields
+    default = [each.scenario for each in experiment.populations if each.condition.name == DEFAULT]
+    paper = [*map(load_scenario, SCENARIOS)]
+    demands = {
+        "algorithms: accepted in a replication: one, a table that records max Q": is_table,
+        "readings: accepted in a replication: at least one": bool(experiment.declared.readings),
+        f"scenarios: accepted in a replication: the paper's, {listed(SCENARIOS)}": sorted(
+            default, key=str
+        )
+        == sorted(paper, key=str),
+    }
+    what = "one start, one phase, no walls, squares as regions, the cell observed"
     for population in experiment.populations:
-        model, name = compile_scenario(population.scenario), population.scenario.name
+        model, name = compile_scenario(population.scenario), population.condition.name
         is_square = model.scenario.regions.target_radius is not None
-        if not (model.has_cell_maps and len(model.starts) == 1 and is_square):
-            where = f"{source}: scenarios: {name} ({population.condition.name}): {accepted}"
-            what = "one start, one phase, no walls, squares as regions, the cell observed"
-            raise InputError(f"{where}: {what}.")
+        where = f"scenarios: {model.scenario.name} ({name}): accepted in a replication"
+        is_open = model.has_cell_maps and len(model.starts) == 1
+        demands[f"{where}: {what}"] = is_open and is_square
+    for demand, is_met in demands.items():
+        if not is_met:
+            raise InputError(f"{experiment.argument}: {demand}.")
 
 
 # The agents
 
 
-@lru_cache(maxsize=16)  # tables share them
-def load(data: Data, reading: str, seeds: range) -> Agents:
-    """Reads the records of the agents of a reading with these seeds, by scenario."""
+@lru_cache(maxsize=1)  # tables share them
+def load(data: Data) -> dict[str, Agents]:
+    """Reads the records of all agents, by reading; the default one comes first."""
     if data.store is None:
         what = "action values are not published"
         raise InputError(f"{data.experiment.argument}: {what}: run the experiment first.")
-    own = [each for each in data.experiment.populations if each.condition.name == reading]
+    found = defaultdict[str, dict[str, Records]](dict)
     with Store(data.store, read_only=True) as store:
-        return {each.scenario.name: load_records(each.runs(seeds), store) for each in own}
+        for each in data.experiment.populations:
+            found[each.condition.name][each.scenario.name] = load_records(each.runs(), store)
+    return found
 
 
-def sets_of(data: Data) -> tuple[str, range, list[range]]:
-    """Returns the default reading, its seeds, and disjoint sets of as many as the paper has."""
-    first = data.experiment.populations[0]
-    seeds, size = first.seeds, min(first.learner.declared.seeds, len(first.seeds))
-    starts = range(0, len(seeds) - size + 1, size)
-    return first.condition.name, seeds, [seeds[i : i + size] for i in starts]
+@lru_cache(maxsize=1)
+def sets_of(data: Data) -> list[Agents]:
+    """Returns disjoint sets of the default agents, in which as many are as the paper has.
 
-
-def few(data: Data) -> Agents:
-    """Returns the agents that figures show: as many as the paper has, by the first seeds."""
-    reading, _, sets = sets_of(data)
-    return load(data, reading, sets[0])
+    Figures show the first set. If all agents are fewer, they are the only set.
+    """
+    everyone, (learner,) = load(data)[DEFAULT], data.experiment.learners.values()
+    size, total = learner.declared.seeds, len(everyone[SCENARIOS[0]].seeds)
+    return [
+        {name: agents.subset(i, i + size) for name, agents in everyone.items()}
+        for i in range(0, max(total - size, 0) + 1, size)
+    ]
 
 
 def few_and_all(data: Data) -> list[Agents]:
-    """Returns these, and all agents if there are at least twice as many."""
-    reading, seeds, sets = sets_of(data)
-    return [load(data, reading, each) for each in (sets[0], *[seeds] * (len(sets) > 1))]
+    """Returns the first set, and all agents if there is another set."""
+    few, *others = sets_of(data)
+    return [few, load(data)[DEFAULT]] if others else [few]
 
 
 # The claims
@@ -123,63 +135,57 @@ class Part(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """A claim of the paper, and how it is measured."""
+    """A claim of the paper. Each of its measures takes each group of scenarios."""
 
     id: str
     title: str  # in a few words
     right_side: str  # ">" or "<": where a part must lie
     threshold: float
-    scenarios: tuple[str, ...]
-    measure: Callable[[Sequence[Records], str], list[Part]]  # of these scenarios, and of a curve
-    about: str  # for readers
+    groups: Sequence[tuple[str, ...]]  # of scenarios
+    measures: Sequence[Callable[..., Part]]  # of a curve and of a group
+    about: str  # for readers: how it is measured
 
 
-def _resampled(name: str, samples: Floats, drawn: float, note: str = "") -> Part:
-    low, high = interval(samples)
-    return Part(name, float(samples[0]), float(low), float(high), note, drawn)
+def _means(agents: Records, values: Floats) -> Floats:
+    """Returns means over agents of (N, ...) values, resampled: (RESAMPLES + 1, the rest)."""
+    n = len(values)
+    return resample(n, agents.scenario) @ values.reshape(n, -1) / n
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # infinity or NaN, if nothing has been learned
-def _ratios(
-    measure: Callable[[Records, str], tuple[Floats, float]], groups: Sequence[Records], curve: str
-) -> list[Part]:
-    """Returns the ratio of the first scenario's statistic to each other's, and of what is drawn."""
-    (first, samples, drawn), *others = ((agents.scenario, *measure(agents, curve)) for agents in groups)
-    return [_resampled(f"{first}/{name}", samples / x, float(drawn / y)) for name, x, y in others]
-
-
-def _spread(agents: Records, curve: str) -> tuple[Floats, float]:
+def _spread(curve: str, agents: Records) -> tuple[Floats, float]:
     """Returns the standard deviation over agents and the drawn area's height, means over steps."""
-    curves, weights = agents.arrays[curve], resample(len(agents.seeds), agents.scenario)
-    mean = weights @ curves / len(curves)
-    variance = weights @ curves**2 / len(curves) - mean**2
-    deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
-    return deviation, np.ptp(curves, axis=0).mean()
+    curves = agents.arrays[curve]
+    variance = _means(agents, curves**2) - _means(agents, curves) ** 2
+    return np.sqrt(np.maximum(variance, 0.0)).mean(axis=1), np.ptp(curves, axis=0).mean()
 
 
-def _focus(agents: Records, _: str) -> tuple[Floats, float]:
+def _focus(_: str, agents: Records) -> tuple[Floats, float]:
     """Returns cells' mean distance from the target, weighted by positive mean Q of moves."""
-    q, weights = agents.arrays["q"][:, :, :PING], resample(len(agents.seeds), agents.scenario)
-    mass = np.maximum(weights @ q.reshape(len(q), -1) / len(q), 0.0)
-    mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
+    mass = np.maximum(_means(agents, agents.arrays["q"][:, :, :PING]), 0.0)
+    mass = mass.reshape(len(mass), -1, PING).sum(axis=-1)  # (RESAMPLES + 1, O)
     scenario = agents.model.scenario
     start = scenario.layout.places[0][0]
     distance = target_distance(scenario.regions, start, scenario.grid.size)
     return mass @ distance / mass.sum(axis=1), math.nan
 
 
-def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
-    parts = []
-    for agents in groups:
-        curves, model = agents.arrays[curve], agents.model
-        level = np.percentile(curves, 99, axis=1)  # (N,)
-        reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
-        ceiling = reward[agents.in_target].max()
-        samples = resample(len(level), agents.scenario) @ level / len(level)
-        note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
-        peak = float(curves.mean(axis=0).max())
-        parts.append(_resampled(agents.scenario, samples, peak, note))
-    return parts
+@np.errstate(divide="ignore", invalid="ignore")  # infinity or NaN, if nothing has been learned
+def _ratio(
+    measure: Callable[[str, Records], tuple[Floats, float]], curve: str, x: Records, y: Records
+) -> Part:
+    (samples, drawn), (samples_of_y, drawn_of_y) = measure(curve, x), measure(curve, y)
+    ratio, name = samples / samples_of_y, f"{x.scenario}/{y.scenario}"
+    return Part(name, ratio[0], *interval(ratio), drawn=drawn / drawn_of_y)
+
+
+def _near_one(curve: str, agents: Records) -> Part:
+    curves, model = agents.arrays[curve], agents.model
+    samples = _means(agents, np.percentile(curves, 99, axis=1))[:, 0]
+    reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
+    ceiling = reward[agents.in_target].max()
+    note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
+    peak = curves.mean(axis=0).max()
+    return Part(agents.scenario, samples[0], *interval(samples), note, peak)
 
 
 def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
@@ -191,25 +197,21 @@ def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
     return np.stack(student(q, level, q.shape[1])) > 0
 
 
-def _valued_outside(groups: Sequence[Records], _: str) -> list[Part]:
-    (agents,) = groups
+def _valued_outside(_: str, agents: Records) -> Part:
     in_target, signs = agents.in_target, _signs(agents)
-    inside = signs[0][in_target].sum()  # without any, nothing was learned, and nothing is counted
-    counts = signs[:, ~in_target].sum(axis=1)
-    value, low, high = (float(n) if inside else math.nan for n in counts)
+    inside = signs[0, in_target].sum()
+    counts = signs[:, ~in_target].sum(axis=1) if inside else [math.nan] * 3  # nothing was learned
     note = f"{inside} of {in_target.sum()} target cells have one"
-    return [Part(agents.scenario, value, low, high, note)]
+    return Part(agents.scenario, *map(float, counts), note)
 
 
-def _missing_inside(groups: Sequence[Records], _: str) -> list[Part]:
-    (agents,) = groups
-    value, high, low = map(float, (~_signs(agents)[:, agents.in_target]).sum(axis=1))
-    return [Part(agents.scenario, value, low, high)]
+def _missing_inside(_: str, agents: Records) -> Part:
+    value, high, low = (~_signs(agents)[:, agents.in_target]).sum(axis=1)
+    return Part(agents.scenario, *map(float, (value, low, high)))
 
 
-def _reaches(groups: Sequence[Records], _: str) -> list[Part]:
-    (agents,) = groups
-    return [Part(agents.scenario, *proportion(agents.arrays["success"][:, -1] > 0.5))]
+def _reaches(_: str, agents: Records) -> Part:
+    return Part(agents.scenario, *proportion(agents.arrays["success"][:, -1] > 0.5))
 
 
 def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> Floats:
@@ -217,92 +219,93 @@ def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> Floats:
     return np.asarray((cells & in_target).sum(axis=-1) / (cells | in_target).sum(axis=-1))
 
 
-def _mean_map(agents: Records, level: float = LEVEL) -> Estimate:
-    """Returns how the mean map overlaps with the target region: measured, least and greatest."""
+def _overlap_of_mean(agents: Records, level: float = LEVEL) -> list[float]:
+    """Returns the overlap of the mean map: as measured, the least and the greatest."""
     in_target, (measured, surely, possibly) = agents.in_target, _signs(agents, level)
     least = np.where(in_target, surely, possibly)
     greatest = np.where(in_target, possibly, surely)
-    return Estimate(*(float(overlap(cells, in_target)) for cells in (measured, least, greatest)))
+    return [float(overlap(cells, in_target)) for cells in (measured, least, greatest)]
 
 
-def _random_helps(groups: Sequence[Records], _: str) -> list[Part]:
+def _mean_map(_: str, agents: Records) -> Part:
+    return Part(f"mean map {agents.scenario}", *_overlap_of_mean(agents))
+
+
+def _own_maps(_: str, agents: Records) -> Part:
+    valued, in_target = agents.values_ping, agents.in_target
+    hits = (valued & in_target).sum()
+    precision, recall = hits / max(valued.sum(), 1), hits / in_target.sum() / len(valued)
+    note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
+    return Part(f"own maps {agents.scenario}", *student(overlap(valued, in_target)), note)
+
+
+def _mean_maps_differ(_: str, *both: Records) -> Part:
     level = (1 + LEVEL) / 2  # of each map, so that both intervals are right at once
-    s2, s1 = (_mean_map(agents, level) for agents in groups)
-    x, y = (overlap(agents.values_ping, agents.in_target) for agents in groups)
-    squares = np.array([own.var(ddof=1) / len(own) for own in (x, y)])  # Welch's interval
-    error, difference, reach = math.sqrt(squares.sum()), float(x.mean() - y.mean()), 0.0
-    if error > 0:
-        freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
-        reach = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
-    mean_map = Part("mean map", s2.value - s1.value, s2.low - s1.high, s2.high - s1.low)
-    return [mean_map, Part("own maps", difference, difference - reach, difference + reach)]
+    x, y = (np.array(_overlap_of_mean(agents, level)) for agents in both)
+    return Part("mean map", *(x - y[[0, 2, 1]]))
 
 
-def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
-    parts = [Part(f"mean map {agents.scenario}", *_mean_map(agents)) for agents in groups]
-    for agents in groups:
-        valued, in_target = agents.values_ping, agents.in_target
-        hits = (valued & in_target).sum(axis=1)
-        precision, recall = hits.sum() / max(valued.sum(), 1), hits.mean() / in_target.sum()
-        note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
-        own = student(overlap(valued, in_target))
-        parts.append(Part(f"own maps {agents.scenario}", *own, note))
-    return parts
+def _own_maps_differ(_: str, *both: Records) -> Part:
+    x, y = (overlap(agents.values_ping, agents.in_target) for agents in both)
+    difference = x.mean() - y.mean()
+    with catch_warnings(action="ignore"):  # of equal values
+        ends = stats.ttest_ind(x, y, equal_var=False).confidence_interval(LEVEL)  # Welch's
+    return Part("own maps", difference, *np.nan_to_num(ends, nan=difference))
 
 
-_OVERLAP: Final = """intersection over union of the target region and the cells in which Q of PING
-is above zero, in the mean over agents and in each agent's own Q"""
-_VARIABILITY: Final = partial(_ratios, _spread)
+_VARIABILITY: Final = (partial(_ratio, _spread),)
+_ITS_OVERLAP: Final = "overlap of the cells with Q of PING above zero and the target region"
 CLAIMS: Final = (
     Claim(
-        "variability-S2", "max Q varies most in S2", ">", 1.0, ("S2", "S1", "S3"), _VARIABILITY,
-        """standard deviation of max Q over agents, averaged over steps, as a ratio. The paper
-        shades the area from the least to the largest agent instead (`drawn`), which grows with the
-        number of agents.""",
+        "variability-S2", "max Q varies most in S2", ">", 1.0, (("S2", "S1"), ("S2", "S3")),
+        _VARIABILITY,
+        "standard deviation of max Q over agents, mean over steps, as a ratio; `drawn` is that of "
+        "the areas in the paper's figure, which grow with the number of agents",
     ),
     Claim(
-        "max-near-1", "max Q reaches about 1", ">", 0.95, ("S1", "S3"), _near_one,
-        """level that an agent's max Q reaches at 1 % of the steps, mean over agents. No PING in S3
-        pays more than 1 - 2/14, so this part can only fail; `note` says how near it comes.""",
+        "max-near-1", "max Q reaches about 1", ">", 0.95, (("S1",), ("S3",)), (_near_one,),
+        "level that an agent's max Q reaches at 1 % of the steps; no PING in S3 pays more than "
+        "1 - 2/14, so its part can only fail",
     ),
     Claim(
-        "variability-S3", "max Q varies least in S3", "<", 1.0, ("S3", "S1", "S2"), _VARIABILITY,
-        "as in the first claim.",
+        "variability-S3", "max Q varies least in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
+        _VARIABILITY, "as in the first claim",
     ),
     Claim(
-        "moves-focused", "moves are most focused in S3", "<", 1.0, ("S3", "S1", "S2"),
-        partial(_ratios, _focus),
-        """distance to the target region, averaged over cells with the positive mean Q of moves as
-        weights, as a ratio.""",
+        "moves-focused", "moves are most focused in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
+        (partial(_ratio, _focus),),
+        "mean distance of cells to the target region, weighted by the positive mean Q of moves, "
+        "as a ratio",
     ),
     Claim(
-        "ping-S3", "S3: no cell outside valued", "<", 1.0, ("S3",), _valued_outside,
-        "number of cells outside the target region with a mean Q of PING above zero.",
+        "ping-S3", "S3: no cell outside valued", "<", 1.0, (("S3",),), (_valued_outside,),
+        "cells outside the target region with a mean Q of PING above zero",
     ),
     Claim(
-        "ping-S3-inside", "S3: all target cells valued", "<", 1.0, ("S3",), _missing_inside,
-        "number of target cells without one, if the paper's sentence is read literally.",
+        "ping-S3-inside", "S3: all target cells valued", "<", 1.0, (("S3",),), (_missing_inside,),
+        "target cells without one; a literal reading of the paper",
     ),
     Claim(
-        "ping-S1", "S1: cells outside valued", ">", 0.0, ("S1",), _valued_outside,
-        "number of cells outside the target region with a mean Q of PING above zero.",
+        "ping-S1", "S1: cells outside valued", ">", 0.0, (("S1",),), (_valued_outside,),
+        "cells outside the target region with one",
     ),
     Claim(
-        "reaches", "S1: the target is reached", ">", 0.95, ("S1",), _reaches,
-        """share of agents whose greedy policy after training PINGs in the target region more likely
-        than not.""",
+        "reaches", "S1: the target is reached", ">", 0.95, (("S1",),), (_reaches,),
+        "agents whose greedy policy after training PINGs in the target region more likely than not",
     ),
     Claim(
-        "random-helps", "random feedback helps", ">", 0.0, ("S2", "S1"), _random_helps,
-        f"{_OVERLAP}; S2 minus S1.",
+        "random-helps", "random feedback helps", ">", 0.0, (("S2", "S1"),),
+        (_mean_maps_differ, _own_maps_differ),
+        f"{_ITS_OVERLAP} (intersection over union), S2 minus S1, by mean Q and by each agent's",
     ),
     Claim(
-        "identifies", "S2, S3: region identified", ">", 0.9, ("S2", "S3"), _identifies,
-        f"{_OVERLAP}. One cell of sixteen missed gives 0.94, two added give 0.89.",
+        "identifies", "S2, S3: region identified", ">", 0.9, (("S2",), ("S3",)),
+        (_mean_map, _own_maps),
+        "the same overlap; without one of the 16 cells it is 0.94, with two more 0.89",
     ),
     Claim(
-        "identifies-S1", "S1: region identified", ">", 0.9, ("S1",), _identifies,
-        "the same, where the person gives no feedback.",
+        "identifies-S1", "S1: region identified", ">", 0.9, (("S1",),), (_mean_map, _own_maps),
+        "the same, without feedback",
     ),
 )  # fmt: skip
 
@@ -315,19 +318,27 @@ def judge(agents: Agents, curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.Da
       curve: Array of the curve of maximum Q that claims are about.
       claims: All claims, or some.
     """
-    seeds = next(iter(agents.values())).seeds
     parts = pd.DataFrame(
-        {"claim": claim.id, "right_side": claim.right_side, "threshold": claim.threshold} | part._asdict()
+        {"claim": claim.id, "right_side": claim.right_side, "threshold": claim.threshold}
+        | measure(curve, *(agents[name] for name in group))._asdict()
         for claim in claims
-        for part in claim.measure([agents[name] for name in claim.scenarios], curve)
+        for measure in claim.measures
+        for group in claim.groups
     )
     sign = np.where(parts["right_side"] == ">", 1, -1)
     ends = sign * (parts[["low", "high"]].to_numpy().T - parts["threshold"].to_numpy())
     states = [ends.min(axis=0) > 0, ends.max(axis=0) <= 0]  # neither of NaN
     parts["state"] = np.select(states, ["passes", "fails"], "undecided")
-    worst = parts["state"].map(STATES.index).groupby(parts["claim"]).transform("max")
-    about = {"agents": len(seeds), "first_seed": seeds[0], "last_seed": seeds[-1]}
-    return parts.assign(verdict=worst.map(VERDICTS.__getitem__), **about)
+    parts["verdict"] = parts.groupby("claim")["state"].transform(_verdict)
+    seeds = agents[SCENARIOS[0]].seeds
+    return parts.assign(agents=len(seeds), first_seed=seeds[0], last_seed=seeds[-1])
+
+
+def _verdict(states: "pd.Series[str]") -> str:
+    """Returns the verdict on a claim with parts of these states."""
+    if (states == "fails").any():
+        return "does not hold"
+    return "holds" if (states == "passes").all() else "undecided"
 
 
 # Tables
@@ -346,40 +357,32 @@ def _curve_of(data: Data, reading: str) -> str:
 
 def claim_sets(data: Data) -> pd.DataFrame:
     """Every part of every claim in each of the disjoint sets of agents, and the verdicts."""
-    reading, _, sets = sets_of(data)
-    curve = _curve_of(data, reading)
-    parts = [judge(load(data, reading, seeds), curve) for seeds in sets]
+    parts = [judge(agents, _curve_of(data, DEFAULT)) for agents in sets_of(data)]
     return pd.concat(parts, ignore_index=True)[_IN_SETS]
 
 
 def claims(data: Data) -> pd.DataFrame:
     """Every part of every claim with its interval, state and verdict, by the number of agents."""
-    curve = _curve_of(data, sets_of(data)[0])
-    parts = pd.concat(judge(agents, curve) for agents in few_and_all(data))
-    ids = [claim.id for claim in CLAIMS]
-    parts = parts.sort_values("claim", key=lambda of: of.map(ids.index), kind="stable")
-    verdicts = data.tables["claim_sets"].drop_duplicates(["first_seed", "claim"])
-    counts = verdicts.groupby(["claim", "verdict"]).size()
-    judged = pd.MultiIndex.from_frame(parts[["claim", "verdict"]])
-    parts["sets"] = verdicts["first_seed"].nunique()
-    parts["sets_agreeing"] = counts.reindex(judged, fill_value=0).to_numpy()
+    parts = pd.concat(judge(agents, _curve_of(data, DEFAULT)) for agents in few_and_all(data))
+    parts = pd.concat(parts[parts["claim"] == claim.id] for claim in CLAIMS)
+    sets = data.tables["claim_sets"].drop_duplicates(["first_seed", "claim"])
+    counts = sets.groupby(["claim", "verdict"]).size().rename("sets_agreeing")
+    parts = parts.assign(sets=sets["first_seed"].nunique()).join(counts, on=["claim", "verdict"])
+    parts["sets_agreeing"] = parts["sets_agreeing"].fillna(0).astype(int)
     return parts[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]]
 
 
 def sensitivity(data: Data) -> pd.DataFrame:
     """Every part of every claim, its state and the verdict, under every reading of the paper."""
-    seeds = sets_of(data)[2][0]
-    parts = [
-        judge(load(data, name, seeds), _curve_of(data, name)).assign(reading=name)
-        for name in data.experiment.declared.readings
-    ]
+    few = load(data) | {DEFAULT: sets_of(data)[0]}
+    parts = [judge(few[name], _curve_of(data, name)).assign(reading=name) for name in few]
     return pd.concat(parts, ignore_index=True)[["claim", "reading", *_JUDGED]]
 
 
 def max_q(data: Data) -> pd.DataFrame:
     """Maximum Q over agents at every recorded step, of the visited cell and of the table."""
     frames = []
-    for name, agents in few(data).items():
+    for name, agents in sets_of(data)[0].items():
         visited, table = (_over_agents(agents.arrays[key]) for key in _CURVES.values())
         every = agents.run.settings.model_dump()["record_every"]
         columns = {"scenario": name, "step": np.arange(len(visited["mean"])) * every} | visited
@@ -391,7 +394,7 @@ def max_q(data: Data) -> pd.DataFrame:
 def learning(data: Data) -> pd.DataFrame:
     """Success, score of the greedy policy, and the share of optimal agents, over training."""
     frames = []
-    for name, agents in few(data).items():
+    for name, agents in sets_of(data)[0].items():
         scores = agents.unbounded_scores()
         columns = {"scenario": name, "step": agents.evaluation_steps}
         columns |= with_ends("success", proportion(agents.arrays["success"]))
@@ -429,7 +432,7 @@ def _reached(agents: Records) -> dict[str, object]:
 def q_values(data: Data) -> pd.DataFrame:
     """Final Q over agents and Q* of every cell and action, and where policies differ."""
     frames = []
-    for name, agents in few(data).items():
+    for name, agents in sets_of(data)[0].items():
         best, q = optimal_values(agents), agents.arrays["q"]
         row, column = agents.model.position.repeat(len(ACTIONS), axis=0).T
         columns = {"scenario": name, "row": row, "column": column}
@@ -459,10 +462,7 @@ def _differing(agents: Records) -> Floats:
 
 # Figures
 
-_SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
-_COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))
-_BLOCK: Final = 5  # records of a curve that share a point of the figure
-_OF_BLOCK: Final = {"step": "first", "mean": "mean", "min": "min", "max": "max"}
+_THINNED: Final = 5  # every so many records of a curve are drawn
 
 
 def figure(data: Data) -> Figure:
@@ -474,65 +474,48 @@ def figure(data: Data) -> Figure:
     with figure_of(3, len(models), (WIDTH, 7.8)) as (figure, axes):
         for column, model in enumerate(models):
             name, kind = model.scenario.name, model.scenario.issuer.feedback.kind
-            top, *maps = axes[:, column]
-            own, letters = values["scenario"] == name, ascii_lowercase[column:9:3]  # as the paper's
+            (top, moves, pings), own = axes[:, column], values["scenario"] == name
+            letters = ascii_lowercase[column:9:3]  # as the paper's
+            top.sharey(axes[0, 0])
             _draw_curve(top, curves[curves["scenario"] == name], budget_of(data)[1])
-            top.set(title=f"{name}: {FEEDBACK.get(kind, kind)}\n({letters[0]}) max Q over training")
-            triangles(maps[0], scene_of(model), values[own & ~is_ping], norms[0])
-            pings = values[own & is_ping]
-            heat(maps[1], scene_of(model), pings["mean"].to_numpy(), norms[1])
-            learned = pings[pings["mean"] > 0]
-            dots(maps[1], learned["row"], learned["column"])
-            maps[0].set(title=f"({letters[1]}) final Q of moves")
-            maps[1].set(title=f"({letters[2]}) final Q of PING")
-        _name_curves(axes[0], curves)
+            top.set_title(f"{name}: {FEEDBACK.get(kind, kind)}\n({letters[0]}) max Q over training")
+            triangles(moves, scene_of(model), values[own & ~is_ping], norms[0])
+            moves.set_title(f"({letters[1]}) final Q of moves")
+            heat(pings, scene_of(model), values["mean"][own & is_ping].to_numpy(), norms[1])
+            pings.set_title(f"({letters[2]}) final Q of PING")
+            learned = values[own & is_ping & (values["mean"] > 0)]
+            dots(pings, learned["row"], learned["column"])
+        axes[0, 0].set(ylabel="max Q of the visited cell")
         for row, norm in zip(axes[1:], norms, strict=True):
             colour_bar(figure, row, norm, "mean over agents")
         arrow = {"marker": ">", "mfc": "0.7", "mec": "none", "ms": 7}
-        dot = {"marker": "o", "color": "black", "ms": 3}
-        marks = {"the move that way": arrow, "mean Q of PING > 0": dot}
-        handles = [Line2D([], [], ls="", label=label, **mark) for label, mark in marks.items()]
+        marks = {"the move that way": arrow, "mean Q of PING > 0": {"marker": "o", "ms": 3}}
+        handles = [Line2D([], [], c="black", ls="", label=k, **mark) for k, mark in marks.items()]
+        handles += axes[0, 0].get_legend_handles_labels()[0]
         region_legend(figure, [scene_of(model) for model in models], *handles, columns=3)
     return figure
 
 
 def _draw_curve(axis: Axes, curve: pd.DataFrame, unit: str) -> None:
-    curve = curve.groupby(np.arange(len(curve)) // _BLOCK).agg(_OF_BLOCK)
-    axis.fill_between(curve["step"], curve["min"], curve["max"], color="0.8", lw=0)
-    axis.plot(curve["step"], curve["mean"], color="black", lw=0.9)
-    axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
-    axis.set(xlabel=f"{unit} of training", xlim=(0, max(curve["step"].max(), 1)))
-    axis.xaxis.set_major_locator(MaxNLocator(3))
-
-
-def _name_curves(axes: Sequence[Axes], curves: pd.DataFrame) -> None:
-    bottom, top = curves["min"].min(), curves["max"].max()
-    room = 0.04 * (top - bottom)
-    for axis in axes:
-        axis.set(ylim=(bottom - room, top + room))
-    last = curves[curves["scenario"] == SCENARIOS[0]].iloc[-1]
-    axes[0].set(ylabel="max Q of the visited cell")
-    middle = (last["mean"] + last["max"]) / 2
-    texts = {
-        "a correct PING in S1": (1.0 + room, "bottom"),
-        "range over agents ": (middle, "baseline"),
-        "mean ": (last["mean"] - 2 * room, "top"),
-    }
-    for text, (height, side) in texts.items():
-        axes[0].text(last["step"], height, text, va=side, ha="right", fontsize="small")
+    curve = curve[::_THINNED]
+    steps = curve["step"]
+    axis.plot(steps, curve["mean"], color="black", lw=0.9, label="mean of max Q over agents")
+    axis.fill_between(steps, curve["min"], curve["max"], color="0.8", lw=0, label="its range")
+    axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="a correct PING in S1")
+    axis.set(xlabel=f"{unit} of training", xlim=(0, max(steps.max(), 1)))
+    axis.locator_params(axis="x", nbins=3)
 
 
 def sensitivity_figure(data: Data) -> Figure:
     """Whether the claims hold, by how the paper is read."""
     table, readings = data.tables["sensitivity"], data.experiment.declared.readings
     verdicts = table.groupby(["claim", "reading"])["verdict"].first()  # the same of all parts
-    looks = {verdict: (_SIGNS[verdict], to_hex(_COLOURS[verdict])) for verdict in VERDICTS}
-    cells = [[looks[verdicts[claim.id, name]] for name in readings] for claim in CLAIMS]
+    cells = [[VERDICTS[verdicts[claim.id, name]] for name in readings] for claim in CLAIMS]
     columns = [fill(reading.title or name, 9) for name, reading in readings.items()]
     with figure_of(1, 1, (WIDTH, 0.3 * len(CLAIMS) + 1.1)) as (figure, axes):
         draw_cells(axes[0, 0], cells, [claim.title for claim in CLAIMS], columns)
-        text = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
-        label = f"{text}, with {table['agents'].iloc[0]} agents per scenario"
+        signs = ", ".join(f"{sign} {verdict}" for verdict, (sign, _) in VERDICTS.items())
+        label = f"{signs}, with {table['agents'].iloc[0]} agents per scenario"
         figure.supxlabel(label, fontsize="small")
     return figure
 
@@ -550,7 +533,7 @@ TABLES: Final = {
 }
 FIGURES: Final = {"figure": figure, "sensitivity": sensitivity_figure}
 SHOWN: Final = {
-    "optimal": "scenario agents success optimal_share grid_return_learned grid_return_optimal cells_differing"
+    "optimal": "scenario agents success optimal_share grid_return_learned cells_differing"
 }
 COLUMNS: Final = {
     "agents": "agents per scenario",
@@ -600,22 +583,28 @@ def headline(data: Data) -> str:
     verdicts = table[table["agents"] == n_agents].drop_duplicates("claim")["verdict"]
     counts = ", ".join(f"*{name}*: {(verdicts == name).sum()}" for name in VERDICTS)
     trained = f"{learner.title}, {n_agents:,} agents per scenario, {budget} {unit}s of training"
-    return f"Verdicts on the paper's {len(verdicts)} claims by 95 % intervals ({trained}): {counts}."
+    return f"Verdicts on the paper's claims by 95 % intervals ({trained}): {counts}."
 
 
 def reading(data: Data) -> str:
     """Says what claims mean and how they are measured."""
-    agents = data.tables["claims"]["agents"]
-    claims_of = "\n".join(f"- {_verdict(data, claim)}: {claim.about}" for claim in CLAIMS)
+    few, all_agents = data.tables["claims"]["agents"].agg(["min", "max"])
+    last = data.tables["claims"].groupby("claim").last()  # with all agents
+    claims_of = "\n".join(
+        f"- {title} (`{name}`, *{last['verdict'][name]}*, "
+        f"{last['sets_agreeing'][name]}/{last['sets'][name]}): {about}."
+        for name, title, *_, about in CLAIMS
+    )
     readings = "\n".join(
-        f"- *{each.title or name}* (`{name}`): {each.question} {each.answer[:1].upper()}{each.answer[1:]}."
+        f"- {each.title or name} (`{name}`): {each.answer}."
         for name, each in data.experiment.declared.readings.items()
     )
     return f"""\
 A part of a claim passes if its 95 % interval lies on the right side of the threshold, and fails if
 it lies on the wrong side. A claim holds if all its parts pass, does not hold if one fails, and is
-undecided otherwise. Of all thresholds, only "around 1" is the paper's. Figures show {agents.min():,}
-agents per scenario.
+undecided otherwise. Of all thresholds, only "around 1" is the paper's. Figures show {few:,} agents
+per scenario. Below are the verdicts with {all_agents:,}, and in how many of the disjoint sets of
+{few:,} they are the same.
 
 {claims_of}
 
@@ -623,22 +612,10 @@ Readings of the paper, and controls:
 
 {readings}
 
-**Terms.** A score is the undiscounted sum of the grid's rewards, scaled between the exact random
-policy (0) and the optimum (1), both within {data.experiment.declared.horizon:,} steps, and clipped
-to [0, 1] unless it is called unbounded. Q* are the values of an agent that knows how many PINGs were
-wrong, with none so far. That number is hidden from the learner, so Q need not converge to Q*.
-Intervals of shares, success and scores are exact binomial ones; those of ratios and levels are
-percentile bootstrap intervals over agents; those of agents' own maps are Student's, and Welch's for
-differences. Counts and overlaps of cells have simultaneous intervals of all cells' means, by
-Student's t with Bonferroni's correction."""
-
-
-def _verdict(data: Data, claim: Claim) -> str:
-    """Returns a claim with its verdict, with all agents."""
-    table = data.tables["claims"]
-    row = table[table["claim"] == claim.id].iloc[-1]
-    verdict = f"*{row['verdict']}* with {row['agents']:,} agents"
-    if row["sets"] > 1:
-        size = table["agents"].min()
-        verdict += f" and in {row['sets_agreeing']} of {row['sets']} sets of {size:,}"
-    return f"{claim.title} (`{claim.id}`) {verdict}"
+**Terms.** A score is the undiscounted sum of the grid's rewards, with 0 for the random policy and 1
+for the optimum within {data.experiment.declared.horizon:,} steps, clipped to [0, 1] unless it is
+called unbounded. Q* belongs to an agent that knows how many PINGs were wrong (none so far); this is
+hidden from the learner, so Q need not converge to Q*. Intervals of shares, success and scores are
+exact binomial ones, of ratios and levels bootstrap percentiles, of agents' own maps Student's, and
+Welch's for differences. What depends on the signs of many cells' means has simultaneous intervals
+of these means (Student's t with Bonferroni's correction)."""
