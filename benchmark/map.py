@@ -1,0 +1,679 @@
+"""Which learner needs fewer steps, and where?
+
+A map asks, at every point of its grids, what a run takes until it has learned. Two learners are
+compared by the probability that the first takes less, over pairs of runs of the same seed, which
+have the same draw of the scenario; ties count as a half. Pairs are independent, so the mean of
+these numbers, each 0, 1/2 or 1, has the interval of a proportion.
+
+A search may have picked several settings for a learner. Its runs take turns with them, and a
+verdict is about the mean over picks. The number of pairs that x wins then varies less than if all
+had the mean probability, so its interval is, if anything, too wide (Hoeffding 1956, Annals of
+Mathematical Statistics 27:713-721). It does not cover what other searches would pick.
+
+In each unit, the probability of any wrong verdict is at most 5 %: which learner takes less is
+decided by Holm's method (1979), in thirds of the error, since a verdict can be wrong at either end
+of an interval, or at that of a share of runs that learn. That no winner is wrong assumes independent
+contrasts (Shaffer 1980, Annals of Statistics 8:1342-1347); otherwise, it is known from simulation.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import lcm, prod
+from typing import Annotated, Any, Final, NamedTuple, Self
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from benchmark.experiment import Experiment, Population
+from benchmark.specification import solved
+from benchmark.statistics import (
+    ALPHA,
+    BOOTSTRAP_SEED,
+    RESAMPLES,
+    Estimate,
+    differences,
+    holm,
+    median,
+    p_half,
+    proportion,
+    proportion_interval,
+    wins,
+    with_ends,
+)
+from benchmark.study import Data, FigureFunction, Report, TableFunction
+from benchmark.style import WIDTH, figure_of, look, name_rows
+from envs import InputError
+from envs.inputs import Label, Names, Table, distinct, require, unknown_name
+
+Numbers = NDArray[np.float64]
+Key = tuple[str, str, str]
+KEYS: Final = ["grid", "point", "learner"]  # the columns that name a population
+
+# What an experiment declares
+
+
+class Panel(Table):
+    """A panel of the map: steps until learners have learned, along the axis of a grid."""
+
+    grid: str
+    """The grid that it shows, with one axis."""
+    title: Annotated[Label, Field(min_length=1)]
+    """Its heading."""
+    learners: Annotated[Names, Field(min_length=1)]
+    """Names of the learners that it shows."""
+
+
+class AnswerGroup(Table):
+    """Rows of the figure of the answer."""
+
+    title: Label = ""
+    """Their heading, if they have one."""
+    learners: Annotated[dict[str, Annotated[Label, Field(min_length=1)]], Field(min_length=1)]
+    """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
+
+
+class Answer(Table):
+    """The answer at one point: steps until learners have learned, and success in unseen places."""
+
+    grid: str
+    """The grid with the point."""
+    point: str
+    """The point, as in tables: "places 64". It must have unseen places."""
+    unseen: str = ""
+    """A grid with one axis, along which another figure shows success in unseen places."""
+    groups: Annotated[tuple[AnswerGroup, ...], Field(min_length=1)]
+    """The learners."""
+
+
+class Margins(Table):
+    """The smallest effects that count; with a smaller one, there is no verdict."""
+
+    probability: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    """Distance of the probability of taking less from 1/2."""
+    ratio: Annotated[float, Field(gt=1)] = 1.1
+    """Ratio of the medians of steps, or of wrong PINGs, if most runs of both learn."""
+    unseen: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    """Difference in mean success in unseen places."""
+
+
+class Declared(Report):
+    """The contrasts that a map decides, and what its figures show."""
+
+    contrasts: Annotated[tuple[tuple[str, str], ...], Field(min_length=1)]
+    """Pairs of learners x, y that are compared, with verdicts, wherever there are both."""
+    margins: Margins = Margins()
+    """The smallest effects that count."""
+    panels: Annotated[tuple[Panel, ...], Field(min_length=1)]
+    """What the figure of the map shows."""
+    answer: Answer | None = None
+    """What the figure of the answer shows; without it, there is no figure."""
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        for x, y in self.contrasts:
+            require(x != y, f"contrasts: {x} and {y}", "two different learners")
+        pairs = (" and ".join(sorted(contrast)) for contrast in self.contrasts)
+        distinct(tuple(pairs), "contrasts: ")
+        return self
+
+
+def check(experiment: Experiment, declared: Declared) -> None:
+    """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
+    where, given, known = experiment.argument, experiment.declared, experiment.learners
+    for key, value in {"[grids]": given.grids, "[solved]": given.solved}.items():
+        if not value:
+            raise InputError(f"{where}: {key} is missing; this report needs it.")
+    if len(experiment.scenarios) > 1:
+        raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
+    for contrast in declared.contrasts:
+        key = f"{where}: report.contrasts"
+        for name in contrast:
+            if name not in known:
+                unknown_name(key, "learner", name, known)
+        pairs = compared(experiment, [contrast])
+        if not pairs or any(_effort(x) != _effort(y) for x, y in pairs):
+            accepted = "two in one compared grid, with the same seeds and budget"
+            raise InputError(f"{key}: {' and '.join(contrast)}: accepted: {accepted}.")
+    _check_figures(experiment, declared)
+
+
+def _check_figures(experiment: Experiment, declared: Declared) -> None:
+    """Raises an InputError unless learners run where figures show them."""
+    grids, points, panels = experiment.declared.grids, set[str](), set[str]()
+    for population in experiment.populations:
+        grid, point, learner = key_of(population)
+        if len(grids[grid].axes) == 1:
+            panels.add(f"{grid}: {learner}")
+        if population.scenario.issuer.unseen:
+            points.add(f"{grid}, {point}: {learner}")
+    shown = [
+        ("report.panels", "panel", f"{panel.grid}: {name}", panels)
+        for panel in declared.panels
+        for name in panel.learners
+    ]
+    if answer := declared.answer:
+        for name in (name for group in answer.groups for name in group.learners):
+            where = f"{answer.grid}, {answer.point}: {name}"
+            shown.append(("report.answer", "point with unseen places", where, points))
+            if answer.unseen:
+                where = f"{answer.unseen}: {name}"
+                shown.append(("report.answer.unseen", "panel", where, panels))
+    for key, kind, name, known in shown:
+        if name not in known:
+            unknown_name(f"{experiment.argument}: {key}", kind, name, known)
+
+
+# Populations
+
+
+def key_of(population: Population) -> Key:
+    """Returns the columns that name a population: its grid, its point there, and its learner."""
+    grid, *values = population.condition.name.split("/")
+    return grid, ", ".join(values).replace("=", " "), population.learner.name
+
+
+def compared(
+    experiment: Experiment, contrasts: Iterable[tuple[str, str]]
+) -> list[tuple[Population, Population]]:
+    """Lists both populations of each contrast at each compared point that has both."""
+    known, grids = (
+        {key_of(each): each for each in experiment.populations},
+        experiment.declared.grids,
+    )
+    points = dict.fromkeys(key[:2] for key in known if grids[key[0]].is_compared)
+    pairs = [((*point, x), (*point, y)) for point in points for x, y in contrasts]
+    return [(known[x], known[y]) for x, y in pairs if {x, y} <= known.keys()]
+
+
+def _effort(population: Population) -> tuple[range, int]:
+    return population.seeds, population.first.settings.budget
+
+
+def by_pick(values: Numbers, *populations: Population) -> list[Numbers]:
+    """Returns the values of runs, or of pairs, in the order of seeds, by their pick of settings."""
+    n_picks = lcm(*(len(population.firsts) for population in populations))
+    return [values[pick::n_picks] for pick in range(min(n_picks, len(values)))]
+
+
+def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
+    """Returns the runs of each population, with what they took."""
+    runs = data.runs.merge(data.tables["took"], on=[*KEYS, "seed"])
+    runs["failures"] = 1 - runs["unseen_budget"]
+    return dict(iter(runs.groupby(KEYS, sort=False)))
+
+
+# What runs took
+
+
+def took(data: Data) -> pd.DataFrame:
+    """Every run: what it took until it had learned, and whether it has lost that later."""
+    level, tables = data.experiment.declared.solved.success, []
+    for key, curves in data.curves.groupby(KEYS, sort=False):
+        names = dict(zip(KEYS, key, strict=True))
+        tables.append(pd.DataFrame(names | until_learned(curves, level)))
+    return pd.concat(tables, ignore_index=True)
+
+
+def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]:
+    """Returns what the runs of a population took until they had learned, by seed.
+
+    `steps` and `wrong_pings` are infinite if a run never learned; `_before` is the evaluation
+    before. A run has `lost` the level if success is below it in half or more of the later
+    evaluations, or of the later steps, or at the end. Runs that reach it `at_last` do so in the
+    last evaluation only.
+    """
+    steps = curves["step"].unique()
+    success, wrong_pings = (
+        curves[name].to_numpy().reshape(-1, len(steps))
+        for name in ("success", "training_wrong_pings")
+    )
+    last, is_there = len(steps) - 1, success >= level
+    first = np.array([solved(row, [*steps], level)[0] for row in success.tolist()])
+    table: dict[str, NDArray[Any]] = {"seed": curves["seed"].unique()}
+    for name, spent in {"steps": steps + 0 * wrong_pings, "wrong_pings": wrong_pings}.items():
+        own, before = (
+            np.take_along_axis(spent, i.clip(0, last)[:, None], axis=1)[:, 0].astype(float)
+            for i in (first, first - 1)
+        )
+        table |= {name: np.where(first > last, np.inf, own), f"{name}_before": before}
+    is_after, is_lost = np.arange(last + 1) > first[:, None], (first < last) & ~is_there[:, last]
+    for weight in (np.ones(last + 1), np.diff(steps, prepend=0)):  # of evaluations, and of steps
+        below = (is_after & ~is_there) @ weight
+        is_lost |= (below > 0) & (below >= is_after @ weight / 2)
+    return table | {"lost": is_lost, "at_last": first == last, "untrained": first == 0}
+
+
+def cells(data: Data) -> pd.DataFrame:
+    """Every point and learner: the share of runs that learn, and medians of what they take."""
+    runs, rows = _by_key(data), list[dict[str, Any]]()
+    for population in data.experiment.populations:
+        own = runs[key_of(population)]
+        steps = own["steps"].to_numpy()
+        is_learned = np.isfinite(steps)
+        row: dict[str, Any] = dict(zip(KEYS, key_of(population), strict=True))
+        row |= {"n": len(own), "budget": own["budget"].iloc[0], "n_solved": is_learned.sum()}
+        row |= with_ends("solved", proportion(is_learned))
+        row |= with_ends("steps", median(steps))
+        of_picks = [np.median(values) for values in by_pick(steps, population)]
+        row |= {"picks": len(of_picks)}
+        row |= {"steps_fastest": min(of_picks), "steps_slowest": max(of_picks)}
+        row |= with_ends("wrong_pings", median(own["wrong_pings"].to_numpy()))
+        for name in ("success", "unseen_success", "unseen_budget"):
+            row |= with_ends(name, proportion(own[name].to_numpy()))
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def unseen(data: Data) -> pd.DataFrame | None:
+    """Every run with unseen places: success in them by both policies."""
+    runs = data.runs[data.runs["unseen_budget"].notna()].set_index([*KEYS, "seed"])
+    return runs.filter(like="unseen_").reset_index() if len(runs) else None
+
+
+def cpu(data: Data) -> pd.DataFrame:
+    """Measured: median CPU seconds of training until a run has learned."""
+    rows = []
+    for key, times in data.runs.groupby(KEYS, sort=False)["cpu_learned_s"]:
+        row = dict(zip(KEYS, key, strict=True)) | {"n": len(times)}
+        rows.append(row | with_ends("cpu_learned_s", median(times.to_numpy())))
+    return pd.DataFrame(rows)
+
+
+# Which of two learners took less
+
+
+def contrasts(data: Data) -> pd.DataFrame:
+    """The declared contrasts: which learner takes less until it has learned."""
+    runs, rows = _by_key(data), list[dict[str, Any]]()
+    pairs = dict[tuple[str, ...], pd.DataFrame]()  # by runs: one in two grids is decided once
+    for x, y in compared(data.experiment, data.declared.contrasts):
+        sides = {"x": runs[key_of(x)].set_index("seed"), "y": runs[key_of(y)].set_index("seed")}
+        pair = pd.concat(sides, axis=1, join="inner")
+        pairs[key := (*pair["x"]["run"], *pair["y"]["run"])] = pair
+        steps = pair["x"]["steps"].to_numpy(), pair["y"]["steps"].to_numpy()
+        shares = [won.mean() for won in by_pick(wins(*steps), x, y)]
+        names = {**dict(zip(KEYS, key_of(x), strict=True)), "y": y.learner.name}
+        row = names | {"key": key, "n": len(pair), "differs": differences(x, y)}
+        row |= {"picks": len(shares), "picks_faster": sum(share > 0.5 for share in shares)}
+        rows.append(row | with_ends("ratio", ratio(*steps, x.first.settings.budget)))
+    table = pd.DataFrame(rows).rename(columns={"learner": "x"})
+    for unit in UNITS:
+        decided = decide_all(pairs, unit, data.declared.margins)
+        if len(decided):
+            table = table.join(decided, on="key")
+    return table.drop(columns="key")
+
+
+def ratio(x: Numbers, y: Numbers, budget: int) -> Estimate:
+    """Returns the median steps of y divided by those of x, over pairs of runs.
+
+    Where at least half of the runs never learn, the budget counts, so the ratio is a bound. It is
+    NaN if this holds for both learners, or if a median is 0. The interval resamples pairs.
+    """
+    rng, n = np.random.default_rng(BOOTSTRAP_SEED), len(x)
+    drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
+    below, above = (np.median(steps[drawn], axis=1) for steps in (x, y))
+    if np.isinf([below[0], above[0]]).all() or 0 in (below[0], above[0]):
+        return Estimate(np.nan, np.nan, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have learned at step 0
+        samples = np.minimum(above, budget) / np.minimum(below, budget)
+    return Estimate(float(samples[0]), *map(float, np.nanpercentile(samples[1:], [2.5, 97.5])))
+
+
+# By unit: the columns of the verdict, of why there is none, and of the probability that x takes
+# less, and the verdicts if x or y takes less
+UNITS: Final = {
+    "steps": ("verdict", "why_none", "faster", ("faster", "slower")),
+    "wrong_pings": (
+        "wrong_pings_verdict",
+        "wrong_pings_why",
+        "fewer_wrong_pings",
+        ("fewer", "more"),
+    ),
+    "failures": ("failures_verdict", "failures_why", "fewer_failures", ("fewer", "more")),
+}
+UNDECIDED: Final = "undecided"
+NEITHER: Final = "most runs of neither learner learn"
+NO_VERDICT: Final = "no verdict"  # for one of these reasons
+UNTRAINED: Final = "it depends on runs whose untrained policy reaches the level"
+AT_LAST: Final = "it depends on runs that reach the level in the last evaluation only"
+COARSE: Final = "it depends on runs whose evaluations are too far apart"
+NOT_LEARNED: Final = "at least half of the runs of the one that takes less never learn"
+LOST: Final = (
+    "the one that takes less loses the level later in at least half of the runs that learn"
+)
+SMALL: Final = "the difference is smaller than the margin"
+_ENDS: Final = 3  # if a verdict is wrong, so is one of three ends of intervals, see above
+_COARSE: Final = 1.25  # largest ratio of successive evaluations that are not too far apart
+
+
+def decide_all(pairs: Mapping[Any, pd.DataFrame], unit: str, margins: Margins) -> pd.DataFrame:
+    """Decides all contrasts that have a unit: columns of `UNITS`, by the keys of pairs of runs."""
+    verdict, why, less, words = UNITS[unit]
+    pairs = {
+        key: pair
+        for key, pair in pairs.items()
+        if not pair.xs(unit, axis=1, level=1).isna().any(axis=None)
+    }
+    found = [evidence(pair, unit, margins) for pair in pairs.values()]
+    n = len(pairs)
+    adjusted = holm([min(_ENDS * each.p_known, 1.0) for each in found])
+    n_open, tail = n - sum(p <= ALPHA for p in adjusted), ALPHA / _ENDS / max(n, 1)
+    rows = []
+    for each, p in zip(found, adjusted, strict=True):
+        decided = UNDECIDED
+        if p <= ALPHA:
+            decided = words[each.less < 0.5]
+        elif _ENDS * n_open * each.p <= ALPHA:
+            decided = NO_VERDICT
+        elif proportion_interval(each.never, each.n, tail)[0] > 0.5:
+            decided = NEITHER
+        ends = map(float, proportion_interval(each.less, each.n, tail))
+        row = {verdict: decided, why: each.why if decided == NO_VERDICT else ""}
+        rows.append(row | with_ends(less, Estimate(each.less, *ends)))
+    return pd.DataFrame(rows, index=pd.Index([*pairs], tupleize_cols=False))
+
+
+class Evidence(NamedTuple):
+    """What pairs of runs say in a unit, before it is adjusted for the number of contrasts."""
+
+    n: int
+    less: float  # share of pairs in which x takes less
+    p: float  # one-sided p-value of the probability of taking less being 1/2
+    p_known: float  # the same, whatever open pairs may be; 1 if a winner would have no verdict
+    why: str  # the reason for no verdict
+    never: float  # share of the runs that never learn, of the learner with fewer of them
+
+
+def evidence(pair: pd.DataFrame, unit: str, margins: Margins) -> Evidence:
+    """Compares what pairs of runs took; some are open, see `_open`."""
+    x, y, n = pair["x"][unit].to_numpy(), pair["y"][unit].to_numpy(), len(pair)
+    won, reasons = wins(x, y), _open(pair, unit)
+    less = float(won.mean())
+    worst = float(np.where(reasons != "", less < 0.5, won).mean())
+    sides = [pair["x"], pair["y"]] if less > 0.5 else [pair["y"], pair["x"]]
+    why = SMALL if abs(less - 0.5) < margins.probability else _flaw(*sides, unit, margins)
+    is_known = not why and (worst - 0.5) * (less - 0.5) > 0
+    why = why or next((each for each in (UNTRAINED, AT_LAST, COARSE) if each in reasons), "")
+    never = float(min(np.isinf(x).mean(), np.isinf(y).mean()))
+    return Evidence(n, less, p_half(less, n), p_half(worst, n) if is_known else 1.0, why, never)
+
+
+def _open(pair: pd.DataFrame, unit: str) -> NDArray[np.str_]:
+    """Returns why it is not known which run of each pair took less; empty if it is.
+
+    What a run took lies between two evaluations. One that reaches the level in the last evaluation
+    only may have learned then, or never.
+    """
+    if unit == "failures":
+        return np.full(len(pair), "")
+    x, y = pair["x"], pair["y"]
+    before, is_learned = f"{unit}_before", np.isfinite(x[unit]) & np.isfinite(y[unit])
+    overlaps = is_learned & (x[unit] > y[before]) & (y[unit] > x[before])
+    is_coarse = (x[unit] > _COARSE * x[before]) | (y[unit] > _COARSE * y[before])
+    is_at_last = (x["at_last"] & (x[unit] <= y[unit])) | (y["at_last"] & (y[unit] <= x[unit]))
+    cases = [x["untrained"] | y["untrained"], is_at_last, overlaps & is_coarse]
+    return np.select(cases, [UNTRAINED, AT_LAST, COARSE], "")
+
+
+def _flaw(winner: pd.DataFrame, loser: pd.DataFrame, unit: str, margins: Margins) -> str:
+    """Returns why the one that takes less wins nothing; empty if it does."""
+    has_learned = np.isfinite(winner["steps"])
+    if has_learned.mean() <= 0.5:
+        return NOT_LEARNED
+    if unit == "failures":
+        gain = loser[unit].mean() - winner[unit].mean()
+        return SMALL if round(gain, 9) < margins.unseen else ""
+    if winner["lost"][has_learned].mean() >= 0.5:
+        return LOST
+    return SMALL if loser[unit].median() < margins.ratio * winner[unit].median() else ""
+
+
+TABLES: Final[dict[str, TableFunction]] = {
+    "took": took,
+    "cells": cells,
+    "contrasts": contrasts,
+    "unseen": unseen,
+    "cpu": cpu,
+}
+
+# Figures
+
+_NEVER: Final = "never learns"
+
+
+def answer(data: Data) -> Figure | None:
+    """Steps until learners have learned, and success in unseen places, at one point."""
+    declared = data.declared.answer
+    if declared is None:
+        return None
+    lines = list[tuple[str, str]]()  # learners and texts; a heading has no learner
+    for group in declared.groups:
+        lines += [("", group.title)] if group.title else []
+        lines += group.learners.items()
+    with figure_of(1, 2, (WIDTH, 0.9 + 0.27 * len(lines))) as (figure, axes):
+        left, right = axes[0]
+        for axis, column in ((left, "steps"), (right, "unseen_budget")):
+            cells = _shown(data, declared.grid, column).set_index(["point", "learner"])
+            name_rows(axis, [text if axis is left else "" for _, text in lines])
+            for y, (name, _) in enumerate(lines):
+                if name:
+                    _draw_row(axis, y, cells.loc[declared.point, name], _look(data, name))
+        left.set(xscale="log", xlabel="steps until it has learned (← better)")
+        _format_steps(left.xaxis)
+        right.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="success in unseen places (better →)")
+        for label, (name, _) in zip(left.get_yticklabels(), lines, strict=True):
+            label.set_fontweight("normal" if name else "bold")
+    return figure
+
+
+def _shown(data: Data, grid: str, column: str) -> pd.DataFrame:
+    """Returns a column of the cells of a grid as it is drawn, with its interval and its text."""
+    cells = data.tables["cells"]
+    cells = cells[cells["grid"] == grid]
+    shown = cells[[column, f"{column}_low", f"{column}_high"]]
+    texts = shown[column].map("{:.2f}".format)
+    if column == "steps":
+        texts = shown[column].map("{:,.0f}".format).replace("inf", _NEVER)
+        shown = shown.clip(100, cells["budget"], axis=0)
+    shown = shown.set_axis(["value", "low", "high"], axis=1)
+    return shown.assign(point=cells["point"], learner=cells["learner"], text=texts)
+
+
+def _draw_row(axis: Axes, y: int, row: pd.Series, style: Mapping[str, Any]) -> None:
+    """Draws a value with its interval, and writes it on the right."""
+    axis.hlines(y, row["low"], row["high"], color=style["color"], lw=6, alpha=0.4)
+    hollow = {"mfc": "white"} if row["text"] == _NEVER else {}
+    axis.plot(row["value"], y, **style | hollow, ms=6.5, clip_on=False)
+    axis.text(1.05, y, row["text"], va="center", transform=axis.get_yaxis_transform())
+
+
+def _format_steps(axis: Axis) -> None:
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:,.0f}")
+    axis.set_minor_locator(NullLocator())
+
+
+def picture(data: Data) -> Figure:
+    """Steps until learners have learned, medians with 95 % intervals; hollow: never learns."""
+    return _panels(data, data.declared.panels, "steps", "steps until it has learned")
+
+
+def unseen_places(data: Data) -> Figure | None:
+    """Success in unseen places after all steps of training, means with 95 % intervals."""
+    declared = data.declared.answer
+    if declared is None or not declared.unseen:
+        return None
+    title = data.experiment.declared.grids[declared.unseen].question or "Unseen places"
+    panels = [
+        Panel(grid=declared.unseen, title=group.title or title, learners=(*group.learners,))
+        for group in declared.groups
+    ]
+    return _panels(data, panels, "unseen_budget", "success in unseen places")
+
+
+def _panels(data: Data, panels: Sequence[Panel], column: str, label: str) -> Figure:
+    """Draws a column of the cells along the axis of each panel's grid, two panels in a row."""
+    n_rows, n_columns = -(-len(panels) // 2), min(len(panels), 2)
+    n_learners = len({name for panel in panels for name in panel.learners})
+    with figure_of(n_rows, n_columns, (WIDTH, 2.9 * n_rows + 0.15 * n_learners)) as (figure, axes):
+        lines = dict[str, Line2D]()
+        for axis, panel in zip(axes.flat, panels, strict=False):
+            axis.sharey(axes[0, 0])
+            lines |= _draw_panel(data, axis, panel, column)
+            axis.set_title(panel.title, loc="left")
+            if column == "steps":
+                axis.set_yscale("log")
+                _format_steps(axis.yaxis)
+            else:
+                axis.set_ylim(0, 1.03)
+        figure.supylabel(label, fontsize="medium")
+        figure.legend(lines.values(), lines, loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
+def _draw_panel(data: Data, axis: Axes, panel: Panel, column: str) -> dict[str, Line2D]:
+    """Draws learners beside each other at each value of a grid's axis; returns lines by title."""
+    ((name, values),) = data.experiment.declared.grids[panel.grid].axes.items()
+    numbers = sorted(values, key=lambda value: prod(map(float, value.split("x"))))
+    places = {f"{name} {value}": i for i, value in enumerate(numbers)}
+    cells, lines = _shown(data, panel.grid, column), dict[str, Line2D]()
+    cells["at"] = cells["point"].map(places)
+    for learner, shift in zip(
+        panel.learners, np.linspace(-0.2, 0.2, len(panel.learners)), strict=True
+    ):
+        rows, style = cells[cells["learner"] == learner].sort_values("at"), _look(data, learner)
+        at, is_never = rows["at"] + shift, rows["text"] == _NEVER
+        axis.vlines(at, rows["low"], rows["high"], color=style["color"], lw=2.5, alpha=0.35)
+        (line,) = axis.plot(at, rows["value"], **style, lw=1.5)
+        axis.plot(at[is_never], rows["value"][is_never], **style | {"mfc": "white", "ls": ""})
+        lines[data.experiment.learners[learner].title] = line
+    axis.set_xticks(range(len(numbers)), numbers)
+    axis.set(xlim=(-0.5, len(numbers) - 0.5), xlabel=name)
+    return lines
+
+
+def _look(data: Data, learner: str) -> dict[str, Any]:
+    return look(data.experiment.learners[learner], data.experiment.learners.values())
+
+
+FIGURES: Final[dict[str, FigureFunction]] = {
+    "answer": answer,
+    "map": picture,
+    "unseen": unseen_places,
+}
+
+# Text
+
+SHOWN: Final = {
+    "contrasts": "grid point x y n verdict faster ratio differs failures_verdict",
+    "cells": "grid point learner n solved steps wrong_pings unseen_budget",
+}
+COLUMNS: Final = {
+    "at_last": "whether the run reaches the level in the last evaluation only",
+    "cpu_learned_s": "CPU seconds of training until a run has learned, median; never: half do not",
+    "failures_verdict": "the verdict on x by failures in unseen places at the budget",
+    "failures_why": "why there is no verdict by failures",
+    "faster": "probability that x takes fewer steps",
+    "fewer_failures": "probability that x fails less often in unseen places at the budget",
+    "fewer_wrong_pings": "probability that x takes fewer wrong PINGs",
+    "grid": "grid of the experiment",
+    "lost": "whether success is below the level later: at the end, or for half of the time",
+    "n": "runs; of contrasts, pairs of runs",
+    "n_solved": "runs that learn",
+    "picks": "picks of settings; of contrasts, pairs of a pick of x and one of y that occur",
+    "picks_faster": "how many of these have x faster in more than half of their pairs of runs",
+    "point": "point of the grid",
+    "ratio": "median steps of y / of x; a bound, with the budget, if one never learns",
+    "solved": "share of runs that learn",
+    "steps": "steps until a run has learned, or their median; inf if it never does",
+    "steps_before": "steps of the evaluation before",
+    "steps_fastest": "median steps with the pick of settings that needs the fewest",
+    "steps_slowest": "median steps with the pick of settings that needs the most",
+    "success": "success of the last evaluated policy",
+    "unseen_budget": "success in unseen places at the budget, by the policy that counts",
+    "unseen_success": "the same when a run had certainly learned, else at the budget",
+    "untrained": "whether the untrained policy reaches the level",
+    "verdict": "the verdict on x by steps",
+    "why_none": "why there is no verdict by steps",
+    "wrong_pings": "wrong PINGs until a run has learned, or their median; inf if it never does",
+    "wrong_pings_before": "wrong PINGs at the evaluation before",
+    "wrong_pings_verdict": "the verdict on x by wrong PINGs until a run has learned",
+    "wrong_pings_why": "why there is no verdict by wrong PINGs",
+}
+
+
+def headline(data: Data) -> str:
+    """Says how the contrasts of the first grid ended."""
+    table, cells, margins = data.tables["contrasts"], data.tables["cells"], data.declared.margins
+    grid, titles = table["grid"].iloc[0], data.experiment.learners
+    budgets = " or ".join(
+        f"{budget:,}" for budget in cells[cells["grid"] == grid]["budget"].unique()
+    )
+    lines = []
+    for (x, y), rows in table[table["grid"] == grid].fillna("").groupby(["x", "y"], sort=False):
+        ends = [
+            f"{verdict} at {', '.join(own['point'])}" + (f" ({why})" if why else "")
+            for (verdict, why), own in rows.groupby(["verdict", "why_none"], sort=False)
+        ]
+        others = "; ".join(filter(None, rows["differs"].unique()))
+        about = f"{rows['n'].min()} pairs of runs" + (
+            f"; they also differ: {others}" if others else ""
+        )
+        lines.append(
+            f"- {titles[x].title} compared with {titles[y].title} ({about}): {'; '.join(ends)}."
+        )
+    text = "\n".join(lines)
+    return f"""\
+By the steps that runs need until they have learned, within {budgets} steps, in the grid `{grid}`:
+
+{text}
+
+*Faster* or *slower* takes a significant difference, a probability of taking less that differs from
+1/2 by {margins.probability:g} or more, and a median at least {margins.ratio:g} times as small.
+{_learned(data)}"""
+
+
+def _learned(data: Data) -> str:
+    """Says when a run has learned."""
+    solved = data.experiment.declared.solved
+    text = f"""\
+A run *has learned* after *s* steps if success is at or above {solved.success:g} at every evaluation
+from step *s* until the first one at or after step 2*s*, or until the last one if the budget ends
+before."""
+    if solved.given_up_after:
+        text += f""" A run is given up, and counts as one that never learns, if its success has not
+reached half of this level by {solved.given_up_after:.0%} of the budget."""
+    return text
+
+
+def reading(data: Data) -> str:
+    """Explains learning, contrasts and unseen places."""
+    margins, growth = data.declared.margins, data.experiment.declared.solved.growth
+    return f"""\
+{_learned(data)} Successive evaluations are at most about {growth - 1:.0%} apart, but for the first
+ones. What happens later is measured only in runs that are trained to the budget, as where there are
+unseen places. A learner *never learns* if at least half of its runs do not; its marker is hollow,
+at the budget.
+
+Contrasts pair runs of the same seed, which have the same places. A run that never learns takes
+more than every run that does; two such runs are tied, and ties count as a half. *Faster* and
+*fewer* mean that x takes less, *slower* and *more* that y does: the probability of taking less
+differs from 1/2 significantly, and by {margins.probability:g} or more. The one that takes less has
+a median of steps or wrong PINGs at least {margins.ratio:g} times as small, or a success in unseen
+places that is higher by {margins.unseen:g} or more. It has learned in more than half of its runs
+and, for steps and wrong PINGs, has not lost the level in half of these: by the end, or for half of
+the evaluations or steps since. Otherwise there is *no verdict*, as where it would depend on runs
+whose evaluations are too far apart, that reach the level in the last evaluation only, or whose
+untrained policy reaches it. *{NEITHER.capitalize()}* is said only if no difference is significant.
+
+By steps, by wrong PINGs and by failures in unseen places, the probability of any wrong verdict is
+at most 5 % each (Holm's method; if contrasts share runs, this is known from simulation). Intervals
+in `contrasts.csv` are those of its first step, and hold for all contrasts at once. Failures are
+those at the budget, whether runs have learned or not."""
