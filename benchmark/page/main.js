@@ -1,30 +1,5 @@
-// The page: tables that can be sorted, and the explorer's controls.
+// The page: the explorer's controls.
 document.documentElement.classList.add("js");
-
-// The number that a cell begins with; without one, it comes last.
-const numberOf = (cell) => parseFloat(cell.textContent.replace("never", "Infinity").replaceAll("\u2212", "-").replaceAll(",", ""));
-
-function compared(a, b) {
-  const [x, y] = [numberOf(a), numberOf(b)];
-  if (!a.matches(".number")) return a.textContent.localeCompare(b.textContent);
-  return Number.isNaN(x) || Number.isNaN(y) ? Number.isNaN(x) - Number.isNaN(y) : x < y ? -1 : Number(x > y);
-}
-
-// A click on a column's header sorts by it, another one the other way round.
-for (const table of document.querySelectorAll("table.sortable")) {
-  const heads = [...table.tHead.rows[0].cells];
-  heads.forEach((head, column) => {
-    const button = element("button", { type: "button" }, ...head.childNodes);
-    head.append(button);
-    button.addEventListener("click", () => {
-      const order = head.getAttribute("aria-sort") === "ascending" ? "descending" : "ascending";
-      for (const other of heads) other.removeAttribute("aria-sort");
-      head.setAttribute("aria-sort", order);
-      const rows = [...table.tBodies[0].rows].sort((a, b) => compared(a.cells[column], b.cells[column]));
-      table.tBodies[0].append(...(order === "ascending" ? rows : rows.reverse()));
-    });
-  });
-}
 
 // The first net that walks to success, and a table beside it that does so in the same scenario.
 function firstPair() {

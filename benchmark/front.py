@@ -1,0 +1,294 @@
+"""README of the repository and of `results`, with the numbers of published tables."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from textwrap import fill
+from typing import Final
+
+import pandas as pd
+
+from benchmark.experiment import PUBLISHED
+from benchmark.folder import README, Folder
+from envs import InputError
+
+_PAPER: Final = "q_learning, index"
+_SB3: Final = ["sb3_dqn, one_hot", "sb3_ppo, one_hot"]
+_SHOWN: Final = {  # learners of the table, by what README calls them
+    "the paper's table": _PAPER,
+    "Q(λ) table, tuned": "watkins_q_lambda, index",
+    "tile coding, tuned": "tile_coding, coordinates",
+    "SB3's DQN, tuned": _SB3[0],
+    "SB3's PPO, tuned": _SB3[1],
+}
+_BASELINES: Final = ["watkins_q_lambda, index", "tile_coding, coordinates"]
+_NETS: Final = [  # of the map, with their best inputs
+    "dqn, coordinates",
+    "ppo, factored",
+    "ppo, centred",
+    "dqn, offset_tiles",
+    "ppo, offset_factored",
+]
+_TILINGS: Final = ["tile_coding, coordinates", "tile_coding, offset_coordinates"]
+_GRIDS: Final = ["places", "rooms", "feedback"]  # each point of the map once
+Tables = Mapping[str, pd.DataFrame]
+# What the columns of all runs mean.
+COLUMNS: Final = {
+    "scenario": "scenario",
+    "grid, point": "what is varied, and the value here",
+    "reading": "a way to read the paper, or a control",
+    "trial": "number of the drawn settings; 0 are those as declared",
+    "learner": "an algorithm with its settings, and what it observes",
+    "seed": "seed of the run",
+    "run": "beginning of the run's digest; conditions that change nothing share runs",
+    "policy": "the policy that is evaluated",
+    "budget, step": "environment steps of training, and so far",
+    "success": "exact probability that an episode ends with a correct PING",
+    "score": "return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]",
+    "unbounded_score": "the same, not clipped",
+    "steps": "mean steps of an episode",
+    "wrong_pings": "mean wrong PINGs of an episode",
+    "uncomfortable_steps": "mean steps of an episode within the uncomfortable region",
+    "greedy_success": "success of the greedy policy",
+    "random_success": "success of the random policy",
+    "unseen_success, unseen_greedy, unseen_stochastic": "success where the person never stood, when the"
+    " run was certain to have learned: by the policy that is evaluated, greedy, and stochastic",
+    "unseen_budget...": "the same at the budget",
+    "training_wrong_pings": "wrong PINGs during training, so far",
+    "diverged_at": "step at which values were no longer finite; inf if never",
+    "updates": "updates of the parameters",
+    "parameters": "numbers that are learned",
+    "cpu_time_s": "CPU seconds of training",
+    "cpu_learned_s": "CPU seconds until the run has learned; inf if never",
+    "peak_memory_mb": "peak memory of the process, in MB",
+    "wall_time_s, started_at": "duration in seconds, and time of the start",
+    "commit, machine, processor, versions": "what made the run",
+}
+
+
+def answer(results: Path, name: str) -> str:
+    """Returns what was found: the first paragraph below the title of a folder's README."""
+    text = (results / name / README).read_text(encoding="utf-8")
+    return text.split("\n\n")[1]
+
+
+def index(results: Path) -> str:
+    """Returns README of `results`."""
+    there = [name for name in PUBLISHED if (results / name / README).is_file()]
+    found = [f"- [{name}]({name}/README.md): {answer(results, name)}" for name in there]
+    columns = [f"- `{name}`: {meaning}" for name, meaning in COLUMNS.items()]
+    return f"""\
+# Results
+
+`make report` puts these results on one page, `index.html`, without training. The page needs no
+server and no network. Its explorer shows what agents have learned, cell by cell, and how they walk.
+
+{_wrapped(found)}
+- [speed](speed/README.md): How fast this project is, compared with common alternatives.
+
+## Scenarios
+
+![Maps of all shipped scenarios](scenes.svg)
+
+*Where places are drawn anew in every episode, one is shown. The
+[gallery](../envs/scenarios/README.md#gallery) says what each scenario is.*
+
+## Columns
+
+An experiment is a table of runs, `runs.csv.gz`. Everything else in its folder is made from it and
+from `curves.csv.gz`, which has a row per run and evaluation. `from benchmark import runs, curves`
+reads both; their columns are these. README of each folder explains its other tables.
+
+{_wrapped(columns)}
+"""
+
+
+def _wrapped(items: list[str]) -> str:
+    lines = (fill(each, 100, subsequent_indent="  ", break_on_hyphens=False) for each in items)
+    return "\n".join(lines)
+
+
+def readme(results: Path) -> str:
+    """Returns README; raises an InputError if a folder does not show what README says."""
+    tables = {name: Folder(results / name).tables() for name in PUBLISHED}
+    try:
+        return f"""\
+{_START}
+{_replicated(results)}
+{_compared(tables["compare_deep"], tables["tuning"])}
+{_beyond(tables["when"], tables["groups"])}
+{_OWN}
+{_words(tables["equivalence"])}"""
+    except AssertionError as error:
+        raise InputError(f"README: the published tables do not show that {error}.") from error
+
+
+_START: Final = """\
+# Proxemic benchmark
+
+*When does deep RL earn its keep over a table?* An agent walks up to a person and must learn, from
+rewards alone, where to stop and ask whether it is close enough (*PING*). This suite replicates the
+Q-learning of Millán-Arias, Fernandes and Cruz
+([arXiv 2108.03730](https://arxiv.org/abs/2108.03730)) and compares tables and tile coding with DQN and PPO of
+[Stable-Baselines3](https://stable-baselines3.readthedocs.io) (SB3), in
+[Gymnasium](https://gymnasium.farama.org) gridworlds small enough to evaluate every policy exactly.
+So far, no net is shown to learn in fewer steps than tile coding.
+
+```sh
+make reproduce            # the paper's figure and claims, in results/reproduce/ (2 minutes)
+make compare-deep SEEDS=5 # tables, tile coding, DQN and PPO, in results/compare_deep_seeds_0-4/ (7
+                          # minutes)
+make test                 # the quick tests (4 minutes)
+```
+
+Needed: Python 3.11 or newer, make, git. Use `git clone --depth 1`: the history is 90 MB. Then open
+`results/index.html`.
+"""
+
+
+def _replicated(results: Path) -> str:
+    found = fill(answer(results, "reproduce"), 100, break_on_hyphens=False)
+    return f"""\
+## The paper, replicated
+
+![The paper's figure, replicated](results/reproduce/figure.svg)
+
+*100 agents per scenario, as in the paper's figure. Dots: mean Q of PING > 0.*
+
+{found}
+[Claim by claim](results/reproduce/README.md)
+"""
+
+
+def _compared(tables: Tables, tuning: Tables) -> str:
+    """Returns what README says of the paper's scenarios, after checking it."""
+    summary, contrasts = tables["summary"], tables["contrasts"]
+    sizes = summary.set_index("learner")["n"]
+    for name in _SHOWN.values():
+        assert {*sizes[[name]]} == {30 if name in _SB3 else 100}, f"{name} has so many runs"
+    assert {*summary["budget"]} == {10_000}, "runs have 10,000 steps"
+    nets = contrasts["x"].isin([*_SB3, "dqn, one_hot", "ppo, one_hot"])
+    verdicts = contrasts[nets & contrasts["y"].isin(_BASELINES)]["success_verdict"]
+    assert len(verdicts) == 8, "four nets are compared with both"
+    assert "better" not in {*verdicts}, "no net beats a tuned table or tile coding"
+    paper = contrasts[contrasts["y"] == _PAPER].set_index("x")
+    in_s2 = paper[paper["scenario"] == "S2"]["success_verdict"]
+    assert {*in_s2[_SB3]} == {"better"}, "SB3's nets are better than the paper's table in S2"
+    tuned = paper["success_verdict"]["q_learning_tuned, index"]
+    assert tuned == "better", "the table is better with tuned constants"
+    defaults = summary[summary["learner"].str.match(r"(sb3_)?dqn_default,")]
+    assert {*defaults["success"]} == {0.0}, "DQN never succeeds with its defaults"
+    assert tuning["cost"]["trials"].nunique() == 1, "all were searched equally long"
+    success = summary.pivot(index="learner", columns="scenario", values="success")
+    rows = [
+        f"| {title} | {' | '.join(f'{share:.2f}' for share in success.loc[name])} |"
+        for title, name in _SHOWN.items()
+    ]
+    table = "\n".join(rows)
+    return f"""\
+## Tables against DQN and PPO
+
+![Success over training, by learner](results/compare_deep/curves.svg)
+
+| success after 10,000 steps | S1 | S2 | S3 |
+|---|---|---|---|
+{table}
+
+*Means over 100 runs, of SB3 over 30; shades: 95 % intervals. Tuned: the best of
+{tuning["cost"]["trials"].iloc[0] + 1} settings in four other scenarios.*
+
+With random feedback (S2), both nets succeed more often than the paper's table. Over all three
+scenarios, so does that table, tuned, and no net is shown to beat the tuned Q(λ) table or tile
+coding. With SB3's defaults, DQN never succeeds.
+[All learners and verdicts](results/compare_deep/README.md)
+"""
+
+
+def _beyond(when: Tables, groups: Tables) -> str:
+    """Returns what README says of other scenes, after checking it."""
+    contrasts, people = when["contrasts"], groups["contrasts"]
+    contrasts = contrasts[
+        contrasts["x"].isin(_NETS) & contrasts["y"].isin(_TILINGS) & contrasts["grid"].isin(_GRIDS)
+    ]
+    people = people[people["x"].str.match("dqn|ppo") & (people["y"] == _TILINGS[1])]
+    for rows in (contrasts, people):
+        assert {*rows["verdict"]} <= {"slower", "undecided"}, "nets are slower or undecided"
+        assert (rows["faster"] <= 0.5).all(), "no net wins more than half of the pairs"
+    cells = when["cells"]
+    cells = cells[(cells["grid"] == "forms") & (cells["point"] == "places 64")]
+    unseen = cells.set_index("learner")["unseen_budget"]
+    n_points = len(contrasts[["grid", "point"]].drop_duplicates())
+    n_slower, n_contrasts = contrasts["verdict"].eq("slower").sum(), len(contrasts)
+    of_people = f"{people['verdict'].eq('slower').sum()} of {len(people)}"
+    return f"""\
+## When deep RL earns its keep
+
+Now the person stands in one of many cells ("places"), drawn every episode.
+
+- **Fewer steps to learn: not shown.** At {n_points} points of the [map](results/when/README.md),
+  nets with their best inputs need more steps than tile coding in {n_slower} of {n_contrasts}
+  contrasts, and with [several people](results/groups/README.md) in {of_people}. In the others, all
+  undecided, no net wins most pairs of runs.
+- **New places: perhaps.** With 64 places, given the cells of agent and person, DQN succeeds more
+  often where the person never stood ({unseen["dqn, coordinates"]:.2f}) than tile coding
+  ({unseen["tile_coding, coordinates"]:.2f}) or a table
+  ({unseen["watkins_q_lambda, index"]:.2f}, like the random policy). But other settings of tile
+  coding, [tried later](results/when/README.md), come much closer; and given the person's offset,
+  tile coding has {unseen["tile_coding, offset_coordinates"]:.2f}, DQN
+  {unseen["dqn, offset_tiles"]:.2f} (undecided).
+
+So start with tile coding, given the offset if possible.
+"""
+
+
+_OWN: Final = """\
+## Benchmark your own algorithm
+
+After `make .venv/.deep`, run this with `.venv/bin/python`:
+
+```python
+import gymnasium
+from stable_baselines3 import PPO
+
+from benchmark.assessment import assess
+
+env = gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot")
+settings = {"n_steps": 500, "batch_size": 50, "n_epochs": 5, "gamma": 0.95, "learning_rate": 0.0014}
+model = PPO("MlpPolicy", env, seed=0, device="cpu", **settings).learn(10_000)
+result = assess(model, scenario="S1", observation="one_hot")
+print(result)  # exact success and score
+result.draw("map.png")
+```
+
+For several runs, copy [sb3.toml](benchmark/experiments/sb3.toml) to `mine.toml`, name a class like
+SB3's (`algorithm = "sb3_contrib:TRPO"`), and run
+`.venv/bin/python -m benchmark run mine.toml --report`. More:
+[scenarios](envs/scenarios/README.md#at-a-glance), [your scene](benchmark/guide.md),
+[your learner](agents/README.md), [logs and data frames](benchmark/commands/README.md#logs-and-data-frames).
+"""
+
+
+def _words(equivalence: Tables) -> str:
+    contrasts = equivalence["contrasts"]
+    assert {*contrasts["success_margin"]} == {0.15}, "nets are compared within 0.15"
+    verdicts = contrasts["success_verdict"]
+    assert {*verdicts} <= {"equivalent", "undecided"}, "nets are equivalent or undecided"
+    assert len(verdicts) == 8, "nets are compared in 8 tests"
+    n_undecided = verdicts.eq("undecided").sum()
+    return f"""\
+## Words
+
+- **PING:** in a ring around the person, it succeeds and ends the episode. Elsewhere it costs; the
+  fifth time ends it, too.
+- **S1, S2, S3:** the person gives no feedback, random feedback, or feedback by distance.
+- **Success:** the exact probability of a correct PING. *Learned* at step *s*: success stays at 0.9
+  or above until step 2*s*.
+- **Tile coding:** values are sums of weights that neighbouring cells share.
+- **DQN and PPO in harder scenes** are our own, compiled ones. They succeed as often as SB3's,
+  within 0.15, in {verdicts.eq("equivalent").sum()} of 8 [tests](results/equivalence/README.md);
+  {n_undecided} is undecided.
+
+Small gridworlds do not model personal space.
+
+[Results](results/README.md), [commands](benchmark/commands/README.md), [design](CONTRIBUTING.md),
+[citation](CITATION.cff). MIT licence.
+"""

@@ -1,0 +1,458 @@
+"""The command `report`: redraws an experiment's results from its published runs, without training.
+
+`report NAME` reads the two tables of runs and the experiment's file, and nothing else. It computes the
+tables and figures of the experiment's study, a module as `benchmark.study` describes it, and writes
+README from the tables. Without a name, it writes the texts of all published results, and the page.
+"""
+
+import argparse
+import hashlib
+import json
+import math
+import shutil
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from inspect import getdoc
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from benchmark import explorer, front, style, tables
+from benchmark.commands import parse_seeds
+from benchmark.experiment import PUBLISHED, Experiment, load_experiment
+from benchmark.folder import (
+    MANIFEST,
+    README,
+    REPOSITORY,
+    Folder,
+    alone,
+    committed,
+    digests,
+    replaced,
+    write_csv,
+    write_manifest,
+    write_text,
+)
+from benchmark.page import build as page
+from benchmark.scenes import shipped
+from benchmark.study import Data, Report
+from envs import InputError
+from envs.inputs import check_all, parse, unknown_name
+from envs.packages import contained, imported
+
+STUDIES: Final = ("comparison", "map", "replication", "search")
+MAX_WORDS: Final = 900  # of README
+_MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
+_PACKED: Final = (tables.RUNS, tables.CURVES, explorer.FILE)  # which `run` publishes
+# What columns mean in any table. A star stands for the rest of a name.
+COLUMNS: Final[Mapping[str, str]] = {
+    "scenario": "scenario",
+    "learner": "an algorithm with its settings, and what it observes",
+    "n": "runs",
+    "budget": "steps of training",
+    "step": "steps of training so far",
+    "success": "probability that an episode ends with a correct PING",
+    "score": "return on a scale from 0 (random policy) to 1 (optimal policy), clipped",
+    "x": "the learner that is compared",
+    "y": "what it is compared with",
+    "differs": "what else differs between x and y",
+    "*_low": "lower end of the 95 % interval",
+    "*_high": "upper end of the 95 % interval",
+}
+
+
+Function = Callable[[Data], Any]
+
+
+class ClaimError(InputError):
+    """The tables do not show what a finding claims."""
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    if options.experiment is None:
+        if options.seeds is not None:
+            raise InputError("--seeds: accepted only together with an experiment.")
+        print(f"the page is {write_texts(options.results)}.")
+        return 0
+    experiment = load_experiment(options.experiment, smoke=options.smoke)
+    seeds = other_seeds(experiment, parse_seeds(options.seeds))
+    folder = options.results / folder_name(experiment, seeds)
+    write(experiment, folder, seeds)
+    print(f"{experiment.name}: tables and figures are in {folder}.")
+    if folder.name in PUBLISHED:
+        where = page.write(options.results, _published(options.results))
+    else:
+        where = page.write(folder, [Folder(folder)])
+    print(f"{experiment.name}: the page is {where}.")
+    if text := certificate(folder):
+        print(text)
+    return 0
+
+
+def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
+    """Returns the given seeds, or None if they select exactly the declared runs."""
+    is_same = all(each.taken(seeds) == each.seeds for each in experiment.populations)
+    return None if is_same else seeds
+
+
+def folder_name(experiment: Experiment, seeds: range | None) -> str:
+    """Returns the name of an experiment's folder; other seeds have one of their own."""
+    if seeds is None:
+        return experiment.name
+    ends = dict.fromkeys((seeds[0], seeds[-1]))
+    return f"{experiment.name}_seeds_{'-'.join(map(str, ends))}"
+
+
+def certificate(folder: Path) -> str:
+    """Says whether a folder is as in the last commit; returns an empty text if this has none."""
+    manifest, readme = (committed(folder.name, file) for file in (MANIFEST, README))
+    if manifest is None or readme is None:
+        return ""
+    made, expected = digests(folder, but=(MANIFEST,)), json.loads(manifest)["files"]
+    expected[README] = hashlib.sha256(readme).hexdigest()
+    names = sorted(made.keys() | expected.keys())
+    different = [name for name in names if made.get(name) != expected.get(name)]
+    if different:
+        return f"{folder.name}: different from the published results: {', '.join(different)}."
+    return f"{folder.name}: identical to the published results."
+
+
+# The study of an experiment
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, as an experiment declares it."""
+
+    experiment: Experiment
+    module: ModuleType
+    declared: Any
+    items: Mapping[str, Function]
+
+    @property
+    def question(self) -> str:
+        """The heading of the results."""
+        return str(self.declared.question or first_line(self.module))
+
+    @property
+    def tables(self) -> dict[str, Function]:
+        """The functions of tables, and of items, which may be figures."""
+        return {**self.get("TABLES"), **self.items}
+
+    @property
+    def figures(self) -> dict[str, Function]:
+        """The functions of figures, and of items, which may be tables."""
+        return {**self.items, **self.get("FIGURES")}
+
+    def get(self, name: str) -> Mapping[str, Any]:
+        """Returns one of the study's dicts, by default an empty one."""
+        found: Mapping[str, Any] = getattr(self.module, name, {})
+        return found
+
+    def text(self, name: str, data: Data) -> str:
+        """Returns one of the study's texts; empty if there is none."""
+        function = getattr(self.module, name, None)
+        return called(function, data) or "" if function else ""
+
+
+def study_of(experiment: Experiment) -> Study:
+    """Returns the study of an experiment, after checking that they fit; raises an InputError if not."""
+    given, where = experiment.declared.report, experiment.argument
+    if given is None:
+        raise InputError(f"{where}: report is missing; add a [report] table.")
+    module = load_study(str(given.get("kind", "")), where)
+    declared = parse(getattr(module, "Declared", Report), given, f"{where}: report")
+    items: dict[str, Any] = {}
+    for name in declared.items:
+        function, key = imported(name, where, "item"), name.partition(":")[2]
+        if not callable(function) or key in {
+            *items,
+            *module.TABLES,
+            *getattr(module, "FIGURES", ()),
+        }:
+            raise InputError(
+                f"{where}: report.items: {name}: accepted: a function with a new name."
+            )
+        items[key] = function
+    if hasattr(module, "check"):
+        module.check(experiment, declared)
+    return Study(experiment, module, declared, items)
+
+
+def load_study(name: str, source: str) -> ModuleType:
+    """Returns a study of this project or any other module; an InputError begins with the source."""
+    if name not in STUDIES and "." not in name and (not name or find_spec(name) is None):
+        unknown_name(source, "report.kind", name, STUDIES, "a module")
+    module = f"benchmark.{name}" if name in STUDIES else name
+    imported(f"{module}:TABLES", source, "study")
+    return sys.modules[module]
+
+
+def first_line(named: object) -> str:
+    """Returns the first line of the docstring of a module or a function."""
+    return (getdoc(named) or "").partition("\n")[0]
+
+
+def called(function: Callable[..., Any], *arguments: object) -> Any:
+    """Calls a function of an experiment; what it does wrong becomes an InputError with file and line."""
+    path = function.__code__.co_filename
+    with mistakes_in(Path(path)):
+        return function(*arguments)
+
+
+@contextmanager
+def mistakes_in(path: Path) -> Iterator[None]:
+    """Turns whatever a file does wrong, such as dividing by zero, into an InputError."""
+    try:
+        with contained():
+            yield
+    except InputError:
+        raise
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == str(path)]
+        line = getattr(error, "lineno", None) or [0, *lines][-1]
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error).rstrip(".")
+        kind = ClaimError if isinstance(error, AssertionError) else InputError
+        raise kind(f"{path}, line {line}: {reason or type(error).__name__}.") from error
+
+
+# The files of a folder
+
+
+def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = None) -> None:
+    """Draws a folder from its tables of runs.
+
+    New files replace the earlier ones when all are there, so a failure leaves the folder as it was. An
+    InputError says if the runs are missing, or are not those that the experiment declares.
+    """
+    study = study_of(experiment)
+    runs, curves = tables.read(folder)
+    tables.check_declared(experiment, runs, seeds)
+    if experiment.declared.search is None and runs.groupby(_keys(runs)).size().min() < 2:
+        what = "too few runs (a single run has no interval)"
+        raise InputError(f"{experiment.name}: {what}; accepted: at least two of every learner.")
+    store = path if (path := folder.parent / "runs.db").is_file() else None
+    data = Data(experiment, study.declared, runs, curves, store=store)
+    stale = {*Folder(folder).files, MANIFEST, README}
+    with alone(folder.parent), replaced(folder, stale) as aside:
+        for name in _PACKED:
+            if (folder / name).is_file():
+                shutil.copyfile(folder / name, aside / name)
+        for name, function in [*study.tables.items(), *study.get("FIGURES").items()]:
+            made = called(function, data)
+            if isinstance(made, pd.DataFrame):
+                data.tables[name] = made
+                write_csv(made, aside / f"{name}.csv")
+            elif isinstance(made, Figure):
+                style.save(made, aside / f"{name}.svg")
+            elif made is not None:
+                what = f"{name} returns {type(made).__name__}"
+                raise InputError(f"{experiment.argument}: {what}; accepted: a table or a figure.")
+        write_manifest(aside, _manifest(study, runs, seeds))
+        text = readme(study, Folder(aside), seeds)
+        (aside / README).write_text(text, encoding="utf-8")
+
+
+def _keys(runs: pd.DataFrame) -> list[str]:
+    return [key for key in tables.KEYS if key in runs]
+
+
+def _manifest(study: Study, runs: pd.DataFrame, seeds: Sequence[int] | None) -> dict[str, object]:
+    """Returns what made the results; drawing again gives the same."""
+    experiment, ids = study.experiment, sorted({*runs["run"]})
+    option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
+    return {
+        "experiment": experiment.name,
+        "command": f"python -m benchmark run {experiment.argument}{option} --report",
+        "question": study.question,
+        "runs": len(ids),
+        "digest": hashlib.sha256("".join(ids).encode()).hexdigest(),
+        "commits": sorted({*runs["commit"].fillna("")}),
+        "machines": sorted({*runs["machine"].fillna("")}),
+        "processors": sorted({*runs["processor"].fillna("")}),
+        "versions": [json.loads(text) for text in sorted({*runs["versions"]})],
+        "first_started_at": runs["started_at"].min(),
+        "last_started_at": runs["started_at"].max(),
+        "busy_time_s": round(runs.drop_duplicates("run")["wall_time_s"].sum(), 1),
+    }
+
+
+def write_texts(results: Path) -> Path:
+    """Writes the texts of all published results from their tables; returns the page's path."""
+    folders = _published(results)
+    if not folders:
+        raise InputError(f"{results}: there are no published results; make reproduce makes some.")
+    with alone(results):
+        check_all(*(folder.check for folder in folders))
+        for folder in folders:
+            study = study_of(load_experiment(folder.path.name))
+            write_text(folder.path / README, readme(study, folder))
+        write_text(results / README, front.index(results))
+        write_text(results / "scenes.svg", style.svg(shipped()))
+        if results.resolve() == REPOSITORY / "results":
+            write_text(REPOSITORY / README, front.readme(results))
+        return page.write(results, folders)
+
+
+def _published(results: Path) -> list[Folder]:
+    """Returns the folders of published results that are there, in the order of README."""
+    paths = [results / name for name in PUBLISHED]
+    return [Folder(path) for path in paths if (path / MANIFEST).is_file()]
+
+
+# README of a folder
+
+
+def readme(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> str:
+    """Returns README of a folder, from its tables alone; tables that make it too long are left out."""
+    has_runs = tables.RUNS in folder.files
+    runs, curves = tables.read(folder.path) if has_runs else (pd.DataFrame(), pd.DataFrame())
+    data = Data(study.experiment, study.declared, runs, curves, folder.tables())
+    answer, *others = answer_of(study, data, seeds).split("\n\n")
+    figures = [
+        f"![{name}]({name}.svg)\n\n*{first_line(function)}*"
+        for name, function in study.figures.items()
+        if f"{name}.svg" in folder.files
+    ]
+    shown = [text for name in study.get("SHOWN") if (text := _shown(study, name, data))]
+    reading = study.text("reading", data) if has_runs else ""
+    ends = [f"## How to read this\n\n{reading}"] if reading else []
+    ends += [_files(study, folder, data.tables), _made(study, folder)]
+    start = [f"# {study.question}", answer, *figures[:1], *others]
+    while True:
+        text = "\n\n".join([*start, *figures[1:], *shown, *ends]) + "\n"
+        if len(text.split()) <= MAX_WORDS or not shown:
+            return text
+        shown.pop()
+
+
+def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> str:
+    """Returns the finding of an experiment or, if there is none for these runs, its study's headline."""
+    experiment = study.experiment
+    path = experiment.path.with_suffix(".py")
+    text = ""
+    if path.is_file() and seeds is None and not experiment.declared.is_miniature:
+        try:
+            text = finding(path, data.tables)
+        except ClaimError as error:  # nets of Stable-Baselines3 depend on the processor
+            print(f"{experiment.name}: the tables do not show a claim: {error}", file=sys.stderr)
+    if not text and len(data.runs):
+        text = study.text("headline", data)
+    return text or experiment.declared.description.strip()
+
+
+def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
+    """Returns the text of the function `finding` of a file, in Markdown; empty if it has none.
+
+    Raises:
+      ClaimError: The tables do not show what it asserts.
+      InputError: The file has a mistake.
+    """
+    spec = spec_from_file_location(f"{path.stem}_finding", path)
+    with mistakes_in(path):
+        module = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        function = getattr(module, "finding", None)
+        text = function(published) if function else ""
+    if not isinstance(text, str):
+        raise InputError(f"{path}: finding returns {type(text).__name__}; accepted: a text.")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n")).strip()
+
+
+def _shown(study: Study, name: str, data: Data) -> str:
+    """Returns a table as README shows it; empty if it is long, or not there."""
+    frame = data.tables.get(name, pd.DataFrame())
+    columns = [column for column in study.get("SHOWN")[name].split() if column in frame]
+    if not columns or not 0 < len(frame) <= _MAX_ROWS:
+        return ""
+    titles = {key: learner.title for key, learner in study.experiment.learners.items()}
+    rows = [[_entry(row, column, titles) for column in columns] for _, row in frame.iterrows()]
+    about = first_line(study.tables[name])
+    return f"{about}\n\n{markdown([column.replace('_', ' ') for column in columns], rows)}"
+
+
+def _entry(row: pd.Series, column: str, titles: Mapping[str, str]) -> str:
+    """Returns an entry of a table: a learner's title, or a number with its interval."""
+    low, high = row.get(f"{column}_low"), row.get(f"{column}_high")
+    has_ends = low is not None and high is not None and math.isfinite(low + high)
+    ends = f" [{show(low)}, {show(high)}]" if has_ends else ""
+    return titles.get(row[column], show(row[column])) + ends
+
+
+def show(value: object) -> str:
+    """Returns a value as readers see it; a float has three significant digits.
+
+    >>> [show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7000, "S1")]
+    ['0.123', '1,000', '52,600,000', 'never', '-', '7,000', 'S1']
+    """
+    if isinstance(value, int):
+        return f"{value:,}"
+    if not isinstance(value, float):
+        return str(value)
+    if not math.isfinite(value):
+        return "-" if math.isnan(value) else "never"  # of steps until something happens
+    text = f"{value + 0.0:.3g}"
+    return f"{float(text):,.0f}" if abs(float(text)) >= 1000 else text
+
+
+def markdown(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Returns a Markdown table, in which texts stay in their cells."""
+    cells = [
+        [" ".join(text.split()).replace("|", "&#124;") for text in row] for row in (names, *rows)
+    ]
+    lines = [f"| {' | '.join(row)} |" for row in cells]
+    return "\n".join([lines[0], f"|{'---|' * len(names)}", *lines[1:]])
+
+
+def _files(study: Study, folder: Folder, published: Mapping[str, pd.DataFrame]) -> str:
+    """Returns what each file holds, and what columns mean, each once."""
+    lines = []
+    if tables.RUNS in folder.files:
+        about = "a row per run, and per run and evaluation"
+        link = "[columns](../README.md#columns)"
+        lines.append(f"- `{tables.RUNS}`, `{tables.CURVES}`: {about}; {link}")
+    if explorer.FILE in folder.files:
+        lines.append(f"- `{explorer.FILE}`: what agents have learned, for the page")
+    for name, function in study.tables.items():
+        if f"{name}.csv" in folder.files:
+            lines.append(f"- [{name}.csv]({name}.csv): {first_line(function)}")
+    lines.append(f"- [{MANIFEST}]({MANIFEST}): what made the runs, and the digests of files")
+    meanings = {**COLUMNS, **study.get("COLUMNS")}
+    used = dict.fromkeys(
+        _pattern(column, meanings) for frame in published.values() for column in frame
+    )
+    columns = "; ".join(f"`{name}`: {meanings[name]}" for name in used if name in meanings)
+    return "## Files\n\n" + "\n".join(lines) + (f"\n\nColumns: {columns}." if columns else "")
+
+
+def _pattern(column: str, meanings: Mapping[str, str]) -> str:
+    """Returns the name or pattern that explains a column; its own name if there is none."""
+    patterns = (name for name in meanings if fnmatchcase(column, name))
+    return column if column in meanings else next(patterns, column)
+
+
+def _made(study: Study, folder: Folder) -> str:
+    """Returns the notes of an experiment, and what made its results."""
+    manifest, note = folder.manifest, " ".join(study.experiment.declared.note.split())
+    commits = ", ".join(commit[:10] or "unknown" for commit in manifest["commits"])
+    made = (
+        f"`{manifest['command']}` made these results ({manifest['runs']} runs, commit {commits})."
+    )
+    again = ""
+    if tables.RUNS in folder.files:
+        argument = study.experiment.argument
+        again = (
+            f" `python -m benchmark report {argument}` draws them again from `{tables.RUNS}`,"
+            f" `verify {argument}` checks them."
+        )
+    return "\n\n".join(["## How it was made", *filter(None, [note]), made + again])
