@@ -24,6 +24,7 @@ RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
 MAX_Z: Final = 8.0  # standard errors beyond which p-values count as zero
 _NONE: Final = 1e-12  # smaller counts are rounding errors
+_DIGITS: Final = 12  # of a difference, which may be as large as the margin
 LEVEL: Final = 0.95  # confidence, unless another is given
 ALPHA: Final = 1 - LEVEL
 TAIL: Final = ALPHA / 2  # what an interval leaves out on each side
@@ -231,7 +232,7 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
     means, sizes = [*x.means, *y.means], [*x.sizes, *y.sizes]
     signs = weights, [-weight for weight in weights]
     return Contrast(
-        x.mean - y.mean,
+        round(x.mean - y.mean, _DIGITS),
         *combined(weights, means, sizes),
         *combined(weights, means, sizes, 2 * TAIL),
         p_different=min(1.0, *(2 * p_above(signed, means, sizes, 0.0) for signed in signs)),

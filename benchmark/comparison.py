@@ -1,0 +1,540 @@
+"""Which learner succeeds more often after the same number of steps, and at what cost?
+
+All is computed from two tables: `runs` has a row per run, `curves` one per run and evaluation. A
+contrast is the difference of two learners, x minus y, in one scenario or in the mean over all, and
+its verdict follows from a rule that is fixed before the runs, see `verdict`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain, product
+from math import ceil
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
+from pydantic import AfterValidator, Field
+
+from agents.dynamic_programming import evaluate
+from benchmark import statistics, style
+from benchmark.experiment import Experiment
+from benchmark.records import unbounded_scores
+from benchmark.statistics import ALPHA, Contrast, Estimate, Floats, Means, with_ends
+from benchmark.study import Data, FigureFunction, Report, TableFunction
+from envs import ACTIONS, InputError, compile_scenario
+from envs.inputs import Names, Table, distinct, unknown_name
+from envs.model import PING
+from envs.words import listed
+
+ENDPOINTS: Final = ("success", "score")
+FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
+WITHIN: Final = "within margin"  # at its end, it may say which side is measurably better
+OPEN: Final = ("undecided", "neither learned", "ahead without learning", "no verdict")
+AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")
+_DRAWS: Final = 1_000  # of rliable's bootstrap
+_COLUMNS: Final = 3  # of panels
+_MOST_NAMED: Final = 4  # contrasts without a decided difference in a text
+
+Margin = Annotated[float, Field(gt=0, le=0.2)]
+Pair = Annotated[tuple[str, str], AfterValidator(distinct)]
+Pairs = Annotated[tuple[Pair, ...], AfterValidator(distinct)]
+
+
+# What an experiment declares
+
+
+class Margins(Table):
+    """Differences that are too small to matter."""
+
+    success: Margin = 0.1
+    """Of success."""
+    score: Margin = 0.05
+    """Of the score."""
+
+
+class Declared(Report):
+    """What a comparison decides and how; a learner is named as "dqn, one_hot"."""
+
+    baseline: Names = ()
+    """Learners that others have to beat; figures show both."""
+    pool: Literal["scenarios", "none"] = "scenarios"
+    """Whether verdicts are on means over scenarios."""
+    margins: Margins = Margins()
+    """Differences that are too small to matter."""
+    contrasts: Pairs = ()
+    """Pairs x, y that are compared, with verdicts."""
+    later: Pairs = ()
+    """Pairs that were declared when results were known, compared over all scenarios and in each.
+
+    Their p-values are adjusted for these alone.
+    """
+    curves: Names = ()
+    """The learners in the figure of success over training; by default, those in other figures."""
+
+
+def check(experiment: Experiment, declared: Declared) -> None:
+    """Raises an InputError if something cannot be compared, or an unknown learner is named."""
+    source, populations = experiment.argument, experiment.populations
+    if len({each.condition.name for each in populations}) > 1:
+        raise InputError(f"{source}: readings, grids, search: accepted in a comparison: none.")
+    settings = [each.first.settings for each in populations]
+    budgets = {(each.budget, getattr(each, "budget_unit", "steps")) for each in settings}
+    if len(budgets) > 1 or budgets.pop()[1] != "steps":
+        accepted = "the same number of steps for all learners"
+        raise InputError(f"{source}: settings.budget: accepted in a comparison: {accepted}.")
+    for key in ("contrasts", "later", "baseline", "curves"):
+        names = getattr(declared, key)
+        for name in names if key in ("baseline", "curves") else chain(*names):
+            if name not in experiment.learners:
+                unknown_name(f"{source}: report.{key}", "learner", name, [*experiment.learners])
+
+
+# Verdicts
+
+
+def verdict(test: Contrast, margin: float, row: Mapping[str, Any]) -> str:
+    """Returns the verdict on x against y, before scenarios are looked at one by one.
+
+    The row of the contrast has the number of runs, and whether x and y beat the random policy. A
+    difference below the margin makes a learner at most *slightly* better, and one that is not
+    shown to have learned is never better.
+    """
+    is_within, is_apart = test.p_equivalent <= ALPHA, test.p_different <= ALPHA
+    if row["n"] < FEWEST_RUNS:
+        return "no verdict"
+    if not (is_within or is_apart):
+        return "undecided"
+    if min(row["p_random_x"], row["p_random_y"]) > ALPHA:
+        return "neither learned"
+    word, ahead = ("better", "x") if test.difference > 0 else ("worse", "y")
+    is_earned = row[f"p_random_{ahead}"] <= ALPHA
+    if is_within:
+        return f"{WITHIN}, but {word}" if is_apart and is_earned else WITHIN
+    if not is_earned:
+        return "ahead without learning"
+    return word if abs(test.difference) >= margin else f"slightly {word}"
+
+
+def over_scenarios(decided: str, x: Means, y: Means, margin: float) -> tuple[str, list[int]]:
+    """Returns a verdict on a mean over scenarios, and the indices of those that stand apart.
+
+    If the difference in a scenario contradicts the verdict by the margin or more, it is *mixed*:
+    opposite differences must not cancel. If none does, scenarios stand apart whose own 90 %
+    interval does not exclude that.
+    """
+    if len(x.means) == 1 or decided in OPEN:
+        return decided, []
+    direction, found, unsure = decided.removeprefix("slightly "), [], []
+
+    def contradicts(low: float, high: float) -> bool:
+        is_worse = direction != "worse" and low <= -margin
+        return is_worse or (direction != "better" and high >= margin)
+
+    for i, (a, n, b, m) in enumerate(zip(*x, *y, strict=True)):
+        test = statistics.contrast(Means([a], [n]), Means([b], [m]), margin)
+        if contradicts(test.difference, test.difference):
+            found.append(i)
+        elif contradicts(test.difference_low_90, test.difference_high_90):
+            unsure.append(i)
+    return ("mixed", found) if found else (decided, unsure)
+
+
+# The tables
+
+
+def contrasts(data: Data) -> pd.DataFrame | None:
+    """The declared contrasts, x against y: differences, p-values and verdicts."""
+    declared, every = data.declared, (*data.experiment.scenarios,)
+    alone = [(name,) for name in every]
+    groups = [every] if declared.pool == "scenarios" else alone
+    cases = {
+        "later": [*product(declared.later, dict.fromkeys([every, *alone]))],
+        "": [(pair, names) for names, pair in product(groups, declared.contrasts)],
+    }
+    tables = [_compared(data, own).assign(declared=when) for when, own in cases.items() if own]
+    return pd.concat(tables, ignore_index=True) if tables else None
+
+
+def _compared(data: Data, cases: Sequence[tuple[Pair, Sequence[str]]]) -> pd.DataFrame:
+    """Returns contrasts of pairs in some scenarios; p-values are adjusted over all of them."""
+    cells = summary(data).set_index(["learner", "scenario"])
+    of = {population.learner.name: population for population in data.experiment.populations}
+    sides = [[cells.loc[name].loc[[*names]] for name in pair] for pair, names in cases]
+    rows = [
+        {"scenario": names[0] if len(names) == 1 else "", "x": x, "y": y}
+        | {"n": min(side["n"].min() for side in both)}
+        | {"differs": statistics.differences(of[x], of[y])}
+        for ((x, y), names), both in zip(cases, sides, strict=True)
+    ]
+    for i, key in enumerate(("p_random_x", "p_random_y")):
+        adjusted = statistics.holm([_p_random(both[i]) for both in sides])
+        rows = [row | {key: p} for row, p in zip(rows, adjusted, strict=True)]
+    for endpoint in ENDPOINTS:
+        margin = getattr(data.declared.margins, endpoint)
+        pairs = [(means_of(x, endpoint), means_of(y, endpoint)) for x, y in sides]
+        tests = statistics.contrasts(pairs, margin)
+        for row, both, test, (_, names) in zip(rows, pairs, tests, cases, strict=True):
+            decided, apart = over_scenarios(verdict(test, margin, row), *both, margin)
+            found = dict(zip("xy", (means.mean for means in both), strict=True)) | test._asdict()
+            found |= {"verdict": decided, "margin": margin}
+            found["except"] = ", ".join(names[i] for i in apart)
+            row |= {f"{endpoint}_{key}": value for key, value in found.items()}
+    return pd.DataFrame(rows)
+
+
+def means_of(cells: pd.DataFrame, column: str) -> Means:
+    """Returns the means of a learner from its rows of the summary, one per scenario."""
+    return Means(cells[column].tolist(), cells["n"].tolist())
+
+
+def _p_random(cells: pd.DataFrame) -> float:
+    """Returns the p-value of succeeding no more often than the random policy."""
+    means = means_of(cells, "success")
+    return statistics.p_above(means.weights, *means, cells["random_success"].mean())
+
+
+def summary(data: Data) -> pd.DataFrame:
+    """Each learner in each scenario, after training."""
+    keys, per = ["scenario", "learner"], data.runs["budget"] / 1000
+    runs = data.runs.assign(training_wrong_pings=data.runs["training_wrong_pings"] / per)
+    groups = runs.groupby(keys, sort=False)
+    means = ["unbounded_score", "steps", "wrong_pings", "uncomfortable_steps", "greedy_success"]
+    table = groups[["policy", "budget", "random_success"]].first()
+    table.insert(1, "n", groups.size())
+    table = table.join([over_runs(runs, keys), groups[means].mean()])
+    rates = groups["training_wrong_pings"]
+    wrong = [with_ends(rates.obj.name, statistics.student(own.to_numpy())) for _, own in rates]
+    return table.join(pd.DataFrame(wrong, index=table.index).clip(lower=0)).reset_index()
+
+
+def over_runs(frame: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
+    """Returns means over runs of success and score with their intervals."""
+    groups = frame.groupby(keys, sort=False)[[*ENDPOINTS]]
+    means, sizes = groups.mean(), groups.size().to_numpy()
+    found = {}
+    for name in ENDPOINTS:
+        ends = statistics.proportion_interval(means[name].to_numpy(), sizes)
+        found |= with_ends(name, Estimate(means[name], *ends))
+    return pd.DataFrame(found)
+
+
+def aggregate(data: Data) -> pd.DataFrame | None:
+    """Every learner in the mean over scenarios, after training, the most successful first."""
+    if data.declared.pool == "none":
+        return None
+    rows = []
+    for learner, cells in summary(data).groupby("learner", sort=False):
+        row = {"learner": learner, "policy": cells["policy"].iloc[0], "runs": cells["n"].sum()}
+        for name in ENDPOINTS:
+            means = means_of(cells, name)
+            row |= with_ends(
+                name, Estimate(means.mean, *statistics.combined(means.weights, *means))
+            )
+        rows.append(row)
+    return pd.DataFrame(rows).sort_values("success", ascending=False, kind="stable")
+
+
+def rliable(data: Data) -> pd.DataFrame | None:
+    """The usual measures of deep RL (Agarwal et al. 2021), over runs and scenarios."""
+    if data.declared.pool == "none":
+        return None
+    from rliable import metrics
+
+    measures = [getattr(metrics, f"aggregate_{name}") for name in AGGREGATES]
+    rows, baseline = [], data.declared.baseline[:1]
+    for endpoint in ENDPOINTS:
+        scores = {  # (runs, scenarios)
+            learner: np.stack(
+                [own.to_numpy() for _, own in runs.groupby("scenario", sort=False)[endpoint]],
+                axis=1,
+            )
+            for learner, runs in data.runs.groupby("learner", sort=False)
+        }
+        for learner, own in scores.items():
+            row = {"endpoint": endpoint, "learner": learner, "n": len(own)}
+            found = _bootstrap(own, lambda x: np.array([measure(x) for measure in measures]))
+            for name, *ends in zip(AGGREGATES, *found, strict=True):
+                row |= with_ends(name, Estimate(*ends))
+            row["giving_up"] = giving_up(data.experiment) if endpoint == "score" else np.nan
+            if learner in _drawn(data) - {*baseline} and baseline:
+                found = _bootstrap((own, scores[baseline[0]]), _improvement)
+                row |= with_ends("p_improvement", Estimate(*(each[0] for each in found)))
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def giving_up(experiment: Experiment) -> float:
+    """Returns the score of an agent that does nothing but PING, mean over scenarios."""
+    scores, horizon = [], experiment.declared.horizon
+    for model in map(compile_scenario, experiment.scenarios.values()):
+        policy = np.eye(len(ACTIONS))[np.full(model.n_observations, PING)]
+        returned = np.asarray(evaluate(model, policy, horizon).grid_return)
+        scores.append(np.clip(unbounded_scores(returned, model, horizon), 0, 1))
+    return float(np.mean(scores))
+
+
+def _improvement(x: Floats, y: Floats) -> float:
+    """Returns what `rliable.metrics.probability_of_improvement` does, a hundred times as fast."""
+    return float(np.mean(x[:, None] > y) + np.mean(x[:, None] == y) / 2)
+
+
+def _bootstrap(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats, Floats]:
+    """Returns measures of scores, (K,), and the ends of their 95 % intervals.
+
+    Runs are drawn anew within each scenario, by NumPy's global generator, which is seeded.
+    """
+    from rliable.library import get_interval_estimates
+
+    np.random.seed(0)  # noqa: NPY002
+    points, ends = get_interval_estimates({"": scores}, measure, reps=_DRAWS)
+    return np.atleast_1d(points[""]), *ends[""]
+
+
+def curves(data: Data) -> pd.DataFrame:
+    """Success and score over training, means over runs."""
+    return over_runs(data.curves, ["scenario", "learner", "step"]).reset_index()
+
+
+def cost(data: Data) -> pd.DataFrame:
+    """What a run costs, measured: medians over all runs, the cheapest learner first."""
+    groups = data.runs.groupby("learner", sort=False)
+    names = ["cpu_time_s", "updates", "parameters", "peak_memory_mb"]
+    table = groups[names].median()
+    table.insert(0, "runs", groups.size())
+    return table.sort_values("cpu_time_s", kind="stable").reset_index()
+
+
+# The figures
+
+
+def draw_contrasts(data: Data) -> Figure | None:
+    """Differences in success with 95 % intervals, the margin (grey), and verdicts.
+
+    Grey and hollow: no decided difference.
+    """
+    table = data.tables.get("contrasts")
+    if table is None:
+        return None
+    rows: list[tuple[str, dict[str, Any]]] = []
+    for y, against in table.groupby("y", sort=False):
+        rows.append((f"against {_title(data, y)}:", {}))
+        rows += [(_row_name(data, row), row) for row in against.to_dict("records")]
+    size = style.WIDTH, 0.19 * len(rows) + 0.8
+    with style.figure_of(1, 1, size) as (figure, axes):
+        axis, margin = axes[0, 0], data.declared.margins.success
+        axis.axvspan(-margin, margin, color="0.92", lw=0)
+        axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
+        for y, (_, row) in enumerate(rows):
+            if row:
+                decided = row["success_verdict"]
+                faded = {"color": "0.6", "mfc": "white"} if decided in OPEN else {}
+                _draw_estimate(axis, y, row, "success_difference", _look(data, row["x"]) | faded)
+                place = {"va": "center", "transform": axis.get_yaxis_transform()}
+                axis.text(1.02, y, decided, fontsize="small", **place)
+        style.name_rows(axis, [name for name, _ in rows])
+        axis.tick_params(axis="y", labelsize="small")
+        figure.supxlabel("difference in success; to the right, x is better", fontsize="small")
+    return figure
+
+
+def draw_curves(data: Data) -> Figure:
+    """Mean success during training; shades: 95 % intervals."""
+    shown = data.declared.curves or _drawn(data)
+    table = data.tables["curves"]
+    panels = [*table[table["learner"].isin(shown)].groupby("scenario", sort=False)]
+    n_columns = min(len(panels), _COLUMNS)
+    n_rows = ceil(len(panels) / n_columns)
+    with style.figure_of(n_rows, n_columns, (style.WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
+        for axis, (scenario, rows) in zip(axes.flat, panels, strict=False):
+            ends = {}
+            for learner, curve in rows.groupby("learner", sort=False):
+                look, step = _look(data, learner), curve["step"]
+                axis.plot(step, curve["success"], **look, ms=4, markevery=0.2)
+                shade = {"color": look["color"], "alpha": 0.12, "lw": 0}
+                axis.fill_between(step, curve["success_low"], curve["success_high"], **shade)
+                ends[_title(data, learner)] = curve["success"].iloc[-1], look
+            axis.set_title(scenario, fontsize="small")
+            axis.set(xlim=(0, rows["step"].max()), ylim=(-0.03, 1.03))
+            axis.xaxis.set_major_formatter(EngFormatter(sep=""))
+        style.name_lines(axis, ends)
+        figure.supxlabel("environment step", fontsize="medium")
+        figure.supylabel("success", fontsize="medium")
+    return figure
+
+
+def draw_rliable(data: Data) -> Figure | None:
+    """Aggregates over runs and scenarios, and the probability of improving on the first baseline.
+
+    Bars are 95 % intervals of a bootstrap within scenarios.
+    """
+    table = data.tables.get("rliable")
+    if table is None:
+        return None
+    table = table[table["learner"].isin(_drawn(data))]
+    measures = [name for name in _MEASURES if name in table]
+    names = [_title(data, name) for name in table["learner"].unique()]
+    with style.figure_of(2, len(measures), (style.WIDTH, 0.6 * len(names) + 2)) as (figure, axes):
+        panels = product(ENDPOINTS, measures)
+        for i, (axis, (endpoint, measure)) in enumerate(zip(axes.flat, panels, strict=True)):
+            rows = table[table["endpoint"] == endpoint].to_dict("records")
+            for y, row in enumerate(rows):
+                _draw_estimate(axis, y, row, measure, _look(data, row["learner"]))
+            style.name_rows(axis, [""] * len(names) if i % len(measures) else names)
+            axis.set_title(_MEASURES[measure] + "\n" + endpoint, fontsize="small")
+    return figure
+
+
+def _draw_estimate(axis: Axes, y: int, row: Mapping[str, Any], name: str, look: Any) -> None:
+    """Draws a number of a row and its interval at a height."""
+    axis.plot([row[f"{name}_low"], row[f"{name}_high"]], [y, y], color=look["color"], lw=2)
+    axis.plot(row[name], y, **look | {"ls": ""})
+
+
+def _drawn(data: Data) -> set[str]:
+    """The baselines and what is compared with them, or else all that are compared, or all."""
+    asked = data.declared
+    named = {*asked.baseline, *(x for x, y in asked.contrasts if y in asked.baseline)}
+    return named or {*chain(*asked.contrasts)} or {*data.experiment.learners}
+
+
+def _look(data: Data, learner: object) -> style.Look:
+    learners = data.experiment.learners
+    return style.look(learners[str(learner)], learners.values())
+
+
+def _title(data: Data, learner: object) -> str:
+    return data.experiment.learners[str(learner)].title
+
+
+def _row_name(data: Data, row: Mapping[str, Any]) -> str:
+    """Returns what is compared in a row, its scenario, and whether it was declared later."""
+    later = "declared later" if row.get("declared") == "later" else ""
+    return ", ".join(filter(None, [_title(data, row["x"]), row["scenario"], later]))
+
+
+# The text
+
+
+def headline(data: Data) -> str:
+    """Says which verdicts on success there are, and on which learners."""
+    table, declared, experiment = data.tables.get("contrasts"), data.declared, data.experiment
+    if table is None:
+        return "No contrasts were declared, so there are no verdicts."
+    counts = table["success_verdict"].value_counts(sort=False)
+    found = ", ".join(f"*{decided}* ({n})" for decided, n in counts.items())
+    is_mean = declared.pool == "scenarios" and len(experiment.scenarios) > 1
+    lines = [
+        f"After {data.runs['budget'].iloc[0]:,} steps of training, verdicts on success in "
+        f"{'the mean over ' if is_mean else ''}{listed(experiment.scenarios)} are {found}. The "
+        f"margin is {declared.margins.success}, the level 5 %, and every learner has at least "
+        f"{table['n'].min()} runs in each scenario.",
+        "",
+    ]
+    for decided, rows in table.groupby("success_verdict", sort=False):
+        if decided in OPEN and len(rows) > _MOST_NAMED:
+            lines.append(f"- *{decided}*: {len(rows)} contrasts, see contrasts.csv")
+        else:
+            lines += [f"- {_sentence(data, row)}" for row in rows.to_dict("records")]
+    return "\n".join(lines)
+
+
+def _sentence(data: Data, row: Mapping[str, Any]) -> str:
+    """Says what the verdict on a pair of learners is, and what else differs between them."""
+    decided, apart = row["success_verdict"], row["success_except"]
+    details = [f"{row['success_x']:.2f} against {row['success_y']:.2f}", row["differs"]]
+    if apart:
+        details.append(f"{'contradicted' if decided == 'mixed' else 'not shown'} in {apart} alone")
+    names = f"{_row_name(data, row)}, against {_title(data, row['y'])}"
+    return f"{names}: *{decided}* ({'; '.join(filter(None, details))})"
+
+
+def reading(data: Data) -> str:
+    """Says how the tables are made."""
+    declared, horizon = data.declared, data.experiment.declared.horizon
+    margins, level = declared.margins, ""
+    if "rliable" in data.tables:
+        level = f" ({data.tables['rliable']['giving_up'].max():.2f} here)"
+    unit = "the mean over scenarios" if declared.pool == "scenarios" else "the mean in one scenario"
+    return f"""\
+*Success* is the exact probability that an episode of at most {horizon} steps ends with a correct
+PING, by the policy after training that the tables name. The *score* is the return by the grid's
+rewards, with 0 for the random policy and 1 for the optimal one, clipped to [0, 1] in every run. An
+agent that gives up at once, with nothing but wrong PINGs, can score well above 0{level}.
+
+A contrast compares x with y by {unit}. Margins, which are too small to matter, are
+{margins.success} of success and {margins.score} of the score. The verdict on x is
+
+- *better* or *worse* if a two-sided test shows a difference, and it is at least the margin;
+- *slightly better* or *slightly worse* if it is shown, but smaller than the margin;
+- *within margin* if two one-sided tests show that the difference is smaller than the margin, with
+  *but better* or *but worse* if there is one nevertheless;
+- *mixed* instead if some scenario contradicts the verdict by the margin or more (`_except`);
+- *neither learned* if neither is shown to succeed more often than the random policy, and *ahead
+  without learning* if this holds for the one that is ahead;
+- *undecided* otherwise. With fewer than {FEWEST_RUNS} runs there is *no verdict*.
+
+Tests are at the 5 % level, with p-values adjusted by Holm's method over all contrasts, separately
+for success and score, for differences and for the margin, and for contrasts that were declared
+when results were known (`later`). Intervals are not adjusted. Verdicts hold for one look at the
+declared runs; adding runs and looking again raises the error. `differs` says what else differs
+between x and y, besides their algorithms and the values of settings."""
+
+
+TABLES: Final[dict[str, TableFunction]] = {
+    "contrasts": contrasts,
+    "summary": summary,
+    "aggregate": aggregate,
+    "rliable": rliable,
+    "curves": curves,
+    "cost": cost,
+}
+FIGURES: Final[dict[str, FigureFunction]] = {
+    "contrasts": draw_contrasts,
+    "curves": draw_curves,
+    "rliable": draw_rliable,
+}
+SHOWN: Final = {
+    "contrasts": "scenario x y success_verdict score_verdict success_except differs",
+    "aggregate": "learner policy runs success score",
+    "cost": "learner cpu_time_s updates parameters peak_memory_mb",
+}
+_MEASURES: Final = {
+    "iqm": "interquartile mean",
+    "median": "median",
+    "mean": "mean",
+    "optimality_gap": "optimality gap",
+    "p_improvement": "improvement",
+}
+COLUMNS: Final = {
+    "cpu_time_s": "CPU seconds of training, median over runs",
+    "declared": "`later` if results were known when the contrast was declared",
+    "differs": "what differs between x and y besides algorithms and values of settings",
+    "endpoint": "what is aggregated: success, or the score",
+    "except": "scenarios that contradict the verdict, or in which it is not shown separately",
+    "giving_up": "score of an agent that gives up at once: it does nothing but PING",
+    "greedy_success": "success of the greedy policy, whichever policy counts",
+    "iqm": "interquartile mean over all runs and scenarios",
+    "margin": "difference that is too small to matter",
+    "mean": "mean over all runs and scenarios",
+    "median": "median over scenarios of the mean over runs",
+    "n": "runs in each scenario; of a contrast, of the learner with fewer",
+    "optimality_gap": "by how much the endpoint falls short of 1, on average",
+    "p_different": "p-value of no difference, adjusted",
+    "p_equivalent": "p-value of a difference of at least the margin, adjusted",
+    "p_improvement": "probability that a run does better than one of the first baseline, however "
+    "little, mean over scenarios; a tie counts half",
+    "p_random": "p-value of succeeding no more often than the random policy, adjusted",
+    "parameters": "learned parameters, median over runs",
+    "peak_memory_mb": "peak memory of the process in MB, median over runs",
+    "policy": "the evaluated policy, greedy or stochastic",
+    "random_success": "success of the random policy, exact",
+    "runs": "runs over all scenarios",
+    "steps": "expected steps of an episode after training",
+    "training_wrong_pings": "wrong PINGs per 1,000 steps of the whole training",
+    "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
+    "updates": "updates of a table, or gradient steps of a net, median over runs",
+    "verdict": "verdict on x, see above",
+    "wrong_pings": "expected wrong PINGs of an episode after training",
+}
