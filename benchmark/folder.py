@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-from benchmark.execution.machine import lock
+from benchmark.store import lock
 from envs import InputError
 from envs.inputs import check_all
 

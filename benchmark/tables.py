@@ -11,9 +11,9 @@ import csv
 import gzip
 import io
 import json
-import subprocess
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -21,15 +21,26 @@ import numpy as np
 import pandas as pd
 
 from benchmark.experiment import Experiment, Population, load_experiment
-from benchmark.folder import MANIFEST, digests
+from benchmark.folder import (
+    MANIFEST,
+    REPOSITORY,
+    Folder,
+    alone,
+    committed,
+    csv_text,
+    digests,
+    replaced,
+    sealed,
+)  # fmt: skip
 from benchmark.records import Array, Records, load_records, random_success
-from benchmark.sealed import sealed, unsealed
 from benchmark.specification import RunSpecification, solved
 from benchmark.store import Store, evaluated
 from envs import ZONES, InputError
+from envs.inputs import shortened, whole_number
 
 RUNS: Final = "runs.csv.gz"
 CURVES: Final = "curves.csv.gz"
+AGENTS: Final = "agents.json.gz"  # what the explorer shows, see `benchmark.explorer`
 KEYS: Final = ("scenario", "grid", "point", "reading", "trial", "learner")
 # Of one run, these differ between machines or whenever it is repeated.
 MEASURED: Final = (
@@ -63,9 +74,10 @@ _INTEGERS: Final = {
 }
 _IDENTITY: Final = ("seed", "run", "policy", "budget")
 _MAX_BYTES: Final = 3_000_000  # of a published file
-_REPOSITORY: Final = Path(__file__).parents[1]
-_RESULTS: Final = _REPOSITORY / "results"
+RESULTS: Final = REPOSITORY / "results"
+_AGAIN: Final = "run the experiment again, which makes them anew"
 _DIGITS: Final = 16  # of a digest
+MAX_SEEDS: Final = 1_000_000
 
 
 class Group(NamedTuple):
@@ -184,116 +196,81 @@ def _measured(records: Records) -> dict[str, Any]:
 # Files
 
 
-def publish(folder: Path, runs: pd.DataFrame, curves: pd.DataFrame) -> bool:
+def publish(
+    folder: Path,
+    runs: pd.DataFrame,
+    curves: pd.DataFrame,
+    agents: Callable[[Path], object] = lambda _: None,
+) -> bool:
     """Writes the tables into a folder of results, and their digests into its manifest.
 
-    A file stays as it is if only measured columns would change, so that repeated runs change nothing.
-    Returns whether both are as in the last commit.
+    A file stays as it is if only measured columns would change, so repeated runs change nothing.
+    `agents` writes the explorer's file, or none. Returns whether all are as in the last commit.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    is_identical = True
-    for name, frame in ((RUNS, runs), (CURVES, curves)):
-        made, committed = packed(frame), _committed(folder.name, name)
-        is_identical &= committed is not None and _is_same(made, committed)
-        there = (folder / name).read_bytes() if (folder / name).is_file() else None
-        for kept in (committed if folder.resolve().parent == _RESULTS else None, there):
-            if kept is not None and _is_same(made, kept):
-                made = kept
-                break
-        if len(made) > _MAX_BYTES:
-            text = f"{folder / name} has {len(made) / 1e6:.1f} MB; published are at most 3 MB"
-            print(f"{text}.", file=sys.stderr)
-        if made != there:
-            aside = folder / f".{name}.making"
-            aside.write_bytes(made)
-            aside.replace(folder / name)
-    _list(folder)
-    return is_identical
+    with alone(folder.parent), replaced(folder) as made:
+        for name, frame in ((RUNS, runs), (CURVES, curves)):
+            packed = gzip.compress(csv_text(frame).encode(), mtime=0)
+            (made / name).write_bytes(packed)
+            if len(packed) > _MAX_BYTES:
+                text = f"{folder / name} has {len(packed) / 1e6:.1f} MB"
+                print(f"{text}; published are files of at most 3 MB.", file=sys.stderr)
+        agents(made / AGENTS)
+        is_published = all([_keep(path, folder) for path in made.iterdir()])
+        manifest = Folder(folder).manifest if (folder / MANIFEST).is_file() else {"files": {}}
+        files = manifest["files"] | digests(made)
+        (made / MANIFEST).write_text(sealed({**manifest, "files": files}), encoding="utf-8")
+    return is_published
 
 
-def packed(frame: pd.DataFrame) -> bytes:
-    """Returns a table as compressed CSV, with six significant digits; the same whenever it is made."""
-    floats = frame.select_dtypes("float")
-    clean = frame.assign(**floats.where(floats.abs() > 1e-12, floats * 0))  # zero but for rounding
-    text = clean.to_csv(index=False, lineterminator="\n", float_format=_number)
-    return gzip.compress(text.encode(), mtime=0)
+def _keep(made: Path, folder: Path) -> bool:
+    """Replaces a file by the one in a folder, or the published one, if that has the same content.
 
-
-def _number(value: float) -> str:
-    """Returns a float as a text that is read as a float.
-
-    >>> [_number(value) for value in (1.0, 1e-7, 2 / 3, 1234567.0, float("inf"))]
-    ['1.0', '1e-07', '0.666667', '1.23457e+06', 'inf']
+    Other versions of zlib make other files. Returns whether the published one has it.
     """
-    text = f"{value:.6g}"
-    return f"{text}.0" if text.lstrip("-").isdecimal() else text
+    published, there = committed(folder.name, made.name), folder / made.name
+    is_ours = folder.parent.resolve() == RESULTS
+    is_same = published is not None and _unmeasured(published) == _unmeasured(made.read_bytes())
+    if is_ours and is_same and published is not None:
+        made.write_bytes(published)
+    elif there.is_file() and _unmeasured(there.read_bytes()) == _unmeasured(made.read_bytes()):
+        made.write_bytes(there.read_bytes())
+    return is_same
 
 
-def _is_same(made: bytes, other: bytes) -> bool:
-    """Returns whether two compressed tables differ in measured columns alone."""
+def _unmeasured(packed: bytes) -> list[list[str]] | bytes:
+    """Returns the cells of a compressed table but measured ones, or its content if it has none."""
     try:
-        first, second = (
-            _unmeasured(gzip.decompress(content).decode()) for content in (made, other)
-        )
-    except (OSError, EOFError, ValueError):
-        return False
-    return first == second
-
-
-def _unmeasured(text: str) -> list[list[str]]:
-    names, *rows = csv.reader(io.StringIO(text))
-    kept = [i for i, name in enumerate(names) if name not in MEASURED]
-    return [[row[i] for i in kept] for row in [names, *rows]]
-
-
-def _committed(name: str, file: str) -> bytes | None:
-    """Returns a file of the last commit's results; None if there is no such file."""
-    git = ["git", "-C", str(_REPOSITORY), "show", f"HEAD:results/{name}/{file}"]
-    try:
-        return subprocess.run(git, check=True, capture_output=True).stdout
-    except (OSError, subprocess.CalledProcessError):
-        return None
-
-
-def _list(folder: Path) -> None:
-    """Writes the digests of the tables into the folder's manifest."""
-    path, content = folder / MANIFEST, dict[str, Any]()
-    if path.is_file():
-        try:
-            content = unsealed(path.read_bytes())
-        except (OSError, ValueError):
-            content = {}
-    now = {name: digest for name, digest in digests(folder).items() if name in (RUNS, CURVES)}
-    listed = content.get("files", {}) | now
-    if content.get("files") != listed:
-        path.write_text(sealed(content | {"files": listed}, indent=2), encoding="utf-8")
+        content = gzip.decompress(packed)
+    except (OSError, EOFError, zlib.error):
+        return packed
+    names, _, _ = content.partition(b"\n")
+    if not {*names.decode(errors="replace").split(",")} & {*MEASURED}:
+        return content
+    rows = [*csv.reader(io.StringIO(content.decode()))]
+    kept = [i for i, name in enumerate(rows[0]) if name not in MEASURED]
+    return [[row[i] for i in kept] for row in rows]
 
 
 def read(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Reads the tables; an InputError says if they are missing, damaged or something else."""
-    runs, curves = _read(folder, RUNS), _read(folder, CURVES)
+    runs, curves = read_table(folder, RUNS), read_table(folder, CURVES)
     names = [name for name in (*KEYS, "seed") if name in curves]
     if not curves[names].drop_duplicates().reset_index(drop=True).equals(runs[names]):
         raise InputError(f"{folder}: {RUNS} and {CURVES} are about other runs; {_AGAIN}.")
     return runs, curves
 
 
-_AGAIN: Final = "run the experiment again, which makes them anew"
-
-
-def _read(folder: Path, name: str) -> pd.DataFrame:
+def read_table(folder: Path, name: str) -> pd.DataFrame:
+    """Reads one of the tables, see `read`."""
     path = folder / name
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{path}: there are no runs yet; run the experiment first.")
+    packed = Folder(folder).content(name)
     try:
-        listed = unsealed((folder / MANIFEST).read_bytes())["files"]
-        if digests(folder)[name] != listed[name]:
-            raise ValueError(f"{MANIFEST} lists another digest")
-        frame = pd.read_csv(path, dtype=str, keep_default_na=False)
-        return _typed(frame, name)
-    except Exception as error:  # of whatever kind: files can come from anywhere
-        fault = f"{error} is missing" if isinstance(error, KeyError) else error
-        raise InputError(f"{path}: damaged, or not a table of runs ({fault}); {_AGAIN}.") from error
+        text = gzip.decompress(packed).decode()
+        return _typed(pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False), name)
+    except (OSError, EOFError, zlib.error, ValueError) as error:
+        raise InputError(f"{path}: not a table of runs ({error}); {_AGAIN}.") from error
 
 
 def _typed(texts: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -351,6 +328,36 @@ def check_declared(
         )
 
 
+# Other seeds
+
+
+def parse_seeds(text: str | None) -> range | None:
+    """Returns the seeds that `--seeds` names; None if the option is not given.
+
+    >>> list(parse_seeds("7-9"))
+    [7, 8, 9]
+    """
+    if text is None:
+        return None
+    first, dash, last = text.partition("-")
+    try:
+        low = whole_number(first, "--seeds", 0, MAX_SEEDS - 1)
+        high = whole_number(last, "--seeds", low, MAX_SEEDS - 1) if dash else low
+    except InputError:
+        accepted = "A-B with A at most B, as in 0-29, or one seed, as in 7; seeds below"
+        found = f"--seeds {shortened(text)}"
+        raise InputError(f"{found}: accepted: {accepted} {MAX_SEEDS:,}.") from None
+    return range(low, high + 1)
+
+
+def folder_name(experiment: Experiment, seeds: range | None) -> str:
+    """Returns the name of a folder of results; other seeds than the declared ones have their own."""
+    if all(each.taken(seeds) == each.seeds for each in experiment.populations) or seeds is None:
+        return experiment.name
+    ends = dict.fromkeys((seeds[0], seeds[-1]))
+    return f"{experiment.name}_seeds_{'-'.join(map(str, ends))}"
+
+
 # For an analysis of one's own
 
 
@@ -382,7 +389,7 @@ def _published(
     experiment: str | Path, results: str | Path | None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     declared = load_experiment(experiment)
-    folders = [Path("results"), _RESULTS] if results is None else [Path(results)]
+    folders = [Path("results"), RESULTS] if results is None else [Path(results)]
     there = [path / declared.name for path in folders if (path / declared.name / RUNS).exists()]
     found = read((there or [folders[0] / declared.name])[0])
     check_declared(declared, found[0])

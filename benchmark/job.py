@@ -1,0 +1,221 @@
+"""Jobs: runs that are trained together where the work is done, evaluated, and made into records.
+
+Runs of a job differ by their seed alone. Training together equals training alone, so how runs fall into
+jobs changes no result.
+"""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import fields, replace
+from datetime import UTC, datetime, timedelta
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents import Schedule, Training, check_training, load_algorithm
+from agents.dynamic_programming import Evaluation, evaluate
+from agents.policy import mask_policy, uniform_policy
+from benchmark.provenance import peak_memory_mb, provenance, reset_peak_memory
+from benchmark.specification import RunSpecification, given_up, solved
+from benchmark.store import VALUE_DECIMALS, Arrays, Record, evaluated
+from envs import InputError, Model
+from envs.observations import compile_seen
+from envs.packages import contained
+
+Job = list[RunSpecification]
+Floats = NDArray[np.float64]
+
+# Of a job with several runs: budget units, since an interrupt waits for jobs in threads, and bytes.
+MAX_JOB_WORK: Final = 10_000_000
+MAX_JOB_SIZE: Final = 250_000_000
+EXPLORED: Final = 0.05  # probability of a random action, for learners without a stochastic policy
+# Fields of `Training` that exports need, also of runs that record only curves.
+POLICY: Final = ("greedy", "q", "stochastic")
+_CURVE: Final = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
+
+
+def plan(runs: Sequence[RunSpecification]) -> list[Job]:
+    """Splits runs, none of which comes twice, into jobs, in the order of the first run of each."""
+    populations: dict[str, Job] = {}
+    for run in runs:
+        populations.setdefault(run.population, []).append(run)
+    index = {run.digest: i for i, run in enumerate(runs)}
+    jobs = []
+    for population in populations.values():
+        first = population[0]
+        limit = min(MAX_JOB_WORK // first.settings.budget, MAX_JOB_SIZE // first.record_size)
+        size = max(1, min(load_algorithm(first.algorithm).batch_size, limit))
+        jobs += [population[i : i + size] for i in range(0, len(population), size)]
+    return sorted(jobs, key=lambda job: index[job[0].digest])
+
+
+def execute_job(job: Job) -> list[Record]:
+    """Trains the runs of a job, evaluates their policies exactly, and returns their records in order.
+
+    If training raises an exception, all of them have failed.
+    """
+    started = time.perf_counter()
+    reset_peak_memory()
+    try:
+        if replace(job[0]).digest != job[0].digest:
+            raise InputError("a module that the run depends on has changed; run it again.")
+        train = _trained if job[0].solved is None else _trained_until_solved
+        columns = contained()(train)(job)
+    except Exception as exception:
+        return failures(job, exception, started)
+    made = (
+        provenance(job[0].algorithm) | _times(job, started) | {"peak_memory_mb": peak_memory_mb()}
+    )
+    # CPU time is measured, so it is no result: arrays are the same whenever a run is repeated.
+    cpu_time_s = columns.pop("cpu_time_s")
+    return [
+        Record(
+            digest=run.digest,
+            specification=run.content,
+            status="done" if columns["diverged_at"][i] < 0 else "diverged",
+            provenance=made | {"cpu_time_s": cpu_time_s[i].tolist()},
+            arrays={name: values[i] for name, values in columns.items()},
+        )
+        for i, run in enumerate(job)
+    ]
+
+
+def failures(job: Job, error: BaseException, started: float) -> list[Record]:
+    """Returns the records of a job that has failed now; it was `started` at that `perf_counter`."""
+    made = _times(job, started) | {"peak_memory_mb": None, "cpu_time_s": []}
+    with suppress(InputError):  # an algorithm that cannot be imported here has no versions
+        made |= provenance(job[0].algorithm)
+    message = f"{type(error).__name__}: {error}"
+    return [Record(run.digest, run.content, "failed", made, {}, message) for run in job]
+
+
+def _times(job: Job, started: float) -> dict[str, object]:
+    seconds = time.perf_counter() - started
+    started_at = (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds")
+    return {"started_at": started_at, "wall_time_s": seconds / len(job)}
+
+
+def _train(job: Job, model: Model, schedule: Schedule) -> Training:
+    first, seeds = job[0], [run.seed_sequence for run in job]
+    algorithm = load_algorithm(first.algorithm)
+    training = algorithm.train(model, first.settings, first.observation, seeds, schedule)
+    check_training(training, model, len(job), schedule)
+    return training
+
+
+# Runs that are trained to their budget
+
+
+def _trained(job: Job) -> dict[str, NDArray[Any]]:
+    """Trains N runs; returns what their records hold, (N, ...) each, see `Record`."""
+    first = job[0]
+    model = compile_seen(first.scenario, first.observation)
+    training = _train(job, model, first.schedule)
+    columns: dict[str, NDArray[Any]] = {
+        field.name: getattr(training, field.name) for field in fields(training)
+    }
+    columns |= _greedy_results(training.greedy, model, first.horizon)
+    stochastic = evaluate(model, training.stochastic, first.horizon)
+    for name in (field.name for field in fields(Evaluation)):
+        columns[evaluated(name, "stochastic")] = getattr(stochastic, name)
+    values = np.round(columns["values"].astype(np.float64), VALUE_DECIMALS)
+    last = {"values": values.astype(np.float32), "stochastic": columns["stochastic"][:, -1:]}
+    return columns | last
+
+
+def _greedy_results(greedy: NDArray[np.uint8], model: Model, horizon: int) -> Arrays:
+    """Evaluates greedy policies, (N, T, O); equal ones, as all are before the first step, once."""
+    flat, shape = greedy.reshape(-1, model.n_observations), greedy.shape[:2]
+    masks, where = np.unique(flat, axis=0, return_inverse=True)
+    found = evaluate(model, mask_policy(masks), horizon)
+    results = {}
+    for name in (field.name for field in fields(Evaluation)):
+        values = getattr(found, name)[where.ravel()]
+        results[evaluated(name, "greedy")] = values.reshape(*shape, *values.shape[1:])
+    return results
+
+
+# Runs that are measured until they have solved their scenario
+
+
+def _trained_until_solved(job: Job) -> dict[str, NDArray[Any]]:
+    """Trains N runs, each in its own scenario; returns their curves, (N, ...) each."""
+    curves = [_until_solved(run) for run in job]
+    return {name: np.concatenate([columns[name] for columns in curves]) for name in curves[0]}
+
+
+def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
+    """Trains a run until it has solved its scenario or is given up, see `Solved`.
+
+    Returns its curves, (1, ...). After the point at which that is certain, a curve repeats its value.
+    If the run is trained to its budget, because its algorithm cannot end early or there are unseen
+    places, the last point is that of the last policy, unless the run is given up. `unseen_success`,
+    (1, 2, 2), is success in unseen places: when learned or given up and at the budget, by the greedy
+    and the stochastic policy.
+    """
+    assert run.solved is not None
+    which = int(run.solved["policy"] == "stochastic")
+    model = compile_seen(run.drawn_scenario, run.observation)
+    success_of, so_far = _success(model, run.horizon), list[float]()
+
+    def may_end(_: int, table: Floats) -> bool:
+        greedy = (1 << table.argmax(axis=1)).astype(np.uint8)
+        so_far.append(success_of(table if which else mask_policy(greedy)))
+        return _is_over(run, so_far)[0]
+
+    schedule, n_steps = run.schedule, len(run.schedule.evaluation_steps)
+    if not (has_unseen := len(model.unseen_starts) > 0):
+        schedule = replace(schedule, may_end=may_end)
+    training = _train([run], model, schedule)
+    if which and not training.stochastic.shape[1]:
+        raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
+    curve: list[float] = []
+    is_over = is_given_up = False
+    while len(curve) < n_steps and not is_over:
+        curve.append(success_of(_policies(training, model, len(curve))[which]))
+        is_over, is_given_up = _is_over(run, curve)
+    learned = len(curve) - 1
+    curve += [curve[-1]] * (n_steps - len(curve))
+    if is_given_up:
+        training.disagreements[:, learned:] = training.disagreements[:, [learned]]
+    else:
+        curve[-1] = success_of(_policies(training, model, -1)[which])
+    unseen = np.empty((1, 0, 2))
+    if has_unseen:
+        scored = [*_policies(training, model, learned), *_policies(training, model, -1)]
+        found = evaluate(model, np.stack(scored), run.horizon, "unseen")
+        unseen = found.success.reshape(1, 2, 2)
+    names = (*_CURVE, *(POLICY if run.keep else ()))
+    columns = {name: getattr(training, name) for name in names}
+    return columns | {"success": np.array([curve]), "unseen_success": unseen}
+
+
+def _success(model: Model, horizon: int) -> Callable[[Floats], float]:
+    """Returns a function that returns the exact success of a policy; it evaluates none twice."""
+    found: dict[bytes, float] = {}
+
+    def success_of(policy: Floats) -> float:
+        if (key := policy.tobytes()) not in found:
+            found[key] = float(evaluate(model, policy, horizon).success)
+        return found[key]
+
+    return success_of
+
+
+def _is_over(run: RunSpecification, curve: Sequence[float]) -> tuple[bool, bool]:
+    """Returns whether a run has surely learned or is given up, and whether it is given up."""
+    assert run.solved is not None
+    steps, level = run.schedule.evaluation_steps, float(run.solved["success"])
+    is_given_up = given_up(curve, steps, level, float(run.solved.get("given_up_after") or math.inf))
+    return solved(curve, steps, level)[1] or is_given_up, is_given_up
+
+
+def _policies(training: Training, model: Model, i: int) -> tuple[Floats, Floats]:
+    """Returns the greedy and the stochastic policy of the only agent at an evaluation."""
+    greedy = mask_policy(training.greedy[0, i])
+    if training.stochastic.shape[1]:
+        return greedy, training.stochastic[0, i]
+    return greedy, (1 - EXPLORED) * greedy + EXPLORED * uniform_policy(model)

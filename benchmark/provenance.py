@@ -1,0 +1,121 @@
+"""What a record says about the code and the machine that made it, collected where it is made."""
+
+import hashlib
+import os
+import platform
+import subprocess
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+import llvmlite.binding
+import numpy as np
+
+from agents import load_algorithm
+from envs.packages import missing_package
+from envs.sources import digest_when_loaded
+
+_PACKAGES: Final = (
+    "gymnasium", "llvmlite", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn",
+)  # fmt: skip
+_FEATURES: Final = ("avx", "avx2", "fma", "avx512f")
+_ROOT: Final = Path(__file__).parents[1]
+_FOLDERS: Final = ("agents", "benchmark", "envs")
+_SHOWN: Final = 12  # digits of a digest in a message
+
+
+@cache
+def provenance(algorithm: str) -> dict[str, object]:
+    """Returns the commit, the machine, and the versions that a run of an algorithm depends on."""
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    where = {"commit": commit(_ROOT), "machine": machine, "processor": processor()}
+    return where | {"versions": versions(algorithm)}
+
+
+@cache
+def processor() -> str:
+    """Returns what the bits of some libraries depend on: processor, instructions, and BLAS."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        model = text.split("model name")[1].split("\n")[0].strip("\t :")
+    except (OSError, IndexError):
+        model = platform.processor()
+    available = llvmlite.binding.get_host_cpu_features()
+    features = " ".join(name for name in _FEATURES if available.get(name))
+    build: Any = np.show_config(mode="dicts")
+    blas = build["Build Dependencies"]["blas"]
+    kind = f"{llvmlite.binding.get_host_cpu_name()}: {features}"
+    return f"{model} ({kind}); BLAS {blas['name']} {blas.get('version', '')}"
+
+
+def versions(algorithm: str) -> dict[str, str]:
+    """Returns the versions of Python and of packages that runs depend on.
+
+    Raises an InputError if a package is missing.
+    """
+    installed = {"python": platform.python_version()}
+    for package in (*_PACKAGES, *load_algorithm(algorithm).packages):
+        try:
+            installed[package] = version(package)
+        except PackageNotFoundError:
+            raise missing_package(algorithm, package) from None
+    return installed
+
+
+@cache
+def environment(algorithm: str) -> dict[str, str]:
+    """Returns what must be the same on all machines that run an algorithm: versions and code."""
+    same = versions(algorithm) | {"project code": digest_of_code()[:_SHOWN]}
+    if ":" in algorithm:
+        digest = digest_when_loaded(algorithm.partition(":")[0])
+        same[f"code of {algorithm}"] = digest[:_SHOWN]
+    return same
+
+
+@cache
+def digest_of_code() -> str:
+    """Returns the digest of this project's sources."""
+    digest = hashlib.sha256()
+    for path in sorted(path for name in _FOLDERS for path in (_ROOT / name).rglob("*")):
+        if path.suffix in (".py", ".toml"):
+            digest.update(f"{path.name}\0".encode() + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def commit(root: Path) -> str | None:
+    """Returns the commit of the repository that tracks this code, if one does.
+
+    It ends in `-changed` if the code differs. A copy that is installed inside another repository has
+    none.
+    """
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(root), *arguments]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", "--", "benchmark/__init__.py")
+        head = git("rev-parse", "--short=12", "HEAD")
+        return head + ("-changed" if git("status", "--porcelain", "--", *_FOLDERS) else "")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def reset_peak_memory() -> None:
+    """Starts measuring this process's peak memory anew, where the system can: Linux."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def peak_memory_mb() -> float | None:
+    """Returns the most memory, in MB, that this process has used since `reset_peak_memory`.
+
+    None if the system does not say. `ru_maxrss` would include the parent's peak: on Linux, it
+    survives `fork` and `exec`.
+    """
+    with suppress(OSError):
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+        return int(status.split("VmHWM:")[1].split()[0]) / 1024
+    return None

@@ -1,0 +1,230 @@
+"""The command `run`: trains the missing runs of an experiment, stores and publishes them."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
+
+from agents import load_algorithm
+from benchmark import explorer
+from benchmark.executors import EXECUTORS, Executor, usable_cores
+from benchmark.experiment import Experiment, interleaved, load_experiment
+from benchmark.job import Job, failures, plan
+from benchmark.progress import Display, Forecast
+from benchmark.provenance import versions
+from benchmark.records import check_scores
+from benchmark.specification import RunSpecification
+from benchmark.store import Record, Store
+from benchmark.tables import Group, folder_name, parse_seeds, publish, tables
+from envs import InputError
+from envs.inputs import check_all, whole_number
+from envs.packages import needed_by
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    parse_jobs(options.jobs)
+    experiment = load_experiment(options.experiment, smoke=options.smoke)
+    seeds, groups = parse_seeds(options.seeds), list[Group]()
+    check_scores(population.first for population in experiment.populations)
+    if options.log is not None:
+        _check_log(options)
+    with Store(options.results / "runs.db") as store:
+        for stage in stages(experiment, store, seeds):
+            if code := _train(experiment.name, _logged(stage, options.log), store, options):
+                return code
+            groups += stage
+            if options.log is not None:
+                _log_curves(stage, store, options.log)
+        folder = options.results / folder_name(experiment, seeds)
+        agents = partial(explorer.write, experiment, store, seeds=seeds)
+        is_published = publish(folder, *tables(groups, store), agents)
+    same = ", identical to the published ones" if is_published else ""
+    print(f"{experiment.name}: the tables of all runs are in {folder}{same}.")
+    if not options.report:
+        return 0
+    code: int = import_module("benchmark.report").main(options)
+    return code
+
+
+def parse_jobs(jobs: str | None) -> int:
+    """Returns the number that `--jobs` gives, by default that of usable cores."""
+    return usable_cores() if jobs is None else whole_number(jobs, "--jobs", 1, 1024)
+
+
+def stages(
+    experiment: Experiment, store: Store, seeds: Sequence[int] | None
+) -> Iterator[list[Group]]:
+    """Yields the runs of each stage, of which a search has two; those before must be stored."""
+    if experiment.declared.search is None:
+        yield [Group(each, each.runs(each.taken(seeds))) for each in experiment.populations]
+    elif seeds is None:
+        yield from import_module("benchmark.search").stages(experiment, store)
+    else:
+        raise InputError(f"{experiment.name}: --seeds: a search uses only its declared seeds.")
+
+
+def _train(name: str, runs: list[RunSpecification], store: Store, options: Any) -> int:
+    """Trains missing runs when no other command trains; returns the exit code."""
+    if n_damaged := store.discard_damaged(run.digest for run in runs):
+        print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
+    with ExitStack() as stack:
+        if pending(runs, store):
+            stack.enter_context(store.alone())
+        todo = pending(runs, store)  # another command may have trained some meanwhile
+        n_done = len(runs) - len(todo)
+        if not todo:
+            print(f"{name}: all {n_done:,} runs are done already.")
+            return 0
+        n_jobs, n_workers, cluster = _workers(options, todo, stack)
+        jobs, published = plan(todo), options.results / Path(options.experiment).stem
+        forecast = Forecast(jobs, published, n_workers)
+        kept = "Ctrl-C keeps what is finished"
+        print(f"{name}: {len(todo):,} runs to train, {forecast} ({kept}).", file=sys.stderr)
+        with Display(name, jobs, forecast, n_done) as display:
+            errors = execute(todo, store, n_jobs, display.advance, cluster)
+    if errors:
+        failed = f"{len(errors)} runs failed; the same command tries them again"
+        print(f"error: {failed}. First error: {errors[0]}", file=sys.stderr)
+        return 1
+    n_diverged = [*store.statuses(run.digest for run in todo).values()].count("diverged")
+    which = f", {n_diverged} of them diverged" if n_diverged else ""
+    print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
+    return 0
+
+
+def _workers(
+    options: Any, runs: Sequence[RunSpecification], stack: ExitStack
+) -> tuple[int, int, Executor | None]:
+    """Returns how many jobs to submit at a time, how many run, and the cluster, if there is one."""
+    jobs = parse_jobs(options.jobs)
+    if options.cluster is None:
+        return jobs, min(jobs, usable_cores()), None
+    with needed_by("--cluster"):
+        from benchmark.cluster import Cluster
+    cluster = Cluster(options.cluster, {run.algorithm for run in runs})
+    stack.callback(cluster.cancel)
+    # A worker finds its next job waiting.
+    return jobs if options.jobs else 2 * cluster.workers, cluster.workers, cluster
+
+
+def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:
+    """Returns the runs that have no valid record."""
+    ended = store.ended()
+    return [run for run in runs if run.digest not in ended]
+
+
+def execute(
+    runs: Sequence[RunSpecification],
+    store: Store,
+    jobs: int,
+    on_progress: Callable[[list[str], int], None] = lambda *_: None,
+    executor: Executor | None = None,
+) -> list[str]:
+    """Executes the runs that have no valid record; returns the errors of those that failed.
+
+    Records are stored as they come. A failed run is stored with its error, and executed again next
+    time. On an interrupt, executors end what is running; the records of jobs that have finished by
+    then are stored. A missing package is an InputError.
+
+    Args:
+      runs: Any runs, none of them twice.
+      store: Where records are stored.
+      jobs: How many jobs are submitted at a time, by default to the executor of their placement.
+      on_progress: Gets the digests of the runs of every job that has ended, and how many failed.
+      executor: Gets all jobs instead. Executors are cancelled at the end.
+    """
+    todo = pending(runs, store)
+    # Missing packages are refused before any work.
+    check_all(*(partial(versions, name) for name in sorted({run.algorithm for run in todo})))
+    waiting = iter(plan(todo))
+    under_way: dict[Future[list[Record]], tuple[Job, float]] = {}  # with the time of submission
+    errors: list[str] = []
+
+    def keep(future: Future[list[Record]]) -> None:
+        records = _records(future, *under_way[future])
+        store.add(records)
+        failed = [record.error for record in records if record.error is not None]
+        errors.extend(failed)
+        on_progress([record.digest for record in records], len(failed))
+        del under_way[future]  # or its arrays would stay in memory
+
+    try:
+        with ExitStack() as stack:
+            executors = _executors(todo, jobs, executor, stack)
+            done: set[Future[list[Record]]] = set()
+            while True:
+                for job in islice(waiting, jobs - len(under_way) + len(done)):
+                    used = executors[load_algorithm(job[0].algorithm).placement]
+                    under_way[used.submit(job)] = job, time.perf_counter()
+                for future in done:
+                    keep(future)
+                if not under_way:
+                    return errors
+                done = wait(under_way, return_when=FIRST_COMPLETED).done
+    except KeyboardInterrupt:
+        for future in [*under_way]:
+            if future.done() and not future.cancelled() and future.exception() is None:
+                keep(future)
+        raise
+
+
+def _executors(
+    runs: Sequence[RunSpecification], jobs: int, executor: Executor | None, stack: ExitStack
+) -> dict[str, Executor]:
+    """Returns the executor of each placement, or a given one for all; the stack cancels them."""
+    executors = dict[str, Executor]()
+    for name in {load_algorithm(run.algorithm).placement for run in runs}:
+        executors[name] = executor or EXECUTORS[name](jobs)
+        stack.callback(executors[name].cancel)
+    return executors
+
+
+def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:
+    """Returns what an ended future has, or records of failure if its job was lost."""
+    try:
+        return future.result()
+    except Exception as error:
+        return failures(job, error, started)
+
+
+# Logs for TensorBoard
+
+
+def _check_log(options: Any) -> None:
+    """Refuses logs on a cluster, in an unwritable folder, and without Stable-Baselines3."""
+    if options.cluster is not None:
+        what = "not accepted with --cluster, whose workers may be on other machines"
+        raise InputError(f"--log: {what}.")
+    with needed_by("--log"):
+        import agents.sb3.training  # noqa: F401
+    options.log.mkdir(parents=True, exist_ok=True)
+    TemporaryFile(dir=options.log).close()
+
+
+def _logged(groups: Iterable[Group], folder: Path | None) -> list[RunSpecification]:
+    """Lists the runs of groups once, see `interleaved`, each with its own folder for logs."""
+    runs = interleaved([(group.population, group.runs) for group in groups])
+    if folder is None:
+        return runs
+    return [replace(run, log=str(folder.absolute() / run.folder)) for run in runs]
+
+
+def _log_curves(groups: Iterable[Group], store: Store, folder: Path) -> None:
+    """Logs the evaluations of each run, even if it was trained earlier."""
+    from agents.sb3.training import log_curve
+
+    for group in groups:
+        curves = tables([group], store)[1].set_index("step")
+        for run, (_, rows) in zip(group.runs, curves.groupby("seed", sort=False), strict=True):
+            values = rows.loc[:, "seed":].drop(columns="seed").add_prefix("eval/")
+            log_curve(str(folder / run.folder / "eval"), values.to_dict("index"))
