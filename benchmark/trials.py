@@ -18,7 +18,7 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from benchmark.sealed import sealed, unsealed
+from benchmark.folder import sealed, unsealed
 from envs import InputError
 from envs.inputs import Table, distinct, require
 
@@ -171,7 +171,7 @@ def chosen_file(path: Path) -> Path:
     return path.with_name(f"{path.stem}.chosen.json")
 
 
-def write_chosen(path: Path, choices: Choices) -> None:
+def write_choices(path: Path, choices: Choices) -> None:
     """Writes what the search in an experiment's file has chosen."""
     chosen_file(path).write_text(sealed(choices.model_dump(mode="json", exclude_defaults=True), 1))
 
