@@ -1,0 +1,507 @@
+"""What does tuning buy, and what does it cost?
+
+First, every trial of every learner runs in all scenarios. Then trial 0, which has the declared
+settings, and the finalists, which are the best trials of each part of the search, run again with
+fresh seeds. The best of these is the pick of its part, so mere luck is not enough; trial 0 is a
+candidate in the first part. The best pick is chosen. In each scenario, the trial that is best there
+runs again, too.
+
+Trials are compared by means over scenarios of a measure of each run: the area under its curve of
+success or, with `[solved]`, how early it has learned.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain, product
+from math import inf
+from pathlib import Path
+from typing import Annotated, Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+from pydantic import Field
+
+from benchmark.experiment import Experiment, Learner, digest_of_search
+from benchmark.folder import digests
+from benchmark.specification import solved
+from benchmark.statistics import ALPHA, Estimate, Means, combined, contrast, with_ends
+from benchmark.store import Store
+from benchmark.study import Data, Report
+from benchmark.style import WIDTH, figure_of, look, name_rows
+from benchmark.tables import Group
+from benchmark.tables import tables as tables_of
+from benchmark.trials import Choices, Chosen, Finalist, Search, trials, write_chosen
+from envs import InputError
+from envs.inputs import override
+from envs.words import listed
+
+_DIGITS: Final = 9  # means that differ less are equal: the order of sums must not decide
+_MAX_NAMES: Final = 8  # of learners in a sentence
+_MEASURES: Final = {"area": "mean success over training", "earliness": "mean earliness"}
+_ALL: Final = "all"  # stands for all scenarios
+
+
+class Declared(Report):
+    """The table `[report]` of a search."""
+
+    margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    """Smaller gains do not matter."""
+
+
+def check(experiment: Experiment, _: Declared) -> None:
+    """Refuses an experiment without a search."""
+    if experiment.declared.search is None:
+        raise InputError(
+            f"{experiment.argument}: it has no table [search], which this report needs."
+        )
+
+
+# What is found for each learner
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a search has found for a learner."""
+
+    learner: Learner
+    search: Search
+    first: pd.DataFrame
+    """Means of the first runs, (trials, scenarios)."""
+    fresh: pd.DataFrame
+    """Means of the runs with fresh seeds; of trials and scenarios without any, NaN."""
+
+    @property
+    def finalists(self) -> list[list[int]]:
+        """The best trials of every part by the first runs, the best one first."""
+        means, n = self.first.mean(axis=1), self.search.finalists
+        return [ranked(means[[*part]])[:n] for part in self.search.blocks]
+
+    @property
+    def picks(self) -> list[int]:
+        """The best trial of every part by fresh runs."""
+        means, (first, *others) = self.fresh.mean(axis=1), self.finalists
+        parts = [[*{0, *first}], *others]
+        return [ranked(means[part])[0] for part in parts]
+
+    @property
+    def best_by_scenario(self) -> dict[str, int]:
+        """The best trial of each scenario by the first runs."""
+        return {str(name): ranked(self.first[name])[0] for name in self.first}
+
+    def means(self, trials: Mapping[str, int] | int) -> Means:
+        """Returns the means of a trial, or of one in each scenario, with fresh seeds."""
+        names = [*self.first]
+        at = trials if isinstance(trials, Mapping) else dict.fromkeys(names, trials)
+        means = [float(self.fresh.loc[at[name], name]) for name in names]
+        return Means(means, [self.search.seeds] * len(names))
+
+
+def ranked(means: "pd.Series[float]") -> list[int]:
+    """Returns trials by their means, the largest first; of equal ones, the first trial.
+
+    >>> ranked(pd.Series({2: 0.3, 0: 0.1 + 0.2, 1: 0.5}))
+    [1, 0, 2]
+    """
+    ordered = means.round(_DIGITS).sort_index().sort_values(ascending=False, kind="stable")
+    return [int(trial) for trial in ordered.index]
+
+
+def measured(experiment: Experiment, curves: pd.DataFrame) -> pd.DataFrame:
+    """Returns a row per run: its `measure`, and `steps` until it has learned, inf if it never has.
+
+    What is reached only by the end of the budget counts as not learned.
+    """
+    declared, first = experiment.declared, experiment.populations[0].first
+    steps = curves["step"].unique().tolist()
+    success = curves["success"].to_numpy().reshape(-1, len(steps))
+    runs = curves[["trial", "scenario", "learner", "seed"]][:: len(steps)]
+    if declared.solved is None:
+        return runs.assign(measure=np.trapezoid(success, steps) / (steps[-1] - steps[0]))
+    start, budget, level = first.evaluation_every, steps[-1], declared.solved.success
+    found = [solved(curve, steps, level)[0] for curve in success.tolist()]
+    n_steps = np.maximum([*steps, budget], start)[found]
+    earliness = 1 - np.log(n_steps / start) / np.log(budget / start)
+    return runs.assign(measure=earliness, steps=np.where(n_steps < budget, n_steps, inf))
+
+
+def outcomes(experiment: Experiment, curves: pd.DataFrame) -> list[Outcome]:
+    """Returns what the search has found for every learner, by the curves of its runs."""
+    search, runs = experiment.declared.search, measured(experiment, curves)
+    is_fresh, names = runs["seed"].isin(search.fresh), [*experiment.scenarios]
+
+    def means(learner: str, stage: "pd.Series[bool]") -> pd.DataFrame:
+        own = runs[stage & (runs["learner"] == learner)]
+        return own.groupby(["trial", "scenario"])["measure"].mean().unstack().reindex(columns=names)
+
+    return [
+        Outcome(learner, search, means(name, ~is_fresh), means(name, is_fresh))
+        for name, learner in experiment.learners.items()
+    ]
+
+
+def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
+    """Yields the runs of both stages; the first must be stored before the second is asked for."""
+    search, names = experiment.declared.search, [*experiment.scenarios]
+    first = [Group(each, each.runs()) for each in experiment.populations]
+    yield first
+    curves = tables_of(first, store)[1]
+    # As published, so that the report finds the same
+    curves["success"] = curves["success"].map("{:.6g}".format).astype(float)
+    again = set[tuple[int, str, str]]()
+    for outcome in outcomes(experiment, curves):
+        everywhere = product([0, *chain(*outcome.finalists)], names)
+        best = outcome.best_by_scenario
+        pairs = {*everywhere, *((best[name], name) for name in names)}
+        again |= {(trial, name, outcome.learner.name) for trial, name in pairs}
+    yield [
+        Group(each, each.runs(search.fresh))
+        for each in experiment.populations
+        if (each.keys["trial"], each.scenario.name, each.learner.name) in again
+    ]
+
+
+@lru_cache(maxsize=1)
+def found(data: Data) -> list[Outcome]:
+    """Returns what the search has found for every learner."""
+    return outcomes(data.experiment, data.curves)
+
+
+def measure_of(data: Data) -> str:
+    """Returns the name of what runs are compared by."""
+    return "area" if data.experiment.declared.solved is None else "earliness"
+
+
+# What is chosen
+
+
+def chosen_of(data: Data, outcome: Outcome) -> Chosen:
+    """Returns the best pick of a learner, all picks, and the effort of finding them."""
+    learner, search, runs = outcome.learner, outcome.search, data.runs
+    drawn = trials(learner.variant, learner.declared.search, search.trials, search.parts)
+    own = data.experiment.declared.settings | learner.declared.settings
+    kept = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
+    picks = [
+        Finalist(
+            trial=trial,
+            settings=override(kept, drawn[trial], learner.name),
+            score=round(outcome.means(trial).mean, 6),
+        )
+        for trial in outcome.picks
+    ]
+    is_compared = runs["trial"].isin({*chain(*outcome.finalists), *outcome.picks})
+    counts = is_compared | ~runs["seed"].isin(search.fresh)
+    tried = runs[counts & (runs["learner"] == learner.name)]
+    return Chosen(
+        **dict(max(picks, key=lambda pick: pick.score)),
+        picks=tuple(picks) if len(picks) > 1 else (),
+        trials=search.trials,
+        runs=len(tried),
+        steps=int(tried["budget"].sum()),
+        cpu_time_s=round(float(tried["cpu_time_s"].sum()), 3),
+    )
+
+
+def publish_chosen(data: Data, folder: Path) -> None:
+    """Writes what was chosen beside the experiment's file, for experiments that name the search."""
+    experiment = data.experiment
+    choices = Choices(
+        search=digest_of_search(experiment.declared),
+        trials=digests(folder)["trials.csv"],
+        learners={outcome.learner.name: chosen_of(data, outcome) for outcome in found(data)},
+    )
+    write_chosen(experiment.path, choices)
+
+
+# Tables
+
+
+def trials_table(data: Data) -> pd.DataFrame:
+    """Every trial of every learner: settings, and means by scenario."""
+    settings = {
+        (each.learner.name, each.keys["trial"]): each.first.settings.model_dump()
+        for each in data.experiment.populations
+    }
+    frames, measure = [], measure_of(data)
+    for outcome in found(data):
+        name, first, searched = outcome.learner.name, outcome.first, outcome.learner.declared.search
+        columns = {
+            "learner": name,
+            "trial": first.index,
+            "settings": [text_of(settings[name, trial], searched) for trial in first.index],
+            measure: first.mean(axis=1),
+            f"fresh_{measure}": outcome.fresh.reindex(first.index).mean(axis=1, skipna=False),
+        }
+        frames.append(pd.DataFrame(columns).join(first))
+    return pd.concat(frames, ignore_index=True)
+
+
+def text_of(settings: Mapping[str, object], keys: Iterable[str]) -> str:
+    """Returns settings with these dotted keys as JSON, without those that are not set."""
+    values = {key.split(".")[-1]: value_at(settings, key) for key in keys}
+    texts = [f"{key} {json.dumps(value)}" for key, value in values.items() if value is not None]
+    return ", ".join(texts) or "default"
+
+
+def value_at(settings: object, key: str) -> object:
+    """Returns the value of a dotted key; None if it is not set."""
+    for name in key.split("."):
+        settings = settings.get(name) if isinstance(settings, dict) else None
+    return settings
+
+
+def chosen(data: Data) -> pd.DataFrame:
+    """The chosen settings of each learner, and what it reaches with them on fresh seeds."""
+    texts = data.tables["trials"].set_index(["learner", "trial"])["settings"]
+    n_finalists, rows = _n_finalists(data), []
+    for outcome in found(data):
+        name, picks, default = outcome.learner.name, outcome.picks, outcome.means(0)
+        for part, trial in enumerate(picks, 1):
+            best = outcome.means(trial)
+            row = {"learner": name} | ({"part": part} if len(picks) > 1 else {})
+            row |= {"trial": trial, "settings": texts[name, trial]}
+            row |= with_ends("default", _estimate(default)) | with_ends("chosen", _estimate(best))
+            against = contrast(best, default, data.declared.margin)
+            gain, p = Estimate(*against[:3]), min(1.0, against.p_different * n_finalists)
+            if trial == 0:  # the same runs
+                gain, p = Estimate(0.0, 0.0, 0.0), 1.0
+            row |= with_ends("gain", gain) | {"p": p}
+            of_each = outcome.means(outcome.best_by_scenario)
+            rows.append(row | with_ends("per_scenario", _estimate(of_each)))
+    table = pd.DataFrame(rows)
+    has_learned = table["chosen_low"] > random_of(data)
+    is_gain = has_learned & (table["p"] <= ALPHA) & (table["gain"] >= data.declared.margin)
+    return table.assign(verdict=np.where(is_gain, "gain", "no gain shown"))
+
+
+def _n_finalists(data: Data) -> int:
+    """Returns the number of finalists of all learners."""
+    search = data.experiment.declared.search
+    return search.finalists * search.parts * len(data.experiment.learners)
+
+
+def random_of(data: Data) -> float:
+    """Returns the measure of the random policy, below which nothing has been learned."""
+    if "random_success" not in data.runs:
+        return 0.0  # with [solved], it never learns
+    return float(data.runs.groupby("scenario")["random_success"].first().mean())
+
+
+def _estimate(means: Means) -> Estimate:
+    return Estimate(means.mean, *combined(means.weights, means.means, means.sizes))
+
+
+def effort(data: Data) -> pd.DataFrame | None:
+    """Steps of search and training together, from nothing, until a run has learned.
+
+    Once the cost of tuning counts, simple algorithms can outperform their successors: "Benchmarking
+    RL should account for tuning", openreview.net/forum?id=816gaVGHgP.
+    """
+    if data.experiment.declared.solved is None:
+        return None
+    runs, budget = measured(data.experiment, data.curves), int(data.curves["step"].max())
+    first = runs[~runs["seed"].isin(data.experiment.declared.search.fresh)]
+    frames = []
+    for name, own in first.groupby("learner", sort=False):
+        by_scenario = pd.DataFrame(
+            {"scenario": scenario, "learner": name} | _expected(rows, budget)
+            for scenario, rows in own.groupby("scenario", sort=False)
+        )
+        how = {
+            "default": "mean",
+            "learned": "sum",
+            "trials": "sum",
+            "total": "mean",
+            "drawn": "mean",
+        }
+        total = by_scenario.agg(how).to_frame().T.astype({"learned": int, "trials": int})
+        frames += [total.assign(scenario=_ALL, learner=name), by_scenario]
+    return pd.concat(frames, ignore_index=True)[[*frames[1]]]
+
+
+def _expected(runs: pd.DataFrame, budget: int) -> dict[str, float]:
+    """Returns what it takes in a scenario, if trial 0 runs first, and if other runs are drawn."""
+    is_default = runs["trial"] == 0
+    default, others = (runs["steps"][which].to_numpy() for which in (is_default, ~is_default))
+    drawn = expected_drawn(others, budget)
+    total = np.where(np.isfinite(default), default, budget + drawn).mean()
+    numbers = {"default": default.mean(), "learned": int(np.isfinite(others).sum())}
+    return numbers | {"trials": len(others), "total": float(total), "drawn": drawn}
+
+
+def expected_drawn(steps: NDArray[np.float64], budget: int) -> float:
+    """Returns the expected steps of runs that are drawn without replacement, until one has learned.
+
+    If m of n learn, (n - m) / (m + 1) fail before, on average; such a run costs the budget. The
+    argument, (n,), holds the steps until each run has learned, or inf if it never does.
+    """
+    learned = steps[np.isfinite(steps)]
+    failures = (len(steps) - len(learned)) / (len(learned) + 1)
+    return failures * budget + float(learned.mean()) if len(learned) else inf
+
+
+def cost(data: Data) -> pd.DataFrame:
+    """Cost of the search: first runs of all trials, and fresh runs of finalists and picks."""
+    rows = []
+    for outcome in found(data):
+        effort = chosen_of(data, outcome).model_dump(
+            include={"trials", "runs", "steps", "cpu_time_s"}
+        )
+        cpu_ms = 1000 * effort["cpu_time_s"] / effort["runs"]
+        rows.append({"learner": outcome.learner.name, **effort, "cpu_ms": cpu_ms})
+    return pd.DataFrame(rows)
+
+
+# The figure
+
+
+def figure(data: Data) -> Figure:
+    """What each trial of the search reached, and what the chosen settings reach in fresh runs."""
+    chosen, measure, learners = data.tables["chosen"], measure_of(data), data.experiment.learners
+    trials = data.tables["trials"]
+    with figure_of(1, 1, (WIDTH, 0.3 * len(learners) + 1.2)) as (figure, axes):
+        axis = axes[0, 0]
+        for y, (name, learner) in enumerate(learners.items()):
+            reached = trials[(trials["learner"] == name) & (trials["trial"] > 0)][measure]
+            axis.plot(reached, [y] * len(reached), "|", ms=9, mew=0.9, color="0.55")
+            style, own = look(learner, learners.values()), chosen[chosen["learner"] == name]
+            axis.plot(own["default"].iloc[0], y, "x", ms=7, mew=2, color="black")
+            axis.hlines(
+                [y] * len(own),
+                own["chosen_low"],
+                own["chosen_high"],
+                lw=3,
+                alpha=0.5,
+                color=style["color"],
+            )
+            axis.plot(
+                own["chosen"],
+                [y] * len(own),
+                style["marker"],
+                ms=7,
+                color=style["color"],
+                mec="white",
+                mew=0.4,
+            )
+        name_rows(axis, [learner.title for learner in learners.values()])
+        axis.set(xlim=(-0.02, 1.0), xlabel=_MEASURES[measure])
+        handles = [
+            Line2D([], [], ls="", marker="|", ms=9, color="0.55", label="a trial"),
+            Line2D([], [], ls="", marker="x", mew=2, color="black", label="trial 0, as declared"),
+            Line2D([], [], lw=3, marker="o", color="0.4", label="chosen settings, 95 % interval"),
+        ]
+        figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)
+    return figure
+
+
+TABLES: Final = {"trials": trials_table, "chosen": chosen, "effort": effort, "cost": cost}
+FIGURES: Final = {"trials": figure}
+
+
+# Text
+
+SHOWN: Final = {
+    "chosen": "learner part trial default chosen gain p verdict per_scenario",
+    "effort": "scenario learner default learned trials total drawn",
+    "cost": "learner trials runs steps cpu_time_s cpu_ms",
+}
+COLUMNS: Final = {
+    "area": "area under the curve of success, mean over scenarios and runs",
+    "fresh_*": "the same with fresh seeds; empty if the trial was not run again",
+    "earliness": "share of the logarithm of the budget that is saved, mean over scenarios and runs",
+    "chosen": "mean of the chosen settings, with fresh seeds",
+    "cpu_ms": "CPU milliseconds of training per run of the search",
+    "cpu_time_s": "CPU seconds of training, sum over the runs of the search",
+    "default": "mean of trial 0 with fresh seeds; in `effort.csv`, its steps until it has learned",
+    "drawn": "`total` without trial 0",
+    "gain": "`chosen` minus `default`",
+    "learned": "first runs of the other trials that have learned",
+    "p": "p-value of no gain, times the number of all finalists",
+    "part": "part of the search",
+    "per_scenario": "mean with fresh seeds, if the best trial could be chosen in each scenario",
+    "runs": "first runs of all trials, and fresh runs of finalists and picks",
+    "settings": "values of the searched settings, as JSON",
+    "steps": "budgets of all these runs",
+    "total": "expected steps of search and training until a run has learned; inf if none may ever",
+    "trial": "number of the trial; 0 has the settings as declared",
+    "trials": "trials without trial 0; in `effort.csv`, their first runs",
+    "verdict": "whether a gain is shown, see above",
+}
+
+
+def headline(data: Data) -> str:
+    """Says for which learners a gain is shown, and what is reached."""
+    experiment, table = data.experiment, data.tables["chosen"]
+    search, settings = experiment.declared.search, experiment.populations[0].first.settings
+    titles = {name: learner.title for name, learner in experiment.learners.items()}
+    best = table.loc[table.groupby("learner", sort=False)["chosen"].idxmax()]
+    runs = f"{search.seeds} fresh seeds in each of {len(experiment.scenarios)} scenarios"
+    if best["chosen"].max() <= 0:
+        return f"""\
+With settings chosen among {search.trials:,} trials, no run of any learner has learned before the
+end of its {settings.budget:,} steps ({runs}). {_given_up(data)}"""
+    gaining = [titles[name] for name in best["learner"][best["verdict"] == "gain"]]
+    who = (
+        listed(gaining) if len(gaining) <= _MAX_NAMES else f"{len(gaining)} of {len(best)} learners"
+    )
+    top = best[best["chosen"].round(_DIGITS) == best["chosen"].round(_DIGITS).max()]
+    defaults = listed(f"{value:.3g}" for value in top["default"])
+    return f"""\
+Settings chosen among {search.trials:,} trials {"are" if gaining else "are not"} shown to raise
+{_MEASURES[measure_of(data)]} ({settings.budget:,} steps; {runs}) over that of the declared ones for
+{who or "any learner"}. A rise counts if it is above 0 at a level of 5 %, adjusted for all finalists,
+and estimated at {data.declared.margin:g} or more. The largest mean with chosen settings,
+{top["chosen"].iloc[0]:.3g}, is that of {listed(titles[name] for name in top["learner"])} (declared
+settings: {defaults}; random policy: {random_of(data):.3g}). Learners are not compared with each
+other."""
+
+
+def _given_up(data: Data) -> str:
+    """Says which runs are given up; empty if none is."""
+    declared = data.experiment.declared.solved
+    if declared is None or declared.given_up_after is None:
+        return ""
+    return f"""\
+A run whose success has not reached {declared.success / 2:g} by {declared.given_up_after:.0%} of the
+budget is given up and counts as one that never learns, even if it would learn late."""
+
+
+def reading(data: Data) -> str:
+    """Says how trials are compared and chosen."""
+    experiment, declared = data.experiment, data.experiment.declared
+    search, level, first = declared.search, declared.solved, experiment.populations[0].first
+    of = "all" if search.parts == 1 else f"each of {search.parts} equal parts of the trials"
+    learners = experiment.learners.values()
+    stochastic = listed(each.title for each in learners if each.policy == "stochastic")
+    if level is None:
+        measure = """\
+Trials are compared by the area under the curve of exact success: success averaged over training."""
+        steps = ""
+    else:
+        measure = f"""\
+Trials are compared by how early runs learn. A run has learned after *s* of its *B* steps if success
+is at or above {level.success:g} at every evaluation from step *s* to the first one at or after
+step 2*s* or, if the budget ends before, to the last one. Its earliness is 1 - log(*s*/*e*) /
+log(*B*/*e*), at most 1, with *e* = {first.evaluation_every:,}; it is 0 if the run learns never, or
+not before the end of the budget. {_given_up(data)}"""
+        steps = """\
+In effort.csv, trial 0 runs first. If it does not learn, first runs of the other trials are drawn,
+without replacement, until one has learned. A run that never learns costs the budget, even if it was
+given up. Numbers are expected steps, averaged over scenarios."""
+    policy = f", but of the stochastic one for {stochastic}" if stochastic else ""
+    return f"""\
+{measure} Success is that of the greedy policy{policy}.
+
+Trial 0 has the declared settings; the other {search.trials:,} trials are points of a Sobol
+sequence. The best {search.finalists:,} of {of} and trial 0 ran again with {search.seeds:,} fresh
+seeds in each of {len(experiment.scenarios)} scenarios. The best of these are chosen, so their means and gains are
+biased upwards. For that, p-values are multiplied by {_n_finalists(data):,}, the number of all
+finalists. A gain is shown if p is at most 0.05, the gain at least {data.declared.margin:g}, and the
+interval of the chosen settings above the random policy. Intervals treat runs as independent,
+although trials share random streams.
+
+{steps}"""
