@@ -25,7 +25,7 @@ from typing import Any, Final
 import pandas as pd
 from matplotlib.figure import Figure
 
-from benchmark import explorer, front, style, tables
+from benchmark import explorer, front, search, style, tables
 from benchmark.commands import parse_seeds
 from benchmark.experiment import PUBLISHED, Experiment, load_experiment
 from benchmark.folder import (
@@ -87,6 +87,8 @@ def main(options: argparse.Namespace) -> int:
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     folder = options.results / folder_name(experiment, seeds)
     write(experiment, folder, seeds)
+    if experiment.declared.search is not None:
+        search.write_chosen(experiment, folder)
     print(f"{experiment.name}: tables and figures are in {folder}.")
     if folder.name in PUBLISHED:
         where = page.write(options.results, _published(options.results))

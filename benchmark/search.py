@@ -33,9 +33,8 @@ from benchmark.statistics import ALPHA, Estimate, Means, combined, contrast, wit
 from benchmark.store import Store
 from benchmark.study import Data, Report
 from benchmark.style import WIDTH, figure_of, look, name_rows
-from benchmark.tables import Group
-from benchmark.tables import tables as tables_of
-from benchmark.trials import Choices, Chosen, Finalist, Search, trials, write_chosen
+from benchmark.tables import Group, read, tables
+from benchmark.trials import Choices, Chosen, Finalist, Search, trials, write_choices
 from envs import InputError
 from envs.inputs import override
 from envs.words import listed
@@ -149,7 +148,7 @@ def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     search, names = experiment.declared.search, [*experiment.scenarios]
     first = [Group(each, each.runs()) for each in experiment.populations]
     yield first
-    curves = tables_of(first, store)[1]
+    curves = tables(first, store)[1]
     # As published, so that the report finds the same
     curves["success"] = curves["success"].map("{:.6g}".format).astype(float)
     again = set[tuple[int, str, str]]()
@@ -179,11 +178,11 @@ def measure_of(data: Data) -> str:
 # What is chosen
 
 
-def chosen_of(data: Data, outcome: Outcome) -> Chosen:
+def chosen_of(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Chosen:
     """Returns the best pick of a learner, all picks, and the effort of finding them."""
-    learner, search, runs = outcome.learner, outcome.search, data.runs
+    learner, search = outcome.learner, outcome.search
     drawn = trials(learner.variant, learner.declared.search, search.trials, search.parts)
-    own = data.experiment.declared.settings | learner.declared.settings
+    own = experiment.declared.settings | learner.declared.settings
     kept = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
     picks = [
         Finalist(
@@ -206,15 +205,16 @@ def chosen_of(data: Data, outcome: Outcome) -> Chosen:
     )
 
 
-def publish_chosen(data: Data, folder: Path) -> None:
-    """Writes what was chosen beside the experiment's file, for experiments that name the search."""
-    experiment = data.experiment
+def write_chosen(experiment: Experiment, folder: Path) -> None:
+    """Writes what was chosen, by published results, for experiments that name the search."""
+    runs, curves = read(folder)
+    found = outcomes(experiment, curves)
     choices = Choices(
         search=digest_of_search(experiment.declared),
         trials=digests(folder)["trials.csv"],
-        learners={outcome.learner.name: chosen_of(data, outcome) for outcome in found(data)},
+        learners={each.learner.name: chosen_of(experiment, runs, each) for each in found},
     )
-    write_chosen(experiment.path, choices)
+    write_choices(experiment.path, choices)
 
 
 # Tables
@@ -348,11 +348,10 @@ def cost(data: Data) -> pd.DataFrame:
     """Cost of the search: first runs of all trials, and fresh runs of finalists and picks."""
     rows = []
     for outcome in found(data):
-        effort = chosen_of(data, outcome).model_dump(
-            include={"trials", "runs", "steps", "cpu_time_s"}
-        )
-        cpu_ms = 1000 * effort["cpu_time_s"] / effort["runs"]
-        rows.append({"learner": outcome.learner.name, **effort, "cpu_ms": cpu_ms})
+        effort = chosen_of(data.experiment, data.runs, outcome)
+        row = {"learner": outcome.learner.name}
+        row |= {name: getattr(effort, name) for name in ("trials", "runs", "steps", "cpu_time_s")}
+        rows.append(row | {"cpu_ms": 1000 * effort.cpu_time_s / effort.runs})
     return pd.DataFrame(rows)
 
 
