@@ -117,30 +117,6 @@ def verdict(test: Contrast, margin: float, row: Mapping[str, Any]) -> str:
     return word if abs(test.difference) >= margin else f"slightly {word}"
 
 
-def over_scenarios(decided: str, x: Means, y: Means, margin: float) -> tuple[str, list[int]]:
-    """Returns a verdict on a mean over scenarios, and the indices of those that stand apart.
-
-    If the difference in a scenario contradicts the verdict by the margin or more, it is *mixed*:
-    opposite differences must not cancel. If none does, scenarios stand apart whose own 90 %
-    interval does not exclude that.
-    """
-    if len(x.means) == 1 or decided in OPEN:
-        return decided, []
-    direction, found, unsure = decided.removeprefix("slightly "), [], []
-
-    def contradicts(low: float, high: float) -> bool:
-        is_worse = direction != "worse" and low <= -margin
-        return is_worse or (direction != "better" and high >= margin)
-
-    for i, (a, n, b, m) in enumerate(zip(*x, *y, strict=True)):
-        test = statistics.contrast(Means([a], [n]), Means([b], [m]), margin)
-        if contradicts(test.difference, test.difference):
-            found.append(i)
-        elif contradicts(test.difference_low_90, test.difference_high_90):
-            unsure.append(i)
-    return ("mixed", found) if found else (decided, unsure)
-
-
 # The tables
 
 
@@ -161,26 +137,31 @@ def _compared(data: Data, cases: Sequence[tuple[Pair, Sequence[str]]]) -> pd.Dat
     """Returns contrasts of pairs in some scenarios; p-values are adjusted over all of them."""
     cells = summary(data).set_index(["learner", "scenario"])
     of = {population.learner.name: population for population in data.experiment.populations}
-    sides = [[cells.loc[name].loc[[*names]] for name in pair] for pair, names in cases]
+    xs, ys = ([cells.loc[pair[i]].loc[[*names]] for pair, names in cases] for i in (0, 1))
     rows = [
         {"scenario": names[0] if len(names) == 1 else "", "x": x, "y": y}
-        | {"n": min(side["n"].min() for side in both)}
+        | {"n": min(xs[i]["n"].min(), ys[i]["n"].min())}
         | {"differs": statistics.differences(of[x], of[y])}
-        for ((x, y), names), both in zip(cases, sides, strict=True)
+        for i, ((x, y), names) in enumerate(cases)
     ]
-    for i, key in enumerate(("p_random_x", "p_random_y")):
-        adjusted = statistics.holm([_p_random(both[i]) for both in sides])
-        rows = [row | {key: p} for row, p in zip(rows, adjusted, strict=True)]
+    for key, sides in {"p_random_x": xs, "p_random_y": ys}.items():
+        for row, p in zip(rows, statistics.holm([*map(_p_random, sides)]), strict=True):
+            row[key] = p
     for endpoint in ENDPOINTS:
         margin = getattr(data.declared.margins, endpoint)
-        pairs = [(means_of(x, endpoint), means_of(y, endpoint)) for x, y in sides]
-        tests = statistics.contrasts(pairs, margin)
-        for row, both, test, (_, names) in zip(rows, pairs, tests, cases, strict=True):
-            decided, apart = over_scenarios(verdict(test, margin, row), *both, margin)
-            found = dict(zip("xy", (means.mean for means in both), strict=True)) | test._asdict()
-            found |= {"verdict": decided, "margin": margin}
-            found["except"] = ", ".join(names[i] for i in apart)
-            row |= {f"{endpoint}_{key}": value for key, value in found.items()}
+        pairs = [
+            (means_of(x, endpoint), means_of(y, endpoint)) for x, y in zip(xs, ys, strict=True)
+        ]
+        for i, test in enumerate(statistics.contrasts(pairs, margin)):
+            (x, y), names = pairs[i], cases[i][1]
+            decided, apart = verdict(test, margin, rows[i]), list[int]()
+            if decided not in OPEN and len(names) > 1:
+                size = decided.removeprefix("slightly ")
+                found, apart = statistics.standing_apart(x, y, margin, size)
+                decided, apart = ("mixed", found) if found else (decided, apart)
+            own = {"x": x.mean, "y": y.mean, **test._asdict(), "verdict": decided, "margin": margin}
+            own["except"] = ", ".join(names[scenario] for scenario in apart)
+            rows[i] |= {f"{endpoint}_{key}": value for key, value in own.items()}
     return pd.DataFrame(rows)
 
 
@@ -220,26 +201,19 @@ def over_runs(frame: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
     return pd.DataFrame(found)
 
 
-def aggregate(data: Data) -> pd.DataFrame | None:
+def aggregate(data: Data) -> pd.DataFrame:
     """Every learner in the mean over scenarios, after training, the most successful first."""
-    if data.declared.pool == "none":
-        return None
     rows = []
     for learner, cells in summary(data).groupby("learner", sort=False):
         row = {"learner": learner, "policy": cells["policy"].iloc[0], "runs": cells["n"].sum()}
         for name in ENDPOINTS:
-            means = means_of(cells, name)
-            row |= with_ends(
-                name, Estimate(means.mean, *statistics.combined(means.weights, *means))
-            )
+            row |= with_ends(name, means_of(cells, name).estimate)
         rows.append(row)
     return pd.DataFrame(rows).sort_values("success", ascending=False, kind="stable")
 
 
-def rliable(data: Data) -> pd.DataFrame | None:
+def rliable(data: Data) -> pd.DataFrame:
     """The usual measures of deep RL (Agarwal et al. 2021), over runs and scenarios."""
-    if data.declared.pool == "none":
-        return None
     from rliable import metrics
 
     measures = [getattr(metrics, f"aggregate_{name}") for name in AGGREGATES]
@@ -319,7 +293,7 @@ def draw_contrasts(data: Data) -> Figure | None:
         return None
     rows: list[tuple[str, dict[str, Any]]] = []
     for y, against in table.groupby("y", sort=False):
-        rows.append((f"against {_title(data, y)}:", {}))
+        rows.append((f"against {_title(data, y)}", {}))
         rows += [(_row_name(data, row), row) for row in against.to_dict("records")]
     size = style.WIDTH, 0.19 * len(rows) + 0.8
     with style.figure_of(1, 1, size) as (figure, axes):
@@ -334,8 +308,9 @@ def draw_contrasts(data: Data) -> Figure | None:
                 place = {"va": "center", "transform": axis.get_yaxis_transform()}
                 axis.text(1.02, y, decided, fontsize="small", **place)
         style.name_rows(axis, [name for name, _ in rows])
-        axis.tick_params(axis="y", labelsize="small")
-        figure.supxlabel("difference in success; to the right, x is better", fontsize="small")
+        for label, (_, row) in zip(axis.get_yticklabels(), rows, strict=True):
+            label.set(fontsize="small", fontweight="normal" if row else "bold")
+        figure.supxlabel("difference in success", fontsize="small")
     return figure
 
 
@@ -352,7 +327,7 @@ def draw_curves(data: Data) -> Figure:
             for learner, curve in rows.groupby("learner", sort=False):
                 look, step = _look(data, learner), curve["step"]
                 axis.plot(step, curve["success"], **look, ms=4, markevery=0.2)
-                shade = {"color": look["color"], "alpha": 0.12, "lw": 0}
+                shade = {"color": look["color"], "alpha": 0.1, "lw": 0}
                 axis.fill_between(step, curve["success_low"], curve["success_high"], **shade)
                 ends[_title(data, learner)] = curve["success"].iloc[-1], look
             axis.set_title(scenario, fontsize="small")
@@ -364,25 +339,23 @@ def draw_curves(data: Data) -> Figure:
     return figure
 
 
-def draw_rliable(data: Data) -> Figure | None:
-    """Aggregates over runs and scenarios, and the probability of improving on the first baseline.
+def draw_rliable(data: Data) -> Figure:
+    """Aggregates of the score, and the probability of improving on the first baseline.
 
     Bars are 95 % intervals of a bootstrap within scenarios.
     """
-    table = data.tables.get("rliable")
-    if table is None:
-        return None
-    table = table[table["learner"].isin(_drawn(data))]
+    table = data.tables["rliable"]
+    table = table[table["learner"].isin(_drawn(data)) & (table["endpoint"] == "score")]
     measures = [name for name in _MEASURES if name in table]
-    names = [_title(data, name) for name in table["learner"].unique()]
-    with style.figure_of(2, len(measures), (style.WIDTH, 0.6 * len(names) + 2)) as (figure, axes):
-        panels = product(ENDPOINTS, measures)
-        for i, (axis, (endpoint, measure)) in enumerate(zip(axes.flat, panels, strict=True)):
-            rows = table[table["endpoint"] == endpoint].to_dict("records")
-            for y, row in enumerate(rows):
+    names = [_title(data, name) for name in table["learner"]]
+    with style.figure_of(1, len(measures), (style.WIDTH, 0.3 * len(names) + 1)) as (figure, axes):
+        for axis, measure in zip(axes[0], measures, strict=True):
+            for y, row in enumerate(table.to_dict("records")):
                 _draw_estimate(axis, y, row, measure, _look(data, row["learner"]))
-            style.name_rows(axis, [""] * len(names) if i % len(measures) else names)
-            axis.set_title(_MEASURES[measure] + "\n" + endpoint, fontsize="small")
+            style.name_rows(axis, names if axis is axes[0, 0] else [""] * len(names))
+            axis.set_title(_MEASURES[measure], fontsize="small")
+            axis.locator_params(axis="x", nbins=2)
+            axis.margins(x=0.15)
     return figure
 
 
@@ -483,12 +456,7 @@ between x and y, besides their algorithms and the values of settings."""
 
 
 TABLES: Final[dict[str, TableFunction]] = {
-    "contrasts": contrasts,
-    "summary": summary,
-    "aggregate": aggregate,
-    "rliable": rliable,
-    "curves": curves,
-    "cost": cost,
+    table.__name__: table for table in (contrasts, summary, aggregate, rliable, curves, cost)
 }
 FIGURES: Final[dict[str, FigureFunction]] = {
     "contrasts": draw_contrasts,
@@ -501,11 +469,11 @@ SHOWN: Final = {
     "cost": "learner cpu_time_s updates parameters peak_memory_mb",
 }
 _MEASURES: Final = {
-    "iqm": "interquartile mean",
+    "iqm": "interquartile\nmean",
     "median": "median",
     "mean": "mean",
-    "optimality_gap": "optimality gap",
-    "p_improvement": "improvement",
+    "optimality_gap": "optimality\ngap",
+    "p_improvement": "probability of\nimprovement",
 }
 COLUMNS: Final = {
     "cpu_time_s": "CPU seconds of training, median over runs",

@@ -108,13 +108,6 @@ def combined(
     return value - below, value + above
 
 
-def mean_over_scenarios(values: Sequence[Floats]) -> Estimate:
-    """Returns the mean over scenarios of the mean of each one's numbers in [0, 1]."""
-    means = [float(numbers.mean()) for numbers in values]
-    weights = [1 / len(values)] * len(values)
-    return Estimate(float(np.mean(means)), *combined(weights, means, [*map(len, values)]))
-
-
 def p_above(
     weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float
 ) -> float:
@@ -213,6 +206,17 @@ class Means(NamedTuple):
         """The weights of the scenarios, which are equal."""
         return [1 / len(self.means)] * len(self.means)
 
+    @property
+    def estimate(self) -> Estimate:
+        """The mean over scenarios with its interval."""
+        return Estimate(self.mean, *combined(self.weights, *self))
+
+
+def mean_over_scenarios(values: Sequence[Floats]) -> Estimate:
+    """Returns the mean over scenarios of the mean of each one's numbers in [0, 1]."""
+    means = [float(numbers.mean()) for numbers in values]
+    return Means(means, [*map(len, values)]).estimate
+
 
 class Contrast(NamedTuple):
     """A difference, x - y, with the p-values of no difference, and of one as large as a margin."""
@@ -249,6 +253,27 @@ def contrasts(pairs: Sequence[tuple[Means, Means]], margin: float) -> list[Contr
         each._replace(p_different=p, p_equivalent=q)
         for each, p, q in zip(found, different, equivalent, strict=True)
     ]
+
+
+def standing_apart(x: Means, y: Means, margin: float, verdict: str) -> tuple[list[int], list[int]]:
+    """Returns the indices of scenarios that contradict a verdict on x in the mean, or may do so.
+
+    The first contradict it by their own difference: if it is *better* or *worse*, by the opposite
+    of the margin or more, else by either. The others do by their own 90 % interval only.
+    """
+    found, unsure = list[int](), list[int]()
+
+    def contradicts(low: float, high: float) -> bool:
+        is_worse = verdict != "worse" and low <= -margin
+        return is_worse or (verdict != "better" and high >= margin)
+
+    for i, (a, n, b, m) in enumerate(zip(*x, *y, strict=True)):
+        test = contrast(Means([a], [n]), Means([b], [m]), margin)
+        if contradicts(test.difference, test.difference):
+            found.append(i)
+        elif contradicts(test.difference_low_90, test.difference_high_90):
+            unsure.append(i)
+    return found, unsure
 
 
 # The row of a table and the one-hot input of a net are the same observation.
