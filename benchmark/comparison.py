@@ -217,22 +217,18 @@ def rliable(data: Data) -> pd.DataFrame:
     from rliable import metrics
 
     measures = [getattr(metrics, f"aggregate_{name}") for name in AGGREGATES]
-    rows, baseline = [], data.declared.baseline[:1]
-    for endpoint in ENDPOINTS:
+    rows, baseline, drawn = [], data.declared.baseline[:1], _drawn(data)
+    for endpoint, level in {"success": np.nan, "score": giving_up(data.experiment)}.items():
         scores = {  # (runs, scenarios)
-            learner: np.stack(
-                [own.to_numpy() for _, own in runs.groupby("scenario", sort=False)[endpoint]],
-                axis=1,
-            )
+            learner: runs.pivot(index="seed", columns="scenario", values=endpoint).to_numpy()
             for learner, runs in data.runs.groupby("learner", sort=False)
         }
         for learner, own in scores.items():
-            row = {"endpoint": endpoint, "learner": learner, "n": len(own)}
+            row = {"endpoint": endpoint, "learner": learner, "n": len(own), "giving_up": level}
             found = _bootstrap(own, lambda x: np.array([measure(x) for measure in measures]))
             for name, *ends in zip(AGGREGATES, *found, strict=True):
                 row |= with_ends(name, Estimate(*ends))
-            row["giving_up"] = giving_up(data.experiment) if endpoint == "score" else np.nan
-            if learner in _drawn(data) - {*baseline} and baseline:
+            if baseline and learner in drawn - {*baseline}:
                 found = _bootstrap((own, scores[baseline[0]]), _improvement)
                 row |= with_ends("p_improvement", Estimate(*(each[0] for each in found)))
             rows.append(row)
@@ -288,11 +284,10 @@ def draw_contrasts(data: Data) -> Figure | None:
 
     Grey and hollow: no decided difference.
     """
-    table = data.tables.get("contrasts")
-    if table is None:
+    if "contrasts" not in data.tables:
         return None
     rows: list[tuple[str, dict[str, Any]]] = []
-    for y, against in table.groupby("y", sort=False):
+    for y, against in data.tables["contrasts"].groupby("y", sort=False):
         rows.append((f"against {_title(data, y)}", {}))
         rows += [(_row_name(data, row), row) for row in against.to_dict("records")]
     size = style.WIDTH, 0.19 * len(rows) + 0.8
@@ -305,8 +300,8 @@ def draw_contrasts(data: Data) -> Figure | None:
                 decided = row["success_verdict"]
                 faded = {"color": "0.6", "mfc": "white"} if decided in OPEN else {}
                 _draw_estimate(axis, y, row, "success_difference", _look(data, row["x"]) | faded)
-                place = {"va": "center", "transform": axis.get_yaxis_transform()}
-                axis.text(1.02, y, decided, fontsize="small", **place)
+                at_edge = axis.get_yaxis_transform()
+                axis.text(1.02, y, decided, va="center", fontsize="small", transform=at_edge)
         style.name_rows(axis, [name for name, _ in rows])
         for label, (_, row) in zip(axis.get_yticklabels(), rows, strict=True):
             label.set(fontsize="small", fontweight="normal" if row else "bold")
@@ -383,8 +378,8 @@ def _title(data: Data, learner: object) -> str:
 
 def _row_name(data: Data, row: Mapping[str, Any]) -> str:
     """Returns what is compared in a row, its scenario, and whether it was declared later."""
-    later = "declared later" if row.get("declared") == "later" else ""
-    return ", ".join(filter(None, [_title(data, row["x"]), row["scenario"], later]))
+    when = ["declared later"] if row.get("declared") == "later" else []
+    return ", ".join([_title(data, row["x"]), *filter(None, [row["scenario"]]), *when])
 
 
 # The text
@@ -392,75 +387,68 @@ def _row_name(data: Data, row: Mapping[str, Any]) -> str:
 
 def headline(data: Data) -> str:
     """Says which verdicts on success there are, and on which learners."""
-    table, declared, experiment = data.tables.get("contrasts"), data.declared, data.experiment
-    if table is None:
+    if "contrasts" not in data.tables:
         return "No contrasts were declared, so there are no verdicts."
+    table, scenarios = data.tables["contrasts"].fillna(""), data.experiment.scenarios
     counts = table["success_verdict"].value_counts(sort=False)
     found = ", ".join(f"*{decided}* ({n})" for decided, n in counts.items())
-    is_mean = declared.pool == "scenarios" and len(experiment.scenarios) > 1
-    lines = [
-        f"After {data.runs['budget'].iloc[0]:,} steps of training, verdicts on success in "
-        f"{'the mean over ' if is_mean else ''}{listed(experiment.scenarios)} are {found}. The "
-        f"margin is {declared.margins.success}, the level 5 %, and every learner has at least "
-        f"{table['n'].min()} runs in each scenario.",
-        "",
-    ]
+    is_mean = data.declared.pool == "scenarios" and len(scenarios) > 1
+    where = (
+        f"the mean over {listed(scenarios)}, or in one that is named,"
+        if is_mean
+        else listed(scenarios)
+    )
+    text = f"""\
+After {data.runs["budget"].iloc[0]:,} steps of training, the verdicts on success in {where}
+are {found}. The margin is {data.declared.margins.success:g}, the level 5 %, and every learner has at least
+{table["n"].min()} runs in each scenario.
+
+"""
     for decided, rows in table.groupby("success_verdict", sort=False):
         if decided in OPEN and len(rows) > _MOST_NAMED:
-            lines.append(f"- *{decided}*: {len(rows)} contrasts, see contrasts.csv")
+            text += f"- *{decided}*: {len(rows)} contrasts, see contrasts.csv\n"
         else:
-            lines += [f"- {_sentence(data, row)}" for row in rows.to_dict("records")]
-    return "\n".join(lines)
+            text += "".join(f"- {_sentence(data, row)}\n" for row in rows.to_dict("records"))
+    return text
 
 
 def _sentence(data: Data, row: Mapping[str, Any]) -> str:
     """Says what the verdict on a pair of learners is, and what else differs between them."""
-    decided, apart = row["success_verdict"], row["success_except"]
-    details = [f"{row['success_x']:.2f} against {row['success_y']:.2f}", row["differs"]]
-    if apart:
-        details.append(f"{'contradicted' if decided == 'mixed' else 'not shown'} in {apart} alone")
-    names = f"{_row_name(data, row)}, against {_title(data, row['y'])}"
-    return f"{names}: *{decided}* ({'; '.join(filter(None, details))})"
+    decided, apart = row["success_verdict"], row.get("success_except")
+    numbers = f"{row['success_x']:.2f} against {row['success_y']:.2f}"
+    alone = f"{'contradicted' if decided == 'mixed' else 'not shown'} in {apart}" if apart else ""
+    details = "; ".join(filter(None, [numbers, row.get("differs"), alone]))
+    return f"{_row_name(data, row)}, against {_title(data, row['y'])}: *{decided}* ({details})"
 
 
 def reading(data: Data) -> str:
     """Says how the tables are made."""
-    declared, horizon = data.declared, data.experiment.declared.horizon
-    margins, level = declared.margins, ""
-    if "rliable" in data.tables:
-        level = f" ({data.tables['rliable']['giving_up'].max():.2f} here)"
-    unit = "the mean over scenarios" if declared.pool == "scenarios" else "the mean in one scenario"
+    declared, level = data.declared, data.tables["rliable"]["giving_up"].max()
+    unit = "the mean over scenarios" if declared.pool == "scenarios" else "one scenario"
     return f"""\
-*Success* is the exact probability that an episode of at most {horizon} steps ends with a correct
-PING, by the policy after training that the tables name. The *score* is the return by the grid's
-rewards, with 0 for the random policy and 1 for the optimal one, clipped to [0, 1] in every run. An
-agent that gives up at once, with nothing but wrong PINGs, can score well above 0{level}.
+*Success* is the exact probability that an episode of at most {data.experiment.declared.horizon}
+steps ends with a correct PING, by the policy after training. An agent that gives up at once, with
+nothing but wrong PINGs, has a score of {level:.2f}.
 
-A contrast compares x with y by {unit}. Margins, which are too small to matter, are
-{margins.success} of success and {margins.score} of the score. The verdict on x is
+Contrasts compare x with y in {unit}. *Better* and *worse* take a significant difference of at least
+the margin, {declared.margins.success:g} of success and {declared.margins.score:g} of the score;
+with *slightly*, it is significant, but smaller. *Within margin* takes two one-sided tests; *but
+better* or *but worse* says that there is a difference nevertheless. *Mixed* means that a scenario
+contradicts the verdict by the margin or more. Who is not shown to succeed more often than the
+random policy is not better in anything (*neither learned*, *ahead without learning*). With fewer
+than {FEWEST_RUNS} runs there is *no verdict*.
 
-- *better* or *worse* if a two-sided test shows a difference, and it is at least the margin;
-- *slightly better* or *slightly worse* if it is shown, but smaller than the margin;
-- *within margin* if two one-sided tests show that the difference is smaller than the margin, with
-  *but better* or *but worse* if there is one nevertheless;
-- *mixed* instead if some scenario contradicts the verdict by the margin or more (`_except`);
-- *neither learned* if neither is shown to succeed more often than the random policy, and *ahead
-  without learning* if this holds for the one that is ahead;
-- *undecided* otherwise. With fewer than {FEWEST_RUNS} runs there is *no verdict*.
-
-Tests are at the 5 % level, with p-values adjusted by Holm's method over all contrasts, separately
-for success and score, for differences and for the margin, and for contrasts that were declared
-when results were known (`later`). Intervals are not adjusted. Verdicts hold for one look at the
-declared runs; adding runs and looking again raises the error. `differs` says what else differs
-between x and y, besides their algorithms and the values of settings."""
+Tests are at the 5 % level. P-values are adjusted by Holm's method, separately for each endpoint,
+for differences and margins, and for contrasts that were declared when results were known (`later`);
+intervals are not. A verdict holds for one look at the declared runs."""
 
 
 TABLES: Final[dict[str, TableFunction]] = {
     table.__name__: table for table in (contrasts, summary, aggregate, rliable, curves, cost)
 }
 FIGURES: Final[dict[str, FigureFunction]] = {
-    "contrasts": draw_contrasts,
     "curves": draw_curves,
+    "contrasts": draw_contrasts,
     "rliable": draw_rliable,
 }
 SHOWN: Final = {
@@ -476,33 +464,35 @@ _MEASURES: Final = {
     "p_improvement": "probability of\nimprovement",
 }
 COLUMNS: Final = {
-    "cpu_time_s": "CPU seconds of training, median over runs",
-    "declared": "`later` if results were known when the contrast was declared",
-    "differs": "what differs between x and y besides algorithms and values of settings",
-    "endpoint": "what is aggregated: success, or the score",
-    "except": "scenarios that contradict the verdict, or in which it is not shown separately",
-    "giving_up": "score of an agent that gives up at once: it does nothing but PING",
-    "greedy_success": "success of the greedy policy, whichever policy counts",
-    "iqm": "interquartile mean over all runs and scenarios",
-    "margin": "difference that is too small to matter",
-    "mean": "mean over all runs and scenarios",
-    "median": "median over scenarios of the mean over runs",
-    "n": "runs in each scenario; of a contrast, of the learner with fewer",
-    "optimality_gap": "by how much the endpoint falls short of 1, on average",
-    "p_different": "p-value of no difference, adjusted",
-    "p_equivalent": "p-value of a difference of at least the margin, adjusted",
-    "p_improvement": "probability that a run does better than one of the first baseline, however "
-    "little, mean over scenarios; a tie counts half",
-    "p_random": "p-value of succeeding no more often than the random policy, adjusted",
-    "parameters": "learned parameters, median over runs",
-    "peak_memory_mb": "peak memory of the process in MB, median over runs",
-    "policy": "the evaluated policy, greedy or stochastic",
-    "random_success": "success of the random policy, exact",
+    "n": "runs in each scenario, of a contrast the smaller number",
     "runs": "runs over all scenarios",
-    "steps": "expected steps of an episode after training",
-    "training_wrong_pings": "wrong PINGs per 1,000 steps of the whole training",
+    "policy": "the evaluated policy",
+    "declared": "`later` if results were known",
+    "p_random_*": "p-value of succeeding no more often than the random policy",
+    "*_p_different": "p-value of no difference",
+    "*_p_equivalent": "p-value of a difference of the margin or more",
+    "*_verdict": "verdict on x",
+    "*_margin": "difference that is too small to matter",
+    "*_except": "scenarios that contradict the verdict, or where it is not shown",
+    "*_low_90": "lower end of the 90 % interval",
+    "*_high_90": "upper end of the 90 % interval",
+    "*_difference": "x minus y",
+    "unbounded_score": "score before it is clipped",
+    "steps": "expected steps of an episode",
+    "wrong_pings": "expected wrong PINGs of an episode",
     "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
-    "updates": "updates of a table, or gradient steps of a net, median over runs",
-    "verdict": "verdict on x, see above",
-    "wrong_pings": "expected wrong PINGs of an episode after training",
+    "greedy_success": "success of the greedy policy",
+    "random_success": "success of the random policy",
+    "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
+    "endpoint": "what is aggregated",
+    "giving_up": "score of an agent that does nothing but PING",
+    "iqm": "interquartile mean over runs and scenarios",
+    "median": "median over scenarios of the mean over runs",
+    "mean": "mean over runs and scenarios",
+    "optimality_gap": "mean distance from 1",
+    "p_improvement": "probability that a run exceeds one of the first baseline; a tie counts half",
+    "cpu_time_s": "CPU seconds of training, median",
+    "updates": "updates of a table or gradient steps of a net, median",
+    "parameters": "learned parameters, median",
+    "peak_memory_mb": "peak memory in MB, median",
 }
