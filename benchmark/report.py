@@ -84,7 +84,7 @@ def main(options: argparse.Namespace) -> int:
         print(f"the page is {write_texts(options.results)}.")
         return 0
     experiment = load_experiment(options.experiment, smoke=options.smoke)
-    seeds = other_seeds(experiment, parse_seeds(options.seeds))
+    seeds = other_seeds(experiment, tables.parse_seeds(options.seeds))
     folder = options.results / folder_name(experiment, seeds)
     write(experiment, folder, seeds)
     if experiment.declared.search is not None:

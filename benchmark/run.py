@@ -22,9 +22,11 @@ from benchmark.job import Job, failures, plan
 from benchmark.progress import Display, Forecast
 from benchmark.provenance import versions
 from benchmark.records import check_scores
+from benchmark.report import folder_name, other_seeds, study_of
+from benchmark.report import main as report
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
-from benchmark.tables import Group, folder_name, parse_seeds, publish, tables
+from benchmark.tables import Group, parse_seeds, publish, tables
 from envs import InputError
 from envs.inputs import check_all, whole_number
 from envs.packages import needed_by
@@ -32,38 +34,29 @@ from envs.packages import needed_by
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment, smoke=options.smoke)
-    seeds, groups = parse_seeds(options.seeds), list[Group]()
+    seeds = other_seeds(experiment, parse_seeds(options.seeds))
+    if experiment.declared.report:
+        study_of(experiment)  # refuses what does not fit, before any run
     check_scores(population.first for population in experiment.populations)
     if options.log is not None:
         _check_log(options)
+    groups = list[Group]()
     with Store(options.results / "runs.db") as store:
         for stage in stages(experiment, store, seeds):
-            if code := _train(experiment.name, _logged(stage, options.log), store, options):
+            if code := _train(experiment.name, _runs(stage, options.log), store, options):
                 return code
             groups += stage
             if options.log is not None:
                 _log_curves(stage, store, options.log)
         folder = options.results / folder_name(experiment, seeds)
         agents = partial(explorer.write, experiment, store, seeds=seeds)
-        is_published = publish(folder, *tables(groups, store), agents)
-    same = ", identical to the published ones" if is_published else ""
-    print(f"{experiment.name}: the tables of all runs are in {folder}{same}.")
-    if not options.report:
-        return 0
-    code: int = import_module("benchmark.report").main(options)
-    return code
+        publish(folder, *tables(groups, store), agents)
+    print(f"{experiment.name}: the tables of all runs are in {folder}.")
+    return report(options) if options.report else 0
 
 
-def parse_jobs(jobs: str | None) -> int:
-    """Returns the number that `--jobs` gives, by default that of usable cores."""
-    return usable_cores() if jobs is None else whole_number(jobs, "--jobs", 1, 1024)
-
-
-def stages(
-    experiment: Experiment, store: Store, seeds: Sequence[int] | None
-) -> Iterator[list[Group]]:
+def stages(experiment: Experiment, store: Store, seeds: range | None) -> Iterator[list[Group]]:
     """Yields the runs of each stage, of which a search has two; those before must be stored."""
     if experiment.declared.search is None:
         yield [Group(each, each.runs(each.taken(seeds))) for each in experiment.populations]
@@ -71,6 +64,12 @@ def stages(
         yield from import_module("benchmark.search").stages(experiment, store)
     else:
         raise InputError(f"{experiment.name}: --seeds: a search uses only its declared seeds.")
+
+
+def _runs(groups: Iterable[Group], log: Path | None) -> list[RunSpecification]:
+    """Lists the runs of groups once, see `interleaved`, perhaps each with its folder for logs."""
+    runs = interleaved([(group.population, group.runs) for group in groups])
+    return [replace(run, log=str(log.absolute() / run.folder)) for run in runs] if log else runs
 
 
 def _train(name: str, runs: list[RunSpecification], store: Store, options: Any) -> int:
@@ -115,6 +114,11 @@ def _workers(
     stack.callback(cluster.cancel)
     # A worker finds its next job waiting.
     return jobs if options.jobs else 2 * cluster.workers, cluster.workers, cluster
+
+
+def parse_jobs(jobs: str | None) -> int:
+    """Returns the number that `--jobs` gives, by default that of usable cores."""
+    return usable_cores() if jobs is None else whole_number(jobs, "--jobs", 1, 1024)
 
 
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:
@@ -209,14 +213,6 @@ def _check_log(options: Any) -> None:
         import agents.sb3.training  # noqa: F401
     options.log.mkdir(parents=True, exist_ok=True)
     TemporaryFile(dir=options.log).close()
-
-
-def _logged(groups: Iterable[Group], folder: Path | None) -> list[RunSpecification]:
-    """Lists the runs of groups once, see `interleaved`, each with its own folder for logs."""
-    runs = interleaved([(group.population, group.runs) for group in groups])
-    if folder is None:
-        return runs
-    return [replace(run, log=str(folder.absolute() / run.folder)) for run in runs]
 
 
 def _log_curves(groups: Iterable[Group], store: Store, folder: Path) -> None:
