@@ -82,19 +82,16 @@ def measured(rows: Iterable[Row]) -> pd.DataFrame:
 
 
 def _readme(frame: pd.DataFrame) -> str:
-    heads = "name", "per second", "baseline", "ratio", "against"
-    rows = [heads, ["---"] * len(heads)]
-    for row in frame.itertuples(index=False):
-        numbers = f"{row.per_second:,.0f}", f"{row.baseline:,.0f}", f"{row.ratio:.1f}"
-        rows.append((row.name, *numbers, row.against))
-    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    table = frame.to_string(index=False, float_format="{:,.1f}".format)
     return f"""# Speed against alternatives
 
 Steps per second of CPU time while training in S1: of this project, of an alternative in the same
 process, and how many times as many the first makes. `make speed` measures all of it anew; the
 numbers are in speed.csv. Rows named `net_` train with the settings of `speed_nets.toml`.
 
+```text
 {table}
+```
 
 Measured on: {provenance.machine()}. Machines differ and are noisy; ratios differ, too.
 """
