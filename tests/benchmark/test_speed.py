@@ -8,15 +8,12 @@ import pytest
 
 from benchmark import speed
 from benchmark.__main__ import main
-from benchmark.speed import Row, Side
+from benchmark.speed import Side
 
 
-def test_the_best_turn_counts_and_by_cpu_time_all_of_a_few_but_never_the_first(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_all_turns_but_the_first_count(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    for clock in ("perf_counter", "process_time"):
-        monkeypatch.setattr(f"benchmark.speed.time.{clock}", lambda: now[0])
+    monkeypatch.setattr("benchmark.speed.time.process_time", lambda: now[0])
 
     def side(*seconds: float) -> Side:
         turns = iter(seconds)
@@ -24,23 +21,18 @@ def test_the_best_turn_counts_and_by_cpu_time_all_of_a_few_but_never_the_first(
         def work() -> None:
             now[0] += next(turns)
 
-        return 12, work
+        return Side(12, work)
 
-    rows = [
-        Row("by_turns", "units", side(0.1, 4, 2, 3, 6, 12), side(99, 3, 6, 6, 6, 6), "it"),
-        Row("by_cpu_time", "units", side(1, 2, 1, 1, 2), side(9, 6, 6, 6, 6), "it", is_by_cpu_time=True),
-    ]
-    frame = speed._measured(rows, 6)
-    assert frame["per_second"].tolist() == [6, 8]
-    assert frame["baseline"].tolist() == [4, 2]
-    assert frame["ratio"].tolist() == [1.5, 4]
+    sides = side(9, 1, 2, 3, 2, 2), side(9, 4, 8, 4, 8, 6)  # 60 steps in 10 and 30 seconds
+    (row,) = speed.measured([("row", *sides, "it")]).itertuples(index=False, name=None)
+    assert row == ("row", 6, 2, 3, "it")
 
 
 def test_an_interrupt_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    interrupt = 1.0, lambda: os.kill(os.getpid(), signal.SIGINT)
-    monkeypatch.setattr(speed, "all_rows", lambda *_: [Row("row", "unit", (1.0, int), interrupt, "it")])
+    interrupt = Side(1, lambda: os.kill(os.getpid(), signal.SIGINT))
+    monkeypatch.setattr(speed, "all_rows", lambda *_: [("row", Side(1, int), interrupt, "it")])
     results = tmp_path / "results"
     assert main(["speed", "--smoke", "--results", str(results)]) == 130
     *_, said = capsys.readouterr().err.splitlines()

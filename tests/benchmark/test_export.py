@@ -1,0 +1,110 @@
+"""The command that writes the trained agent of a repeated run: it acts as the run was recorded."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from stable_baselines3 import DQN, PPO
+
+from agents.policy import mask_policy
+from benchmark.__main__ import main
+from benchmark.assess import assess
+from benchmark.experiment import load_experiment
+from benchmark.export import find_run
+from benchmark.specification import RunSpecification
+from benchmark.store import Record, Store
+from tests.support import ROOT, small_experiment, variant
+
+OBSERVATIONS = {"tiles": "coordinates", "dqn": "one_hot", "ppo": "one_hot", "table": "index"}
+SHORT = {"settings": {"n_steps": 100}}
+EXPERIMENT = small_experiment(
+    scenarios=["S1", "S3"],
+    settings={"budget": 600, "time_limit": 50},
+    algorithms={
+        "tiles": variant("linear_q_lambda", "coordinates"),
+        "dqn": variant("compiled_dqn", "coordinates", "one_hot"),
+        "ppo": variant("compiled_ppo", "one_hot", **SHORT),
+        "table": variant("q_learning", "index"),
+        "stock": variant("stable_baselines3:PPO", "one_hot", **SHORT),
+    },
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an experiment; tests export runs with seed 1 in S3."""
+    folder = tmp_path_factory.mktemp("export")
+    (folder / "small.toml").write_text(EXPERIMENT, encoding="utf-8")
+    return folder
+
+
+def run_of(folder: Path, name: str) -> RunSpecification:
+    learner = f"{name}, {OBSERVATIONS.get(name, 'one_hot')}"
+    return find_run(load_experiment(folder / "small.toml"), learner, "1", "S3", None)
+
+
+def stored(folder: Path, name: str) -> Record:
+    with Store(folder / "runs.db", read_only=True) as store:
+        return store.get([run_of(folder, name).digest])[0]
+
+
+def export(folder: Path, name: str, file: str) -> int:
+    learner = f"{name}, {OBSERVATIONS.get(name, 'one_hot')}"
+    command = ["export", str(folder / "small.toml"), "--learner", learner, "--seed", "1"]
+    return main([*command, "--scenario", "S3", "--results", str(folder), str(folder / file)])
+
+
+@pytest.mark.parametrize("name", [*OBSERVATIONS, pytest.param("stock", marks=pytest.mark.slow)])
+def test_files_act_as_recorded(name: str, folder: Path) -> None:
+    assert export(folder, name, f"{name}.npz") == 0
+    record = stored(folder, name)
+    arrays = record.arrays
+    with np.load(folder / f"{name}.npz", allow_pickle=False) as file:
+        assert json.loads(str(file["about"]))["digest"] == record.digest
+        assert (file["greedy"] == mask_policy(arrays["greedy"][-1])).all()
+        assert (file["q"] == arrays["q"]).all()
+        assert (file["stochastic"] == arrays["stochastic"].reshape(-1, 5)).all()
+        observations = file["observations"]
+    if name in ("tiles", "table"):
+        assert export(folder, name, f"{name}.zip") == 2
+        return
+    assert export(folder, name, f"{name}.zip") == 0
+    model: Any = (DQN if name == "dqn" else PPO).load(folder / f"{name}.zip")
+    assert (model.num_timesteps, json.loads(model.about)["digest"]) == (600, record.digest)
+    actions = model.predict(observations, deterministic=True)[0]
+    assert (1 << actions == arrays["greedy"][-1]).all()
+    tensor, _ = model.policy.obs_to_tensor(observations)
+    if name == "dqn":
+        assert model.q_net(tensor).detach().numpy() == pytest.approx(arrays["q"], abs=1e-5)
+    else:
+        found = model.policy.get_distribution(tensor).distribution.probs.detach().numpy()
+        assert found == pytest.approx(arrays["stochastic"][-1], abs=1e-6)
+
+
+def test_documented_reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    assert export(folder, "table", "table.npz") == 0
+    guide = (ROOT / "benchmark" / "README.md").read_text(encoding="utf-8")
+    codes = re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)
+    read: dict[str, Any] = {}
+    exec(next(code for code in codes if "np.load" in code), read)
+    assert read["is_over"]
+    policy = assess(read["act"], scenario="S3", observation="index").policy
+    assert policy == pytest.approx(np.load("table.npz")["greedy"])
+
+
+def test_a_different_run_is_not_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert export(folder, "tiles", "tiles.npz") == 0
+    record = stored(folder, "tiles")
+    forged = replace(record, arrays={**record.arrays, "q": record.arrays["q"] + 1})
+    for kept, code in ((forged, 2), (record, 0)):
+        with Store(folder / "runs.db") as store:
+            store.add([kept])
+        assert export(folder, "tiles", "other.npz") == code
+        assert (folder / "other.npz").exists() == (code == 0)
+    assert "not written, since the repeated run differs in q" in capsys.readouterr().err
+    assert [*folder.glob(".making*")] == []
