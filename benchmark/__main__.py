@@ -86,13 +86,7 @@ def _run(options: argparse.Namespace) -> int:
     with contained(), needed_by(f"benchmark {options.command}"):
         if options.command == "list":
             return _list()
-        try:
-            module = import_module(f"benchmark.{options.command}")
-        except ModuleNotFoundError:  # TODO: until all commands have moved
-            module = import_module(f"benchmark.commands.{options.command}")
-        code: int = module.main(options)
-        if not code and getattr(options, "report", False) and "commands" in module.__name__:
-            code = import_module("benchmark.commands.report").main(options)
+        code: int = import_module(f"benchmark.{options.command}").main(options)
         return code
 
 
@@ -115,8 +109,7 @@ def _silence_output() -> None:
 def _list() -> int:
     """Shows scenarios, algorithms and experiments."""
     from agents import ALGORITHMS
-    from benchmark.experiment import experiment_names
-    from benchmark.experiments.schema import read_experiment
+    from benchmark.experiment import experiment_names, read_experiment
     from envs import load_scenario, scenario_names
 
     _show("scenarios", scenario_names(), lambda name: load_scenario(name).description)

@@ -16,8 +16,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from benchmark.experiment import Experiment, Learner
-from benchmark.experiments import DEFAULT_CONDITION
+from benchmark.experiment import DEFAULT_CONDITION, Experiment, Learner
 from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records
 from benchmark.store import VALUE_DECIMALS, Store
 from benchmark.style import colour_map

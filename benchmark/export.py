@@ -16,9 +16,9 @@ import numpy as np
 from agents.nets.learner import NetAlgorithm
 from agents.policy import mask_policy
 from agents.sb3.algorithms import Sb3Algorithm
-from benchmark.execution.executors.processes import Processes
-from benchmark.execution.job import POLICY
+from benchmark.executors import Processes
 from benchmark.experiment import Experiment, load_experiment
+from benchmark.job import POLICY
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
 from benchmark.style import check_file

@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from benchmark.execution import provenance
+from benchmark import provenance
 from benchmark.folder import README, alone, replaced, write_csv, write_manifest
 from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml

@@ -18,11 +18,10 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from agents.policy import contains
-from benchmark.execution.driver import pending, run
-from benchmark.experiment import load_experiment
-from benchmark.experiments import DEFAULT_CONDITION
+from benchmark.experiment import DEFAULT_CONDITION, load_experiment
 from benchmark.export import find_run
 from benchmark.records import Records, load_records
+from benchmark.run import execute, pending
 from benchmark.scenes import RGB, Style, colour_bar, heat, mark
 from benchmark.store import Store
 from benchmark.style import check_file, figure_of, settings
@@ -61,7 +60,7 @@ def main(options: argparse.Namespace) -> int:
         store.discard_damaged([watched.digest])
         if pending([watched], store):
             print(f"training {title} ...", file=sys.stderr)
-            if errors := run([watched], store, jobs=1):
+            if errors := execute([watched], store, jobs=1):
                 raise InputError(f"{title}: training failed: {errors[0]}")
         write(title, load_records([watched], store), options.save)
     print(f"{title}: {options.save}")
