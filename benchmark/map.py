@@ -12,13 +12,14 @@ Mathematical Statistics 27:713-721). It does not cover what other searches would
 
 In each unit, the probability of any wrong verdict is at most 5 %: which learner takes less is
 decided by Holm's method (1979), in thirds of the error, since a verdict can be wrong at either end
-of an interval, or at that of a share of runs that learn. That no winner is wrong assumes independent
-contrasts (Shaffer 1980, Annals of Statistics 8:1342-1347); otherwise, it is known from simulation.
+of an interval, or at that of a share of runs that learn. That no winner is wrong assumes that
+contrasts are independent (Shaffer 1980, Annals of Statistics 8:1342-1347); otherwise, it is known
+from simulation.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import lcm, prod
-from typing import Annotated, Any, Final, NamedTuple, Self
+from typing import Annotated, Any, Final, Self
 
 import numpy as np
 import pandas as pd
@@ -145,28 +146,22 @@ def check(experiment: Experiment, declared: Declared) -> None:
 
 def _check_figures(experiment: Experiment, declared: Declared) -> None:
     """Raises an InputError unless learners run where figures show them."""
-    grids, points, panels = experiment.declared.grids, set[str](), set[str]()
-    for population in experiment.populations:
-        grid, point, learner = key_of(population)
-        if len(grids[grid].axes) == 1:
-            panels.add(f"{grid}: {learner}")
-        if population.scenario.issuer.unseen:
-            points.add(f"{grid}, {point}: {learner}")
+    flat = {name for name, grid in experiment.declared.grids.items() if len(grid.axes) == 1}
+    ran = {key_of(each): each.scenario.issuer.unseen for each in experiment.populations}
+    panels = [f"{grid}: {learner}" for grid, _, learner in ran if grid in flat]
+    points = [f"{grid}, {point}: {learner}" for (grid, point, learner), has in ran.items() if has]
     shown = [
-        ("report.panels", "panel", f"{panel.grid}: {name}", panels)
+        ("panels", f"{panel.grid}: {name}", panels)
         for panel in declared.panels
         for name in panel.learners
     ]
     if answer := declared.answer:
-        for name in (name for group in answer.groups for name in group.learners):
-            where = f"{answer.grid}, {answer.point}: {name}"
-            shown.append(("report.answer", "point with unseen places", where, points))
-            if answer.unseen:
-                where = f"{answer.unseen}: {name}"
-                shown.append(("report.answer.unseen", "panel", where, panels))
-    for key, kind, name, known in shown:
+        learners = [name for group in answer.groups for name in group.learners]
+        shown += [("answer", f"{answer.grid}, {answer.point}: {name}", points) for name in learners]
+        shown += [("answer.unseen", answer.unseen, flat)] if answer.unseen else []
+    for key, name, known in shown:
         if name not in known:
-            unknown_name(f"{experiment.argument}: {key}", kind, name, known)
+            unknown_name(f"{experiment.argument}: report.{key}", "place", name, known)
 
 
 # Populations
@@ -270,6 +265,14 @@ def cells(data: Data) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def needed(cell: "pd.Series[Any]") -> str:
+    """Returns how many steps a cell's learner needs (median), for a text."""
+    if np.isfinite(cell["steps"]):
+        return f"{cell['steps']:,.0f}"
+    n_learned = f"{cell['n_solved']:.0f} of {cell['n']:.0f} runs learn"
+    return f"more than {cell['budget']:,.0f} ({n_learned})"
+
+
 def unseen(data: Data) -> pd.DataFrame | None:
     """Every run with unseen places: success in them by both policies."""
     runs = data.runs[data.runs["unseen_budget"].notna()].set_index([*KEYS, "seed"])
@@ -355,54 +358,53 @@ _COARSE: Final = 1.25  # largest ratio of successive evaluations that are not to
 
 def decide_all(pairs: Mapping[Any, pd.DataFrame], unit: str, margins: Margins) -> pd.DataFrame:
     """Decides all contrasts that have a unit: columns of `UNITS`, by the keys of pairs of runs."""
+    found = pd.DataFrame(
+        {
+            key: evidence(pair, unit, margins)
+            for key, pair in pairs.items()
+            if not pair["x"][unit].isna().any()
+        }
+    ).T
     verdict, why, less, words = UNITS[unit]
-    pairs = {
-        key: pair
-        for key, pair in pairs.items()
-        if not pair.xs(unit, axis=1, level=1).isna().any(axis=None)
+    adjusted = np.array(holm((_ENDS * found["p_known"]).clip(upper=1)))
+    n_open, tail = (adjusted > ALPHA).sum(), ALPHA / _ENDS / max(len(found), 1)
+    n, share = found["n"].astype(int), found["less"].astype(float)
+    cases = {
+        words[0]: (adjusted <= ALPHA) & (share > 0.5),
+        words[1]: adjusted <= ALPHA,
+        NO_VERDICT: _ENDS * n_open * found["p"] <= ALPHA,
+        NEITHER: proportion_interval(found["never"].astype(float), n, tail)[0] > 0.5,
     }
-    found = [evidence(pair, unit, margins) for pair in pairs.values()]
-    n = len(pairs)
-    adjusted = holm([min(_ENDS * each.p_known, 1.0) for each in found])
-    n_open, tail = n - sum(p <= ALPHA for p in adjusted), ALPHA / _ENDS / max(n, 1)
-    rows = []
-    for each, p in zip(found, adjusted, strict=True):
-        decided = UNDECIDED
-        if p <= ALPHA:
-            decided = words[each.less < 0.5]
-        elif _ENDS * n_open * each.p <= ALPHA:
-            decided = NO_VERDICT
-        elif proportion_interval(each.never, each.n, tail)[0] > 0.5:
-            decided = NEITHER
-        ends = map(float, proportion_interval(each.less, each.n, tail))
-        row = {verdict: decided, why: each.why if decided == NO_VERDICT else ""}
-        rows.append(row | with_ends(less, Estimate(each.less, *ends)))
-    return pd.DataFrame(rows, index=pd.Index([*pairs], tupleize_cols=False))
+    decided = np.select([*cases.values()], [*cases], UNDECIDED)
+    table = {verdict: decided, why: found["why"].where(decided == NO_VERDICT, "")}
+    table |= with_ends(less, Estimate(share, *proportion_interval(share, n, tail)))
+    return pd.DataFrame(table, index=found.index)
 
 
-class Evidence(NamedTuple):
-    """What pairs of runs say in a unit, before it is adjusted for the number of contrasts."""
+def evidence(pair: pd.DataFrame, unit: str, margins: Margins) -> dict[str, object]:
+    """Returns what pairs of runs say in a unit, not adjusted for the number of contrasts.
 
-    n: int
-    less: float  # share of pairs in which x takes less
-    p: float  # one-sided p-value of the probability of taking less being 1/2
-    p_known: float  # the same, whatever open pairs may be; 1 if a winner would have no verdict
-    why: str  # the reason for no verdict
-    never: float  # share of the runs that never learn, of the learner with fewer of them
-
-
-def evidence(pair: pd.DataFrame, unit: str, margins: Margins) -> Evidence:
-    """Compares what pairs of runs took; some are open, see `_open`."""
+    `less` is the share of pairs in which x takes less, and `p` its one-sided p-value; `p_known` is
+    the same, whatever open pairs may be, or 1 if a winner would have no verdict. `never` is the
+    share of runs that never learn, of the learner with fewer of them.
+    """
     x, y, n = pair["x"][unit].to_numpy(), pair["y"][unit].to_numpy(), len(pair)
     won, reasons = wins(x, y), _open(pair, unit)
-    less = float(won.mean())
-    worst = float(np.where(reasons != "", less < 0.5, won).mean())
-    sides = [pair["x"], pair["y"]] if less > 0.5 else [pair["y"], pair["x"]]
-    why = SMALL if abs(less - 0.5) < margins.probability else _flaw(*sides, unit, margins)
+    less = won.mean()
+    worst = np.where(reasons != "", less < 0.5, won).mean()
+    winner, loser = ("x", "y") if less > 0.5 else ("y", "x")
+    why = _flaw(pair[winner], pair[loser], unit, margins)
+    if abs(less - 0.5) < margins.probability:
+        why = SMALL
     is_known = not why and (worst - 0.5) * (less - 0.5) > 0
-    why = why or next((each for each in (UNTRAINED, AT_LAST, COARSE) if each in reasons), "")
-    never = float(min(np.isinf(x).mean(), np.isinf(y).mean()))
-    return Evidence(n, less, p_half(less, n), p_half(worst, n) if is_known else 1.0, why, never)
+    return {
+        "n": n,
+        "less": less,
+        "p": p_half(less, n),
+        "p_known": p_half(worst, n) if is_known else 1.0,
+        "why": why or next((each for each in (UNTRAINED, AT_LAST, COARSE) if each in reasons), ""),
+        "never": min(np.isinf(x).mean(), np.isinf(y).mean()),
+    }
 
 
 def _open(pair: pd.DataFrame, unit: str) -> NDArray[np.str_]:
@@ -463,8 +465,14 @@ def answer(data: Data) -> Figure | None:
             cells = _shown(data, declared.grid, column).set_index(["point", "learner"])
             name_rows(axis, [text if axis is left else "" for _, text in lines])
             for y, (name, _) in enumerate(lines):
-                if name:
-                    _draw_row(axis, y, cells.loc[declared.point, name], _look(data, name))
+                if not name:
+                    continue
+                row, style = cells.loc[declared.point, name], _look(data, name)
+                axis.hlines(y, row["low"], row["high"], color=style["color"], lw=6, alpha=0.4)
+                filling = {"mfc": "white"} if row["text"] == _NEVER else {}
+                axis.plot(row["value"], y, **style | filling, ms=6.5, clip_on=False)
+                place = {"va": "center", "transform": axis.get_yaxis_transform()}
+                axis.text(1.05, y, row["text"], **place)
         left.set(xscale="log", xlabel="steps until it has learned (← better)")
         _format_steps(left.xaxis)
         right.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="success in unseen places (better →)")
@@ -486,16 +494,8 @@ def _shown(data: Data, grid: str, column: str) -> pd.DataFrame:
     return shown.assign(point=cells["point"], learner=cells["learner"], text=texts)
 
 
-def _draw_row(axis: Axes, y: int, row: pd.Series, style: Mapping[str, Any]) -> None:
-    """Draws a value with its interval, and writes it on the right."""
-    axis.hlines(y, row["low"], row["high"], color=style["color"], lw=6, alpha=0.4)
-    hollow = {"mfc": "white"} if row["text"] == _NEVER else {}
-    axis.plot(row["value"], y, **style | hollow, ms=6.5, clip_on=False)
-    axis.text(1.05, y, row["text"], va="center", transform=axis.get_yaxis_transform())
-
-
 def _format_steps(axis: Axis) -> None:
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_locator(LogLocator(subs=(1, 3)))
     axis.set_major_formatter("{x:,.0f}")
     axis.set_minor_locator(NullLocator())
 
@@ -511,10 +511,11 @@ def unseen_places(data: Data) -> Figure | None:
     if declared is None or not declared.unseen:
         return None
     title = data.experiment.declared.grids[declared.unseen].question or "Unseen places"
-    panels = [
-        Panel(grid=declared.unseen, title=group.title or title, learners=(*group.learners,))
-        for group in declared.groups
-    ]
+    ran = {*_shown(data, declared.unseen, "unseen_budget")["learner"]}
+    panels = []
+    for group in declared.groups:
+        learners = tuple(name for name in group.learners if name in ran)
+        panels.append(Panel(grid=declared.unseen, title=group.title or title, learners=learners))
     return _panels(data, panels, "unseen_budget", "success in unseen places")
 
 
@@ -533,7 +534,8 @@ def _panels(data: Data, panels: Sequence[Panel], column: str, label: str) -> Fig
                 _format_steps(axis.yaxis)
             else:
                 axis.set_ylim(0, 1.03)
-        figure.supylabel(label, fontsize="medium")
+        for axis in axes[:, 0]:
+            axis.set_ylabel(label)
         figure.legend(lines.values(), lines, loc="outside lower center", ncols=2, frameon=False)
     return figure
 
