@@ -19,6 +19,7 @@ from simulation.
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import lcm, prod
+from textwrap import fill
 from typing import Annotated, Any, Final, Self
 
 import numpy as np
@@ -27,7 +28,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
@@ -60,36 +61,25 @@ KEYS: Final = ["grid", "point", "learner"]  # the columns that name a population
 
 
 class Panel(Table):
-    """A panel of the map: steps until learners have learned, along the axis of a grid."""
+    """Learners that figures show under a heading."""
 
-    grid: str
-    """The grid that it shows, with one axis."""
     title: Annotated[Label, Field(min_length=1)]
-    """Its heading."""
+    """Their heading."""
+    grid: str
+    """The grid, with one axis, along which the map shows them."""
     learners: Annotated[Names, Field(min_length=1)]
-    """Names of the learners that it shows."""
-
-
-class AnswerGroup(Table):
-    """Rows of the figure of the answer."""
-
-    title: Label = ""
-    """Their heading, if they have one."""
-    learners: Annotated[dict[str, Annotated[Label, Field(min_length=1)]], Field(min_length=1)]
-    """What the figure calls each learner, by its name: "ppo, coordinates" = "PPO (net)"."""
+    """Their names; some may run at the answer only."""
 
 
 class Answer(Table):
-    """The answer at one point: steps until learners have learned, and success in unseen places."""
+    """A point at which another figure shows all learners of the panels that run there."""
 
     grid: str
-    """The grid with the point."""
+    """Its grid."""
     point: str
-    """The point, as in tables: "places 64". It must have unseen places."""
+    """Its name in tables: "places 64". It has unseen places."""
     unseen: str = ""
     """A grid with one axis, along which another figure shows success in unseen places."""
-    groups: Annotated[tuple[AnswerGroup, ...], Field(min_length=1)]
-    """The learners."""
 
 
 class Margins(Table):
@@ -125,7 +115,7 @@ class Declared(Report):
 
 
 def check(experiment: Experiment, declared: Declared) -> None:
-    """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
+    """Raises an InputError if grids, contrasts, seeds, budgets or figures do not fit a map."""
     where, given, known = experiment.argument, experiment.declared, experiment.learners
     for key, value in {"[grids]": given.grids, "[solved]": given.solved}.items():
         if not value:
@@ -144,24 +134,27 @@ def check(experiment: Experiment, declared: Declared) -> None:
     _check_figures(experiment, declared)
 
 
+def _effort(population: Population) -> tuple[range, int]:
+    return population.seeds, population.first.settings.budget
+
+
 def _check_figures(experiment: Experiment, declared: Declared) -> None:
-    """Raises an InputError unless learners run where figures show them."""
-    flat = {name for name, grid in experiment.declared.grids.items() if len(grid.axes) == 1}
+    """Raises an InputError unless points and learners of figures are there."""
+    grids, answer, panels = experiment.declared.grids, declared.answer, declared.panels
+    flat = [name for name, grid in grids.items() if len(grid.axes) == 1]
     ran = {key_of(each): each.scenario.issuer.unseen for each in experiment.populations}
-    panels = [f"{grid}: {learner}" for grid, _, learner in ran if grid in flat]
-    points = [f"{grid}, {point}: {learner}" for (grid, point, learner), has in ran.items() if has]
-    shown = [
-        ("panels", f"{panel.grid}: {name}", panels)
-        for panel in declared.panels
-        for name in panel.learners
-    ]
-    if answer := declared.answer:
-        learners = [name for group in answer.groups for name in group.learners]
-        shown += [("answer", f"{answer.grid}, {answer.point}: {name}", points) for name in learners]
-        shown += [("answer.unseen", answer.unseen, flat)] if answer.unseen else []
-    for key, name, known in shown:
-        if name not in known:
-            unknown_name(f"{experiment.argument}: report.{key}", "place", name, known)
+    points = [f"{grid}, {point}" for (grid, point, _), has_unseen in ran.items() if has_unseen]
+    shown = [("grid with one axis", panel.grid, flat) for panel in panels]
+    if answer:
+        shown.append(("point with unseen places", f"{answer.grid}, {answer.point}", points))
+        shown += [("grid with one axis", answer.unseen, flat)] if answer.unseen else []
+    for panel in panels:
+        used = {panel.grid, answer.grid if answer else ""}
+        known = [learner for grid, _, learner in ran if grid in used]
+        shown += [("learner of a panel", name, known) for name in panel.learners]
+    for kind, name, accepted in shown:
+        if name not in accepted:
+            unknown_name(f"{experiment.argument}: report", kind, name, {*accepted})
 
 
 # Populations
@@ -169,8 +162,8 @@ def _check_figures(experiment: Experiment, declared: Declared) -> None:
 
 def key_of(population: Population) -> Key:
     """Returns the columns that name a population: its grid, its point there, and its learner."""
-    grid, *values = population.condition.name.split("/")
-    return grid, ", ".join(values).replace("=", " "), population.learner.name
+    grid, point, learner = (str(population.keys[name]) for name in KEYS)
+    return grid, point, learner
 
 
 def compared(
@@ -184,10 +177,6 @@ def compared(
     points = dict.fromkeys(key[:2] for key in known if grids[key[0]].is_compared)
     pairs = [((*point, x), (*point, y)) for point in points for x, y in contrasts]
     return [(known[x], known[y]) for x, y in pairs if {x, y} <= known.keys()]
-
-
-def _effort(population: Population) -> tuple[range, int]:
-    return population.seeds, population.first.settings.budget
 
 
 def by_pick(values: Numbers, *populations: Population) -> list[Numbers]:
@@ -294,22 +283,23 @@ def cpu(data: Data) -> pd.DataFrame:
 def contrasts(data: Data) -> pd.DataFrame:
     """The declared contrasts: which learner takes less until it has learned."""
     runs, rows = _by_key(data), list[dict[str, Any]]()
-    pairs = dict[tuple[str, ...], pd.DataFrame]()  # by runs: one in two grids is decided once
+    pairs = dict[str, pd.DataFrame]()  # by their runs: a contrast in two grids is decided once
     for x, y in compared(data.experiment, data.declared.contrasts):
         sides = {"x": runs[key_of(x)].set_index("seed"), "y": runs[key_of(y)].set_index("seed")}
         pair = pd.concat(sides, axis=1, join="inner")
-        pairs[key := (*pair["x"]["run"], *pair["y"]["run"])] = pair
+        pairs[key := " ".join([*pair["x"]["run"], *pair["y"]["run"]])] = pair
         steps = pair["x"]["steps"].to_numpy(), pair["y"]["steps"].to_numpy()
         shares = [won.mean() for won in by_pick(wins(*steps), x, y)]
-        names = {**dict(zip(KEYS, key_of(x), strict=True)), "y": y.learner.name}
-        row = names | {"key": key, "n": len(pair), "differs": differences(x, y)}
+        grid, point, name = key_of(x)
+        row = {"key": key, "grid": grid, "point": point, "x": name, "y": y.learner.name}
+        row |= {"n": len(pair), "differs": differences(x, y)}
         row |= {"picks": len(shares), "picks_faster": sum(share > 0.5 for share in shares)}
         rows.append(row | with_ends("ratio", ratio(*steps, x.first.settings.budget)))
-    table = pd.DataFrame(rows).rename(columns={"learner": "x"})
+    table = pd.DataFrame(rows)
     for unit in UNITS:
-        decided = decide_all(pairs, unit, data.declared.margins)
-        if len(decided):
-            table = table.join(decided, on="key")
+        own = {key: pair for key, pair in pairs.items() if pair["x"][unit].notna().all()}
+        if own:
+            table = table.join(decide_all(own, unit, data.declared.margins), on="key")
     return table.drop(columns="key")
 
 
@@ -322,11 +312,11 @@ def ratio(x: Numbers, y: Numbers, budget: int) -> Estimate:
     rng, n = np.random.default_rng(BOOTSTRAP_SEED), len(x)
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
     below, above = (np.median(steps[drawn], axis=1) for steps in (x, y))
-    if np.isinf([below[0], above[0]]).all() or 0 in (below[0], above[0]):
+    if not 0 < min(below[0], above[0]) < np.inf:
         return Estimate(np.nan, np.nan, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have learned at step 0
         samples = np.minimum(above, budget) / np.minimum(below, budget)
-    return Estimate(float(samples[0]), *map(float, np.nanpercentile(samples[1:], [2.5, 97.5])))
+    return Estimate(samples[0], *np.nanpercentile(samples[1:], [2.5, 97.5]))
 
 
 # By unit: the columns of the verdict, of why there is none, and of the probability that x takes
@@ -356,29 +346,22 @@ _ENDS: Final = 3  # if a verdict is wrong, so is one of three ends of intervals,
 _COARSE: Final = 1.25  # largest ratio of successive evaluations that are not too far apart
 
 
-def decide_all(pairs: Mapping[Any, pd.DataFrame], unit: str, margins: Margins) -> pd.DataFrame:
-    """Decides all contrasts that have a unit: columns of `UNITS`, by the keys of pairs of runs."""
-    found = pd.DataFrame(
-        {
-            key: evidence(pair, unit, margins)
-            for key, pair in pairs.items()
-            if not pair["x"][unit].isna().any()
-        }
-    ).T
+def decide_all(pairs: Mapping[str, pd.DataFrame], unit: str, margins: Margins) -> pd.DataFrame:
+    """Decides contrasts in a unit: columns of `UNITS`, by the keys of pairs of runs."""
+    found = pd.DataFrame([evidence(pair, unit, margins) for pair in pairs.values()], index=[*pairs])
     verdict, why, less, words = UNITS[unit]
     adjusted = np.array(holm((_ENDS * found["p_known"]).clip(upper=1)))
-    n_open, tail = (adjusted > ALPHA).sum(), ALPHA / _ENDS / max(len(found), 1)
-    n, share = found["n"].astype(int), found["less"].astype(float)
+    n_open, tail = (adjusted > ALPHA).sum(), ALPHA / _ENDS / len(found)
     cases = {
-        words[0]: (adjusted <= ALPHA) & (share > 0.5),
+        words[0]: (adjusted <= ALPHA) & (found["less"] > 0.5),
         words[1]: adjusted <= ALPHA,
         NO_VERDICT: _ENDS * n_open * found["p"] <= ALPHA,
-        NEITHER: proportion_interval(found["never"].astype(float), n, tail)[0] > 0.5,
+        NEITHER: proportion_interval(found["never"], found["n"], tail)[0] > 0.5,
     }
     decided = np.select([*cases.values()], [*cases], UNDECIDED)
     table = {verdict: decided, why: found["why"].where(decided == NO_VERDICT, "")}
-    table |= with_ends(less, Estimate(share, *proportion_interval(share, n, tail)))
-    return pd.DataFrame(table, index=found.index)
+    ends = proportion_interval(found["less"], found["n"], tail)
+    return pd.DataFrame(table | with_ends(less, Estimate(found["less"], *ends)), index=[*pairs])
 
 
 def evidence(pair: pd.DataFrame, unit: str, margins: Margins) -> dict[str, object]:
@@ -455,30 +438,42 @@ def answer(data: Data) -> Figure | None:
     declared = data.declared.answer
     if declared is None:
         return None
-    lines = list[tuple[str, str]]()  # learners and texts; a heading has no learner
-    for group in declared.groups:
-        lines += [("", group.title)] if group.title else []
-        lines += group.learners.items()
-    with figure_of(1, 2, (WIDTH, 0.9 + 0.27 * len(lines))) as (figure, axes):
+    panels = _panels_in(data, declared.grid)
+    lines = [line for panel in panels for line in (panel.title, *panel.learners)]
+    titles = {name: each.title for name, each in data.experiment.learners.items()}
+    with figure_of(1, 2, (WIDTH, 1 + 0.3 * len(lines))) as (figure, axes):
         left, right = axes[0]
         for axis, column in ((left, "steps"), (right, "unseen_budget")):
             cells = _shown(data, declared.grid, column).set_index(["point", "learner"])
-            name_rows(axis, [text if axis is left else "" for _, text in lines])
-            for y, (name, _) in enumerate(lines):
-                if not name:
+            names = [fill(titles.get(line, line), 34) for line in lines]
+            name_rows(axis, names if axis is left else [""] * len(names))
+            for y, line in enumerate(lines):
+                if line not in titles:
                     continue
-                row, style = cells.loc[declared.point, name], _look(data, name)
+                row, style = cells.loc[declared.point, line], _look(data, line)
                 axis.hlines(y, row["low"], row["high"], color=style["color"], lw=6, alpha=0.4)
                 filling = {"mfc": "white"} if row["text"] == _NEVER else {}
                 axis.plot(row["value"], y, **style | filling, ms=6.5, clip_on=False)
                 place = {"va": "center", "transform": axis.get_yaxis_transform()}
                 axis.text(1.05, y, row["text"], **place)
-        left.set(xscale="log", xlabel="steps until it has learned (← better)")
+        left.set(xscale="log", xlabel="steps until it\nhas learned (← better)")
         _format_steps(left.xaxis)
-        right.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="success in unseen places (better →)")
-        for label, (name, _) in zip(left.get_yticklabels(), lines, strict=True):
-            label.set_fontweight("normal" if name else "bold")
+        right.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="success in unseen\nplaces (better →)")
+        for label, line in zip(left.get_yticklabels(), lines, strict=True):
+            label.set(fontsize="small", fontweight="normal" if line in titles else "bold")
     return figure
+
+
+def _panels_in(data: Data, grid: str) -> list[Panel]:
+    """Returns the panels as they are in another grid: learners that run there, each once."""
+    ran = {*_shown(data, grid, "steps")["learner"]}
+    panels = list[Panel]()
+    for panel in data.declared.panels:
+        learners = tuple(name for name in panel.learners if name in ran)
+        ran -= {*learners}
+        if learners:
+            panels.append(panel.model_copy(update={"grid": grid, "learners": learners}))
+    return panels
 
 
 def _shown(data: Data, grid: str, column: str) -> pd.DataFrame:
@@ -496,7 +491,7 @@ def _shown(data: Data, grid: str, column: str) -> pd.DataFrame:
 
 def _format_steps(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=(1, 3)))
-    axis.set_major_formatter("{x:,.0f}")
+    axis.set_major_formatter(EngFormatter(sep=""))
     axis.set_minor_locator(NullLocator())
 
 
@@ -507,16 +502,10 @@ def picture(data: Data) -> Figure:
 
 def unseen_places(data: Data) -> Figure | None:
     """Success in unseen places after all steps of training, means with 95 % intervals."""
-    declared = data.declared.answer
-    if declared is None or not declared.unseen:
+    grid = data.declared.answer and data.declared.answer.unseen
+    if not grid:
         return None
-    title = data.experiment.declared.grids[declared.unseen].question or "Unseen places"
-    ran = {*_shown(data, declared.unseen, "unseen_budget")["learner"]}
-    panels = []
-    for group in declared.groups:
-        learners = tuple(name for name in group.learners if name in ran)
-        panels.append(Panel(grid=declared.unseen, title=group.title or title, learners=learners))
-    return _panels(data, panels, "unseen_budget", "success in unseen places")
+    return _panels(data, _panels_in(data, grid), "unseen_budget", "success in unseen places")
 
 
 def _panels(data: Data, panels: Sequence[Panel], column: str, label: str) -> Figure:
@@ -547,9 +536,8 @@ def _draw_panel(data: Data, axis: Axes, panel: Panel, column: str) -> dict[str, 
     places = {f"{name} {value}": i for i, value in enumerate(numbers)}
     cells, lines = _shown(data, panel.grid, column), dict[str, Line2D]()
     cells["at"] = cells["point"].map(places)
-    for learner, shift in zip(
-        panel.learners, np.linspace(-0.2, 0.2, len(panel.learners)), strict=True
-    ):
+    shown = [learner for learner in panel.learners if learner in {*cells["learner"]}]
+    for learner, shift in zip(shown, np.linspace(-0.2, 0.2, len(shown)), strict=True):
         rows, style = cells[cells["learner"] == learner].sort_values("at"), _look(data, learner)
         at, is_never = rows["at"] + shift, rows["text"] == _NEVER
         axis.vlines(at, rows["low"], rows["high"], color=style["color"], lw=2.5, alpha=0.35)
