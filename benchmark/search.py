@@ -22,7 +22,6 @@ from typing import Annotated, Final
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -40,7 +39,6 @@ from envs.inputs import override
 from envs.words import listed
 
 _DIGITS: Final = 9  # means that differ less are equal: the order of sums must not decide
-_MAX_NAMES: Final = 8  # of learners in a sentence
 _MEASURES: Final = {"area": "mean success over training", "earliness": "mean earliness"}
 _ALL: Final = "all"  # stands for all scenarios
 
@@ -92,12 +90,18 @@ class Outcome:
         """The best trial of each scenario by the first runs."""
         return {str(name): ranked(self.first[name])[0] for name in self.first}
 
-    def means(self, trials: Mapping[str, int] | int) -> Means:
-        """Returns the means of a trial, or of one in each scenario, with fresh seeds."""
-        names = [*self.first]
-        at = trials if isinstance(trials, Mapping) else dict.fromkeys(names, trials)
-        means = [float(self.fresh.loc[at[name], name]) for name in names]
-        return Means(means, [self.search.seeds] * len(names))
+    @property
+    def again(self) -> set[tuple[int, str]]:
+        """The trials that run with fresh seeds, each with a scenario."""
+        everywhere = {0, *chain(*self.finalists)}
+        best = ((trial, name) for name, trial in self.best_by_scenario.items())
+        return {*product(everywhere, self.first), *best}
+
+    def means(self, trial: int | None) -> Means:
+        """Returns the fresh means of a trial; by default, of the best one in each scenario."""
+        at = self.best_by_scenario
+        means = [float(self.fresh.loc[at[name] if trial is None else trial, name]) for name in at]
+        return Means(means, [self.search.seeds] * len(means))
 
 
 def ranked(means: "pd.Series[float]") -> list[int]:
@@ -145,22 +149,16 @@ def outcomes(experiment: Experiment, curves: pd.DataFrame) -> list[Outcome]:
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     """Yields the runs of both stages; the first must be stored before the second is asked for."""
-    search, names = experiment.declared.search, [*experiment.scenarios]
     first = [Group(each, each.runs()) for each in experiment.populations]
     yield first
     curves = tables(first, store)[1]
     # As published, so that the report finds the same
     curves["success"] = curves["success"].map("{:.6g}".format).astype(float)
-    again = set[tuple[int, str, str]]()
-    for outcome in outcomes(experiment, curves):
-        everywhere = product([0, *chain(*outcome.finalists)], names)
-        best = outcome.best_by_scenario
-        pairs = {*everywhere, *((best[name], name) for name in names)}
-        again |= {(trial, name, outcome.learner.name) for trial, name in pairs}
+    again = {each.learner.name: each.again for each in outcomes(experiment, curves)}
     yield [
-        Group(each, each.runs(search.fresh))
+        Group(each, each.runs(experiment.declared.search.fresh))
         for each in experiment.populations
-        if (each.keys["trial"], each.scenario.name, each.learner.name) in again
+        if (each.keys["trial"], each.scenario.name) in again[each.learner.name]
     ]
 
 
@@ -257,24 +255,20 @@ def value_at(settings: object, key: str) -> object:
 def chosen(data: Data) -> pd.DataFrame:
     """The chosen settings of each learner, and what it reaches with them on fresh seeds."""
     texts = data.tables["trials"].set_index(["learner", "trial"])["settings"]
-    n_finalists, rows = _n_finalists(data), []
+    margin, rows = data.declared.margin, list[dict[str, object]]()
     for outcome in found(data):
         name, picks, default = outcome.learner.name, outcome.picks, outcome.means(0)
         for part, trial in enumerate(picks, 1):
             best = outcome.means(trial)
+            *gain, _, _, p, _ = contrast(best, default, margin) if trial else [0.0] * 5 + [1.0, 1.0]
             row = {"learner": name} | ({"part": part} if len(picks) > 1 else {})
             row |= {"trial": trial, "settings": texts[name, trial]}
             row |= with_ends("default", _estimate(default)) | with_ends("chosen", _estimate(best))
-            against = contrast(best, default, data.declared.margin)
-            gain, p = Estimate(*against[:3]), min(1.0, against.p_different * n_finalists)
-            if trial == 0:  # the same runs
-                gain, p = Estimate(0.0, 0.0, 0.0), 1.0
-            row |= with_ends("gain", gain) | {"p": p}
-            of_each = outcome.means(outcome.best_by_scenario)
-            rows.append(row | with_ends("per_scenario", _estimate(of_each)))
+            row |= with_ends("gain", Estimate(*gain)) | {"p": min(1.0, p * _n_finalists(data))}
+            rows.append(row | with_ends("per_scenario", _estimate(outcome.means(None))))
     table = pd.DataFrame(rows)
     has_learned = table["chosen_low"] > random_of(data)
-    is_gain = has_learned & (table["p"] <= ALPHA) & (table["gain"] >= data.declared.margin)
+    is_gain = has_learned & (table["p"] <= ALPHA) & (table["gain"] >= margin)
     return table.assign(verdict=np.where(is_gain, "gain", "no gain shown"))
 
 
@@ -360,40 +354,27 @@ def cost(data: Data) -> pd.DataFrame:
 
 def figure(data: Data) -> Figure:
     """What each trial of the search reached, and what the chosen settings reach in fresh runs."""
-    chosen, measure, learners = data.tables["chosen"], measure_of(data), data.experiment.learners
-    trials = data.tables["trials"]
+    measure, learners = measure_of(data), data.experiment.learners
+    reached, chosen = (
+        dict(iter(data.tables[key].groupby("learner"))) for key in ("trials", "chosen")
+    )
     with figure_of(1, 1, (WIDTH, 0.3 * len(learners) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
         for y, (name, learner) in enumerate(learners.items()):
-            reached = trials[(trials["learner"] == name) & (trials["trial"] > 0)][measure]
-            axis.plot(reached, [y] * len(reached), "|", ms=9, mew=0.9, color="0.55")
-            style, own = look(learner, learners.values()), chosen[chosen["learner"] == name]
-            axis.plot(own["default"].iloc[0], y, "x", ms=7, mew=2, color="black")
-            axis.hlines(
-                [y] * len(own),
-                own["chosen_low"],
-                own["chosen_high"],
-                lw=3,
-                alpha=0.5,
-                color=style["color"],
-            )
-            axis.plot(
-                own["chosen"],
-                [y] * len(own),
-                style["marker"],
-                ms=7,
-                color=style["color"],
-                mec="white",
-                mew=0.4,
-            )
+            trials, picks = reached[name][measure][1:], chosen[name]
+            style, rows = look(learner, learners.values()), [y] * len(picks)
+            axis.plot(trials, [y] * len(trials), "|", ms=9, color="0.55", label="a trial")
+            axis.plot(picks["default"], rows, "kx", ms=7, mew=2, label="trial 0, as declared")
+            ends = picks[["chosen_low", "chosen_high"]].sub(picks["chosen"], axis=0).abs().T
+            mark = {"fmt": style["marker"], "color": style["color"], "ms": 7, "mec": "white"}
+            line = {"ecolor": (style["color"], 0.5), "elinewidth": 3}
+            label = "chosen settings, 95 % interval"
+            axis.errorbar(picks["chosen"], rows, xerr=ends, **mark, **line, label=label)
+        handles, labels = axis.get_legend_handles_labels()
         name_rows(axis, [learner.title for learner in learners.values()])
         axis.set(xlim=(-0.02, 1.0), xlabel=_MEASURES[measure])
-        handles = [
-            Line2D([], [], ls="", marker="|", ms=9, color="0.55", label="a trial"),
-            Line2D([], [], ls="", marker="x", mew=2, color="black", label="trial 0, as declared"),
-            Line2D([], [], lw=3, marker="o", color="0.4", label="chosen settings, 95 % interval"),
-        ]
-        figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)
+        place = {"loc": "outside upper center", "ncols": 3, "frameon": False}
+        figure.legend(handles=dict(zip(labels, handles, strict=True)).values(), **place)
     return figure
 
 
@@ -444,16 +425,13 @@ def headline(data: Data) -> str:
 With settings chosen among {search.trials:,} trials, no run of any learner has learned before the
 end of its {settings.budget:,} steps ({runs}). {_given_up(data)}"""
     gaining = [titles[name] for name in best["learner"][best["verdict"] == "gain"]]
-    who = (
-        listed(gaining) if len(gaining) <= _MAX_NAMES else f"{len(gaining)} of {len(best)} learners"
-    )
     top = best[best["chosen"].round(_DIGITS) == best["chosen"].round(_DIGITS).max()]
     defaults = listed(f"{value:.3g}" for value in top["default"])
     return f"""\
 Settings chosen among {search.trials:,} trials {"are" if gaining else "are not"} shown to raise
 {_MEASURES[measure_of(data)]} ({settings.budget:,} steps; {runs}) over that of the declared ones for
-{who or "any learner"}. A rise counts if it is above 0 at a level of 5 %, adjusted for all finalists,
-and estimated at {data.declared.margin:g} or more. The largest mean with chosen settings,
+{listed(gaining) or "any learner"}. A rise counts if it is above 0 at a level of 5 %, adjusted for
+all finalists, and estimated at {data.declared.margin:g} or more. The largest mean with chosen settings,
 {top["chosen"].iloc[0]:.3g}, is that of {listed(titles[name] for name in top["learner"])} (declared
 settings: {defaults}; random policy: {random_of(data):.3g}). Learners are not compared with each
 other."""
@@ -497,10 +475,10 @@ given up. Numbers are expected steps, averaged over scenarios."""
 
 Trial 0 has the declared settings; the other {search.trials:,} trials are points of a Sobol
 sequence. The best {search.finalists:,} of {of} and trial 0 ran again with {search.seeds:,} fresh
-seeds in each of {len(experiment.scenarios)} scenarios. The best of these are chosen, so their means and gains are
-biased upwards. For that, p-values are multiplied by {_n_finalists(data):,}, the number of all
-finalists. A gain is shown if p is at most 0.05, the gain at least {data.declared.margin:g}, and the
-interval of the chosen settings above the random policy. Intervals treat runs as independent,
-although trials share random streams.
+seeds in each of {len(experiment.scenarios)} scenarios. The best of these are chosen, so their
+means and gains are biased upwards. For that, p-values are multiplied by {_n_finalists(data):,}, the
+number of all finalists. A gain is shown if p is at most 0.05, the gain at least
+{data.declared.margin:g}, and the interval of the chosen settings above the random policy. Intervals
+treat runs as independent, although trials share random streams.
 
 {steps}"""
