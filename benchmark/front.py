@@ -249,7 +249,7 @@ After `make .venv/.deep`, run this with `.venv/bin/python`:
 import gymnasium
 from stable_baselines3 import PPO
 
-from benchmark.assessment import assess
+from benchmark.assess import assess
 
 env = gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot")
 settings = {"n_steps": 500, "batch_size": 50, "n_epochs": 5, "gamma": 0.95, "learning_rate": 0.0014}
@@ -263,7 +263,7 @@ For several runs, copy [sb3.toml](benchmark/experiments/sb3.toml) to `mine.toml`
 SB3's (`algorithm = "sb3_contrib:TRPO"`), and run
 `.venv/bin/python -m benchmark run mine.toml --report`. More:
 [scenarios](envs/scenarios/README.md#at-a-glance), [your scene](benchmark/guide.md),
-[your learner](agents/README.md), [logs and data frames](benchmark/commands/README.md#logs-and-data-frames).
+[your learner](agents/README.md), [logs and data frames](benchmark/README.md#logs-and-data-frames).
 """
 
 
@@ -289,6 +289,6 @@ def _words(equivalence: Tables) -> str:
 
 Small gridworlds do not model personal space.
 
-[Results](results/README.md), [commands](benchmark/commands/README.md), [design](CONTRIBUTING.md),
+[Results](results/README.md), [commands](benchmark/README.md), [design](CONTRIBUTING.md),
 [citation](CITATION.cff). MIT licence.
 """
