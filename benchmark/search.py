@@ -39,7 +39,7 @@ from envs.inputs import override
 from envs.words import listed
 
 _DIGITS: Final = 9  # means that differ less are equal: the order of sums must not decide
-_MEASURES: Final = {"area": "mean success over training", "earliness": "mean earliness"}
+_MEASURES: Final = {"area": "mean success over training", "earliness": "mean earliness of learning"}
 _ALL: Final = "all"  # stands for all scenarios
 
 
@@ -366,7 +366,7 @@ def figure(data: Data) -> Figure:
             axis.plot(trials, [y] * len(trials), "|", ms=9, color="0.55", label="a trial")
             axis.plot(picks["default"], rows, "kx", ms=7, mew=2, label="trial 0, as declared")
             ends = picks[["chosen_low", "chosen_high"]].sub(picks["chosen"], axis=0).abs().T
-            mark = {"fmt": style["marker"], "color": style["color"], "ms": 7, "mec": "white"}
+            mark = {"fmt": style["marker"], "color": style["color"], "ms": 7, "mec": "white", "mew": 0.5}
             line = {"ecolor": (style["color"], 0.5), "elinewidth": 3}
             label = "chosen settings, 95 % interval"
             axis.errorbar(picks["chosen"], rows, xerr=ends, **mark, **line, label=label)
