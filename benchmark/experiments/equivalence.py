@@ -1,20 +1,31 @@
-"""Numbers and claims of the text on `equivalence`."""
+"""What the tables of `equivalence` show."""
 
-from benchmark.experiments.finding import Names, Tables
+from collections.abc import Mapping
+
+import pandas as pd
 
 DQN, PPO_AGAIN = "dqn, coordinates", "ppo_again, coordinates"
 
 
-def finding(tables: Tables) -> Names:
-    """Checks all claims, and returns what the text names."""
-    undecided = tables.row("contrasts", success_verdict="undecided")[["scenario", "x"]]
-    counts = tables.rows("contrasts")["success_verdict"].value_counts().to_dict()
-    is_alone = counts == {"equivalent": 7, "undecided": 1} and [*undecided] == ["S2", DQN]
-    tables.claim(is_alone, "all are equivalent but DQN on coordinates in S2")
-    tables.claim(tables.values("contrasts", "success_margin") == {0.15}, "the margin is 0.15")
-    tables.claim(tables.values("summary", "budget") == {10_000}, "the budget is 10,000 steps")
+def finding(tables: Mapping[str, pd.DataFrame]) -> str:
+    """Checks all claims, and returns the text."""
+    contrasts = tables["contrasts"].set_index(["scenario", "x"])
+    verdicts = contrasts["success_verdict"].replace("equivalent", "within margin")  # as it was
+    others = verdicts.drop(("S2", DQN))
+    assert verdicts["S2", DQN] == "undecided", "DQN on coordinates is undecided in S2"
+    assert (others == "within margin").all(), "all others are within the margin"
+    assert (contrasts["success_margin"] == 0.15).all(), "the margin is 0.15"
+    assert (tables["summary"]["budget"] == 10_000).all(), "there are 10,000 steps"
+    dqn, again = (
+        "{success_x:.2f} against {success_y:.2f}".format(**contrasts.loc["S2", name])
+        for name in (DQN, PPO_AGAIN)
+    )
+    return f"""
+Nets compiled here succeed as often as those of Stable-Baselines3, within 0.15 (level 5 %), in
+{len(others)} of {len(contrasts)} contrasts with 10,000 steps and at least {contrasts["n"].min()}
+runs on each side. The other one, DQN on coordinates in S2, is undecided ({dqn}).
 
-    def success(side: str, learner: str) -> str:
-        return tables.number("contrasts", f"success_{side}", ".2f", scenario="S2", x=learner)
-
-    return {"success": success}
+**A difference that was chance.** With 100 earlier runs of Stable-Baselines3's, PPO on coordinates
+was worse in S2 (0.47 against 0.60, not adjusted). With fresh seeds and more runs, it has {again},
+and is within 0.15.
+"""
