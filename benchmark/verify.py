@@ -32,7 +32,7 @@ from benchmark.folder import (
 )
 from benchmark.run import execute, parse_jobs
 from benchmark.store import DamagedError, Store
-from benchmark.tables import MEASURED, RESULTS, RUNS, Group, read, run_id, tables
+from benchmark.tables import MEASURED, RUNS, Group, read, run_id, tables
 from benchmark.trials import chosen_file, read_chosen
 from envs import InputError
 from envs.inputs import whole_number
@@ -192,7 +192,7 @@ def _texts(results: Path, made: Path) -> Iterator[str]:
     try:
         report.write_texts(made)
         texts = {results / name: (made / name).read_bytes() for name in _TEXTS}
-        if results.resolve() == RESULTS:
+        if results.resolve() == REPOSITORY / "results":
             texts[REPOSITORY / README] = front.readme(results).encode()
     except InputError as error:
         yield from str(error).split("\n")
