@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policy import ALL_ACTIONS
-from benchmark.analysis.records import Records
-from benchmark.experiments import load_experiment
+from benchmark.experiment import load_experiment
+from benchmark.records import Records
 from envs import load_scenario
 from envs.observations import compile_seen
 from envs.scenario import ScenarioLike
