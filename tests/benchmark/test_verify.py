@@ -1,0 +1,175 @@
+"""The command `verify`: every change of published files is named, and none of them runs code."""
+
+import json
+import os
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmark.__main__ import main
+from benchmark.experiment import load_experiment
+from benchmark.folder import MANIFEST, README, Folder, unsealed, write_manifest
+from benchmark.store import Store
+from benchmark.tables import RUNS, publish, read
+from benchmark.trials import Choices, write_choices
+from benchmark.verify import unfounded
+from tests.support import ROOT, small_experiment, variant
+
+EXPERIMENT = small_experiment(
+    report={"kind": "comparison"},
+    settings={"budget": 600},
+    algorithms={"table": variant(seeds=4), "other": variant("watkins_q_lambda", seeds=4)},
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small experiment, its stored runs and its results."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "mine.toml").write_text(EXPERIMENT, encoding="utf-8")
+    assert main(["run", str(folder / "mine.toml"), "--results", str(folder), "--report"]) == 0
+    return folder
+
+
+@pytest.fixture
+def results(made: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(made, tmp_path / "results")
+
+
+def verify(results: Path, capsys: pytest.CaptureFixture[str], *more: str) -> tuple[int, str]:
+    """Returns the exit code and what is printed."""
+    capsys.readouterr()
+    command = ["verify", str(results / "mine.toml"), "--results", str(results), "--runs", "2"]
+    code = main([*command, *more])
+    said = capsys.readouterr()
+    return code, said.out + said.err
+
+
+def reseal(folder: Path) -> None:
+    """Writes a manifest with the digests of the files that are there."""
+    write_manifest(folder, unsealed((folder / MANIFEST).read_bytes()))
+
+
+def test_what_is_as_it_was_made_is_verified_with_and_without_stored_runs(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / "mine" / "notes.txt").write_text("a reader's own")
+    before = {path: path.read_bytes() for path in results.rglob("*.*") if path.is_file()}
+    code, said = verify(results, capsys, "--seed", "3")
+    assert code == 0, said
+    assert "the checksums of all 8 records are correct." in said
+    drawn = "2 of 8 runs were repeated, drawn with --seed 3; 2 are identical."
+    assert drawn in said
+    (results / "runs.db").unlink()
+    code, said = verify(results, capsys, "--runs", "8", "--seed", "3")
+    assert code == 0, said
+    assert "8 of 8 runs were repeated" in said
+    del before[results / "runs.db"]
+    assert before == {path: path.read_bytes() for path in results.rglob("*.*") if path.is_file()}
+
+
+def test_changed_and_missing_files_are_named(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = results / "mine"
+    (folder / README).write_text("by hand", encoding="utf-8")
+    code, said = verify(results, capsys)
+    assert (code, said.count("different from what its runs make: README.md;")) == (1, 1)
+    (folder / "summary.csv").write_text("learner\n", encoding="utf-8")
+    (folder / "contrasts.csv").unlink()
+    os.mkfifo(folder / "contrasts.csv")  # reading it would never end
+    code, said = verify(results, capsys)
+    assert code == 1
+    for file in ("summary.csv", "contrasts.csv"):
+        assert f"{folder / file}: damaged" in said
+    (folder / MANIFEST).unlink()
+    code, said = verify(results, capsys)
+    assert code == 1
+    assert f"{folder}: there are no results" in said
+
+
+def test_forged_files_with_right_digests_are_noticed(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A table that its runs do not make, and runs that were never trained."""
+    folder = results / "mine"
+    text = (folder / "summary.csv").read_text(encoding="utf-8")
+    (folder / "summary.csv").write_text(re.sub(r",4,", ",5,", text, count=1), encoding="utf-8")
+    reseal(folder)
+    code, said = verify(results, capsys)
+    assert code == 1
+    assert re.search(r"different from what its runs make: .*summary\.csv", said)
+    # A run's success is changed and everything is made again from it.
+    (results / "runs.db").unlink()
+    runs, curves = read(folder)
+    runs.loc[1, "steps"] += 1
+    publish(folder, runs, curves)
+    assert main(["report", str(results / "mine.toml"), "--results", str(results)]) == 0
+    code, said = verify(results, capsys, "--runs", "8")
+    assert code == 1
+    assert "mine: all " in said
+    assert "the repeated run differs in steps." in said
+    assert "7 are identical" in said
+
+
+def test_forged_and_damaged_records_are_found(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Store(results / "runs.db") as store:
+        digest = sorted(store.ended())[0]
+        (record,) = store.get([digest])
+        arrays = {**record.arrays, "q": np.nextafter(record.arrays["q"], 1)}
+        store.add([replace(record, arrays=arrays)])
+    code, said = verify(results, capsys, "--runs", "8")
+    assert code == 1
+    assert f"({digest[:12]}): the repeated run differs in q (" in said
+    content = (results / "runs.db").read_bytes()
+    at = content.index(digest.encode()) + 300  # within its specification
+    (results / "runs.db").write_bytes(content[:at] + b"~" + content[at + 1 :])
+    code, said = verify(results, capsys)
+    assert code == 1
+    assert "1 records are damaged" in said
+
+
+def test_chosen_settings_follow_from_published_trials(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "benchmark" / "experiments" / "tuning.toml", tmp_path / "mine.toml")
+    experiment = load_experiment(tmp_path / "mine.toml")
+    write_manifest(tmp_path, {})
+    choices = Choices(search="", trials="of others", learners={})
+    write_choices(experiment.path, choices)
+    (problem,) = unfounded(experiment, Folder(tmp_path))
+    assert re.match(r".*mine\.chosen\.json: made from other trials than those in .*csv;", problem)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"experiment": "../marker", "command": "touch MARKER"},
+        {"question": "{{ cycler.__init__.__globals__.os.system('touch MARKER') }}"},
+        {"report": {"kind": "marker_module"}},
+        {"files": {"../../secret.csv": "0"}},
+    ],
+    ids=str,
+)
+def test_data_never_runs(
+    changes: dict[str, Any], results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever a manifest says, and though its digests are right."""
+    marker = tmp_path / "MARKER"
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "marker_module.py").write_text(f"open({str(marker)!r}, 'w')\n", encoding="utf-8")
+    folder = results / "mine"
+    (folder / "mine.py").write_text(f"open({str(marker)!r}, 'w')\n", encoding="utf-8")
+    manifest = unsealed((folder / MANIFEST).read_bytes())
+    changes = json.loads(json.dumps(changes).replace("MARKER", str(marker)))
+    write_manifest(folder, manifest | changes)
+    for command in ("report", "verify"):
+        arguments = [command, str(results / "mine.toml"), "--results", str(results)]
+        assert main(arguments) in (0, 1, 2)
+    assert not marker.exists()
+    assert (folder / RUNS).exists()
