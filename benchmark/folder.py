@@ -1,7 +1,7 @@
 """A folder of published results: its manifest and tables, and how its files are written.
 
-The manifest lists the digest of each file but README, which is made from the others, and ends with
-its own digest. So a file that was changed is refused.
+The manifest lists the digest of each file but README and the meanings of columns, which are texts
+made from the others, and ends with its own digest. So a file that was changed is refused.
 """
 
 import hashlib
@@ -23,6 +23,7 @@ from envs.inputs import check_all
 
 MANIFEST: Final = "manifest.json"
 README: Final = "README.md"
+MEANINGS: Final = "columns.csv"
 SEAL: Final = "sha256"  # the last key: the digest of all others, as JSON with sorted keys
 REPOSITORY: Final = Path(__file__).parents[1]
 _AGAIN: Final = "make these results again"
@@ -66,7 +67,10 @@ class Folder:
         names = [file for file in self.files if file.endswith(".csv")]
         check_all(*(partial(self.content, file) for file in names))
         with _damaged(self.path):
-            return {name.removesuffix(".csv"): read_csv(self.path / name) for name in names}
+            return {
+                name.removesuffix(".csv"): _with_learner(read_csv(self.path / name))
+                for name in names
+            }
 
 
 @contextmanager
@@ -102,8 +106,20 @@ def committed(name: str, file: str) -> bytes | None:
 
 
 def read_csv(path: Path) -> pd.DataFrame:
-    """Reads a table, in which only an empty entry is a missing value, not a text such as "NA"."""
-    return pd.read_csv(path, keep_default_na=False, na_values=[""])
+    """Reads a table. Only "nan" and, among numbers, an empty entry are missing values, not "NA"."""
+    frame = pd.read_csv(path, keep_default_na=False, na_values=["", "nan"])
+    texts = pd.read_csv(path, keep_default_na=False, dtype=str)
+    for name in frame:
+        if frame[name].dtype == object or (texts[name] == "").all():
+            frame[name] = texts[name]
+    return frame
+
+
+def _with_learner(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns a table with names of learners; earlier versions of tables have these in parts."""
+    if "learner" not in table and {"variant", "observation"} <= {*table}:
+        table.insert(0, "learner", table["variant"] + ", " + table["observation"])
+    return table
 
 
 # Writing
@@ -132,7 +148,7 @@ def digests(path: Path, but: Collection[str] = ()) -> dict[str, str]:
 
 def write_manifest(path: Path, content: Mapping[str, Any]) -> None:
     """Writes the manifest of a folder, whose other files are there."""
-    files = digests(path, but=(MANIFEST, README))
+    files = digests(path, but=(MANIFEST, README, MEANINGS))
     (path / MANIFEST).write_text(sealed({**content, "files": files}), encoding="utf-8")
 
 
@@ -141,9 +157,12 @@ def csv_text(frame: pd.DataFrame) -> str:
 
     >>> numbers = [1.0, 1e-7, 2 / 3, 1234567.0, float("inf"), float("nan"), -1e-16]
     >>> csv_text(pd.DataFrame({"x": numbers})).split()
-    ['x', '1.0', '1e-07', '0.666667', '1.23457e+06', 'inf', '""', '0.0']
+    ['x', '1.0', '1e-07', '0.666667', '1.23457e+06', 'inf', 'nan', '0.0']
     """
-    return frame.infer_objects().to_csv(index=False, lineterminator="\n", float_format=_number)
+    frame = frame.infer_objects()
+    texts = {name: frame[name].fillna("") for name in frame if frame[name].dtype == object}
+    how = {"index": False, "lineterminator": "\n", "float_format": _number, "na_rep": "nan"}
+    return frame.assign(**texts).to_csv(**how)
 
 
 def _number(value: float) -> str:

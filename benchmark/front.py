@@ -30,39 +30,8 @@ _NETS: Final = [  # of the map, with their best inputs
 ]
 _TILINGS: Final = ["tile_coding, coordinates", "tile_coding, offset_coordinates"]
 _GRIDS: Final = ["places", "rooms", "feedback"]  # each point of the map once
+_LISTED: Final = {"subsequent_indent": "  ", "break_on_hyphens": False}
 Tables = Mapping[str, pd.DataFrame]
-# What the columns of all runs mean.
-COLUMNS: Final = {
-    "scenario": "scenario",
-    "grid, point": "what is varied, and the value here",
-    "reading": "a way to read the paper, or a control",
-    "trial": "number of the drawn settings; 0 are those as declared",
-    "learner": "an algorithm with its settings, and what it observes",
-    "seed": "seed of the run",
-    "run": "beginning of the run's digest; conditions that change nothing share runs",
-    "policy": "the policy that is evaluated",
-    "budget, step": "environment steps of training, and so far",
-    "success": "exact probability that an episode ends with a correct PING",
-    "score": "return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]",
-    "unbounded_score": "the same, not clipped",
-    "steps": "mean steps of an episode",
-    "wrong_pings": "mean wrong PINGs of an episode",
-    "uncomfortable_steps": "mean steps of an episode within the uncomfortable region",
-    "greedy_success": "success of the greedy policy",
-    "random_success": "success of the random policy",
-    "unseen_success, unseen_greedy, unseen_stochastic": "success where the person never stood, when the"
-    " run was certain to have learned: by the policy that is evaluated, greedy, and stochastic",
-    "unseen_budget...": "the same at the budget",
-    "training_wrong_pings": "wrong PINGs during training, so far",
-    "diverged_at": "step at which values were no longer finite; inf if never",
-    "updates": "updates of the parameters",
-    "parameters": "numbers that are learned",
-    "cpu_time_s": "CPU seconds of training",
-    "cpu_learned_s": "CPU seconds until the run has learned; inf if never",
-    "peak_memory_mb": "peak memory of the process, in MB",
-    "wall_time_s, started_at": "duration in seconds, and time of the start",
-    "commit, machine, processor, versions": "what made the run",
-}
 
 
 def answer(results: Path, name: str) -> str:
@@ -74,15 +43,18 @@ def answer(results: Path, name: str) -> str:
 def index(results: Path) -> str:
     """Returns README of `results`."""
     there = [name for name in PUBLISHED if (results / name / README).is_file()]
-    found = [f"- [{name}]({name}/README.md): {answer(results, name)}" for name in there]
-    columns = [f"- `{name}`: {meaning}" for name, meaning in COLUMNS.items()]
+    found = [
+        fill(f"- [{name}]({name}/README.md): {answer(results, name)}", 100, **_LISTED)
+        for name in there
+    ]
+    listed = "\n".join(found)
     return f"""\
 # Results
 
 `make report` puts these results on one page, `index.html`, without training. The page needs no
 server and no network. Its explorer shows what agents have learned, cell by cell, and how they walk.
 
-{_wrapped(found)}
+{listed}
 - [speed](speed/README.md): How fast this project is, compared with common alternatives.
 
 ## Scenarios
@@ -92,19 +64,13 @@ server and no network. Its explorer shows what agents have learned, cell by cell
 *Where places are drawn anew in every episode, one is shown. The
 [gallery](../envs/scenarios/README.md#gallery) says what each scenario is.*
 
-## Columns
+## Files
 
 An experiment is a table of runs, `runs.csv.gz`. Everything else in its folder is made from it and
 from `curves.csv.gz`, which has a row per run and evaluation. `from benchmark import runs, curves`
-reads both; their columns are these. README of each folder explains its other tables.
-
-{_wrapped(columns)}
+reads both. `columns.csv` says what the columns of all tables mean, and `manifest.json` what made the
+runs. `runs.db`, which is not in the repository, has all records of the runs made here.
 """
-
-
-def _wrapped(items: list[str]) -> str:
-    lines = (fill(each, 100, subsequent_indent="  ", break_on_hyphens=False) for each in items)
-    return "\n".join(lines)
 
 
 def readme(results: Path) -> str:

@@ -1,8 +1,8 @@
 """The command `report`: redraws an experiment's results from its published runs, without training.
 
-`report NAME` reads the two tables of runs and the experiment's file, and nothing else. It computes the
-tables and figures of the experiment's study, a module as `benchmark.study` describes it, and writes
-README from the tables. Without a name, it writes the texts of all published results, and the page.
+`report NAME` reads the two tables of runs and the experiment's file, and nothing else. It computes
+the tables and figures of the experiment's study, a module as `benchmark.study` describes it, and
+writes README from the tables. Without a name, it writes all published texts, and the page.
 """
 
 import argparse
@@ -13,11 +13,11 @@ import shutil
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
-from inspect import getdoc
+from inspect import getdoc, unwrap
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
@@ -26,16 +26,16 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from benchmark import explorer, front, search, style, tables
-from benchmark.commands import parse_seeds
 from benchmark.experiment import PUBLISHED, Experiment, load_experiment
 from benchmark.folder import (
     MANIFEST,
+    MEANINGS,
     README,
     REPOSITORY,
     Folder,
     alone,
     committed,
-    digests,
+    csv_text,
     replaced,
     write_csv,
     write_manifest,
@@ -52,23 +52,55 @@ STUDIES: Final = ("comparison", "map", "replication", "search")
 MAX_WORDS: Final = 900  # of README
 _MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
 _PACKED: Final = (tables.RUNS, tables.CURVES, explorer.FILE)  # which `run` publishes
-# What columns mean in any table. A star stands for the rest of a name.
-COLUMNS: Final[Mapping[str, str]] = {
+# What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
+RUN_COLUMNS: Final[Mapping[str, str]] = {
     "scenario": "scenario",
+    "grid": "what is varied",
+    "point": "its value",
+    "reading": "a way to read the paper, or a control",
+    "trial": "number of the drawn settings; 0 are those as declared",
     "learner": "an algorithm with its settings, and what it observes",
+    "seed": "seed of the run",
+    "run": "beginning of the run's digest; conditions that change nothing share runs",
+    "policy": "the policy that counts",
+    "budget": "environment steps of training",
+    "step": "environment steps of training so far",
+    "success": "probability that an episode ends with a correct PING, exact",
+    "score": "return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]",
+    "unbounded_score": "the same, not clipped",
+    "steps": "steps of an episode",
+    "wrong_pings": "wrong PINGs of an episode",
+    "uncomfortable_steps": "steps of an episode in the uncomfortable region",
+    "*_success": "success, by the * policy",
+    "unseen_success": "success where the person never stood, when the run had certainly learned",
+    "unseen_greedy": "the same, by the greedy policy",
+    "unseen_stochastic": "the same, by the stochastic policy",
+    "unseen_budget*": "the same at the budget",
+    "training_wrong_pings": "wrong PINGs of training so far",
+    "diverged_at": "step at which values were no longer finite; inf if never",
+    "updates": "updates of the parameters",
+    "parameters": "numbers that are learned",
+    "cpu_time_s": "CPU seconds of training",
+    "cpu_learned_s": "CPU seconds until the run had learned; inf if never",
+    "peak_memory_mb": "peak memory of the process, in MB",
+    "wall_time_s": "duration in seconds",
+    "started_at": "time of the start",
+    "commit": "commit of this project",
+    "machine": "system and cores",
+    "processor": "processor, and library of linear algebra",
+    "versions": "versions of packages, as JSON",
+}
+COLUMNS: Final[Mapping[str, str]] = {
+    **RUN_COLUMNS,
     "n": "runs",
-    "budget": "steps of training",
-    "step": "steps of training so far",
-    "success": "probability that an episode ends with a correct PING",
-    "score": "return on a scale from 0 (random policy) to 1 (optimal policy), clipped",
     "x": "the learner that is compared",
     "y": "what it is compared with",
     "differs": "what else differs between x and y",
-    "*_low": "lower end of the 95 % interval",
-    "*_high": "upper end of the 95 % interval",
+    "*_low": "lower end of the 95 % interval of *",
+    "*_high": "upper end of the 95 % interval of *",
+    "*_x": "* of x",
+    "*_y": "* of y",
 }
-
-
 Function = Callable[[Data], Any]
 
 
@@ -116,16 +148,14 @@ def folder_name(experiment: Experiment, seeds: range | None) -> str:
 
 def certificate(folder: Path) -> str:
     """Says whether a folder is as in the last commit; returns an empty text if this has none."""
-    manifest, readme = (committed(folder.name, file) for file in (MANIFEST, README))
-    if manifest is None or readme is None:
+    name, manifest = folder.name, committed(folder.name, MANIFEST)
+    if manifest is None:
         return ""
-    made, expected = digests(folder, but=(MANIFEST,)), json.loads(manifest)["files"]
-    expected[README] = hashlib.sha256(readme).hexdigest()
-    names = sorted(made.keys() | expected.keys())
-    different = [name for name in names if made.get(name) != expected.get(name)]
-    if different:
-        return f"{folder.name}: different from the published results: {', '.join(different)}."
-    return f"{folder.name}: identical to the published results."
+    there = {file.name: file.read_bytes() for file in folder.iterdir() if file.suffix != ".html"}
+    files = sorted({*there, *json.loads(manifest)["files"]})
+    if different := [file for file in files if there.get(file) != committed(name, file)]:
+        return f"{name}: different from the published results: {', '.join(different)}."
+    return f"{name}: identical to the published results."
 
 
 # The study of an experiment
@@ -161,33 +191,32 @@ class Study:
         return found
 
     def text(self, name: str, data: Data) -> str:
-        """Returns one of the study's texts; empty if there is none."""
-        function = getattr(self.module, name, None)
-        return called(function, data) or "" if function else ""
+        """Returns one of the study's texts; empty if there is none.
+
+        Tables without runs are of an earlier version, and may lack what the text needs.
+        """
+        function = getattr(self.module, name, lambda _: "")
+        with nullcontext() if len(data.runs) else suppress(InputError):
+            return str(_called(function, data))
+        return ""
 
 
 def study_of(experiment: Experiment) -> Study:
-    """Returns the study of an experiment, after checking that they fit; raises an InputError if not."""
+    """Returns the study of an experiment; an InputError says if they do not fit."""
     given, where = experiment.declared.report, experiment.argument
     if given is None:
         raise InputError(f"{where}: report is missing; add a [report] table.")
     module = load_study(str(given.get("kind", "")), where)
     declared = parse(getattr(module, "Declared", Report), given, f"{where}: report")
-    items: dict[str, Any] = {}
-    for name in declared.items:
-        function, key = imported(name, where, "item"), name.partition(":")[2]
-        if not callable(function) or key in {
-            *items,
-            *module.TABLES,
-            *getattr(module, "FIGURES", ()),
-        }:
-            raise InputError(
-                f"{where}: report.items: {name}: accepted: a function with a new name."
-            )
-        items[key] = function
+    names = [name.partition(":")[2] for name in declared.items]
+    items = [imported(name, where, "item") for name in declared.items]
+    taken = {*module.TABLES, *getattr(module, "FIGURES", ())}.intersection(names)
+    if taken or len({*names}) < len(names) or not all(map(callable, items)):
+        what = f"report.items: {', '.join(declared.items)}"
+        raise InputError(f"{where}: {what}: accepted: functions, each with a new name.")
     if hasattr(module, "check"):
         module.check(experiment, declared)
-    return Study(experiment, module, declared, items)
+    return Study(experiment, module, declared, dict(zip(names, items, strict=True)))
 
 
 def load_study(name: str, source: str) -> ModuleType:
@@ -204,11 +233,10 @@ def first_line(named: object) -> str:
     return (getdoc(named) or "").partition("\n")[0]
 
 
-def called(function: Callable[..., Any], *arguments: object) -> Any:
-    """Calls a function of an experiment; what it does wrong becomes an InputError with file and line."""
-    path = function.__code__.co_filename
-    with mistakes_in(Path(path)):
-        return function(*arguments)
+def _called(function: Function, data: Data) -> Any:
+    code = getattr(unwrap(function), "__code__", None)
+    with mistakes_in(Path(code.co_filename if code else __file__)):
+        return function(data)
 
 
 @contextmanager
@@ -234,24 +262,24 @@ def mistakes_in(path: Path) -> Iterator[None]:
 def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = None) -> None:
     """Draws a folder from its tables of runs.
 
-    New files replace the earlier ones when all are there, so a failure leaves the folder as it was. An
-    InputError says if the runs are missing, or are not those that the experiment declares.
+    New files replace the earlier ones when all are there, so a failure leaves the folder as it was.
+    An InputError says if the runs are missing, or are not those that the experiment declares.
     """
     study = study_of(experiment)
     runs, curves = tables.read(folder)
     tables.check_declared(experiment, runs, seeds)
-    if experiment.declared.search is None and runs.groupby(_keys(runs)).size().min() < 2:
+    keys = [key for key in tables.KEYS if key in runs]
+    if experiment.declared.search is None and runs.groupby(keys).size().min() < 2:
         what = "too few runs (a single run has no interval)"
         raise InputError(f"{experiment.name}: {what}; accepted: at least two of every learner.")
     store = path if (path := folder.parent / "runs.db").is_file() else None
     data = Data(experiment, study.declared, runs, curves, store=store)
-    stale = {*Folder(folder).files, MANIFEST, README}
-    with alone(folder.parent), replaced(folder, stale) as aside:
+    with alone(folder.parent), replaced(folder, Folder(folder).files) as aside:
         for name in _PACKED:
             if (folder / name).is_file():
                 shutil.copyfile(folder / name, aside / name)
         for name, function in [*study.tables.items(), *study.get("FIGURES").items()]:
-            made = called(function, data)
+            made = _called(function, data)
             if isinstance(made, pd.DataFrame):
                 data.tables[name] = made
                 write_csv(made, aside / f"{name}.csv")
@@ -261,12 +289,7 @@ def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = No
                 what = f"{name} returns {type(made).__name__}"
                 raise InputError(f"{experiment.argument}: {what}; accepted: a table or a figure.")
         write_manifest(aside, _manifest(study, runs, seeds))
-        text = readme(study, Folder(aside), seeds)
-        (aside / README).write_text(text, encoding="utf-8")
-
-
-def _keys(runs: pd.DataFrame) -> list[str]:
-    return [key for key in tables.KEYS if key in runs]
+        _write_texts(study, Folder(aside), seeds)
 
 
 def _manifest(study: Study, runs: pd.DataFrame, seeds: Sequence[int] | None) -> dict[str, object]:
@@ -297,8 +320,7 @@ def write_texts(results: Path) -> Path:
     with alone(results):
         check_all(*(folder.check for folder in folders))
         for folder in folders:
-            study = study_of(load_experiment(folder.path.name))
-            write_text(folder.path / README, readme(study, folder))
+            _write_texts(study_of(load_experiment(folder.path.name)), folder)
         write_text(results / README, front.index(results))
         write_text(results / "scenes.svg", style.svg(shipped()))
         if results.resolve() == REPOSITORY / "results":
@@ -312,14 +334,48 @@ def _published(results: Path) -> list[Folder]:
     return [Folder(path) for path in paths if (path / MANIFEST).is_file()]
 
 
-# README of a folder
+def _write_texts(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> None:
+    for name, text in texts(study, folder, seeds).items():
+        write_text(folder.path / name, text)
 
 
-def readme(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> str:
-    """Returns README of a folder, from its tables alone; tables that make it too long are left out."""
+def texts(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> dict[str, str]:
+    """Returns the texts of a folder, which its manifest does not list, by their files."""
     has_runs = tables.RUNS in folder.files
     runs, curves = tables.read(folder.path) if has_runs else (pd.DataFrame(), pd.DataFrame())
     data = Data(study.experiment, study.declared, runs, curves, folder.tables())
+    return {README: readme(study, folder, data, seeds), MEANINGS: csv_text(meanings(study, data))}
+
+
+def meanings(study: Study, data: Data) -> pd.DataFrame:
+    """Returns what the columns of each table mean."""
+    packed = {tables.RUNS: data.runs, tables.CURVES: data.curves}
+    others = {f"{name}.csv": table for name, table in data.tables.items()}
+    known = {**COLUMNS, **study.get("COLUMNS")}
+    rows = [(file, name, meaning(name, RUN_COLUMNS)) for file in packed for name in packed[file]]
+    rows += [(file, name, meaning(name, known)) for file in others for name in others[file]]
+    return pd.DataFrame(rows, columns=["file", "column", "meaning"])
+
+
+def meaning(column: str, known: Mapping[str, str]) -> str:
+    """Returns what a column means, by its name or a pattern of it; empty if that is not known.
+
+    >>> meaning("steps_low", {"*_low": "lower end of the interval of *"})
+    'lower end of the interval of steps'
+    """
+    for pattern in (column, *(name for name in known if "*" in name)):
+        if pattern in known and fnmatchcase(column, pattern):
+            before, _, after = pattern.partition("*")
+            part = column.removeprefix(before).removesuffix(after)
+            return known[pattern].replace("*", part)
+    return ""
+
+
+# README of a folder
+
+
+def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None = None) -> str:
+    """Returns README of a folder; tables that would make it too long are left out."""
     answer, *others = answer_of(study, data, seeds).split("\n\n")
     figures = [
         f"![{name}]({name}.svg)\n\n*{first_line(function)}*"
@@ -327,9 +383,9 @@ def readme(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> 
         if f"{name}.svg" in folder.files
     ]
     shown = [text for name in study.get("SHOWN") if (text := _shown(study, name, data))]
-    reading = study.text("reading", data) if has_runs else ""
+    reading = study.text("reading", data)
     ends = [f"## How to read this\n\n{reading}"] if reading else []
-    ends += [_files(study, folder, data.tables), _made(study, folder)]
+    ends += [_files(study, folder), _made(study, folder)]
     start = [f"# {study.question}", answer, *figures[:1], *others]
     while True:
         text = "\n\n".join([*start, *figures[1:], *shown, *ends]) + "\n"
@@ -339,18 +395,15 @@ def readme(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> 
 
 
 def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> str:
-    """Returns the finding of an experiment or, if there is none for these runs, its study's headline."""
-    experiment = study.experiment
+    """Returns the finding of an experiment or, without one for these runs, its headline."""
+    experiment, text = study.experiment, ""
     path = experiment.path.with_suffix(".py")
-    text = ""
     if path.is_file() and seeds is None and not experiment.declared.is_miniature:
         try:
             text = finding(path, data.tables)
         except ClaimError as error:  # nets of Stable-Baselines3 depend on the processor
             print(f"{experiment.name}: the tables do not show a claim: {error}", file=sys.stderr)
-    if not text and len(data.runs):
-        text = study.text("headline", data)
-    return text or experiment.declared.description.strip()
+    return text or study.text("headline", data) or experiment.declared.description.strip()
 
 
 def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
@@ -374,21 +427,21 @@ def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
 def _shown(study: Study, name: str, data: Data) -> str:
     """Returns a table as README shows it; empty if it is long, or not there."""
     frame = data.tables.get(name, pd.DataFrame())
-    columns = [column for column in study.get("SHOWN")[name].split() if column in frame]
-    if not columns or not 0 < len(frame) <= _MAX_ROWS:
+    names = [column for column in study.get("SHOWN")[name].split() if column in frame]
+    columns = [column for column in names if not frame[column].isin(["", math.nan]).all()]
+    if not columns or len(frame) > _MAX_ROWS:
         return ""
     titles = {key: learner.title for key, learner in study.experiment.learners.items()}
-    rows = [[_entry(row, column, titles) for column in columns] for _, row in frame.iterrows()]
-    about = first_line(study.tables[name])
-    return f"{about}\n\n{markdown([column.replace('_', ' ') for column in columns], rows)}"
+    rows = [[_entry(row, name, titles) for name in columns] for row in frame.to_dict("records")]
+    heads = [column.replace("_", " ") for column in columns]
+    return f"{first_line(study.tables[name])}\n\n{markdown(heads, rows)}"
 
 
-def _entry(row: pd.Series, column: str, titles: Mapping[str, str]) -> str:
+def _entry(row: Mapping[str, Any], name: str, titles: Mapping[str, str]) -> str:
     """Returns an entry of a table: a learner's title, or a number with its interval."""
-    low, high = row.get(f"{column}_low"), row.get(f"{column}_high")
-    has_ends = low is not None and high is not None and math.isfinite(low + high)
-    ends = f" [{show(low)}, {show(high)}]" if has_ends else ""
-    return titles.get(row[column], show(row[column])) + ends
+    ends = [row.get(f"{name}_{end}", math.nan) for end in ("low", "high")]
+    interval = f" [{', '.join(map(show, ends))}]" if all(map(math.isfinite, ends)) else ""
+    return titles.get(row[name], show(row[name])) + interval
 
 
 def show(value: object) -> str:
@@ -416,31 +469,19 @@ def markdown(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([lines[0], f"|{'---|' * len(names)}", *lines[1:]])
 
 
-def _files(study: Study, folder: Folder, published: Mapping[str, pd.DataFrame]) -> str:
-    """Returns what each file holds, and what columns mean, each once."""
-    lines = []
-    if tables.RUNS in folder.files:
-        about = "a row per run, and per run and evaluation"
-        link = "[columns](../README.md#columns)"
-        lines.append(f"- `{tables.RUNS}`, `{tables.CURVES}`: {about}; {link}")
-    if explorer.FILE in folder.files:
-        lines.append(f"- `{explorer.FILE}`: what agents have learned, for the page")
-    for name, function in study.tables.items():
-        if f"{name}.csv" in folder.files:
-            lines.append(f"- [{name}.csv]({name}.csv): {first_line(function)}")
-    lines.append(f"- [{MANIFEST}]({MANIFEST}): what made the runs, and the digests of files")
-    meanings = {**COLUMNS, **study.get("COLUMNS")}
-    used = dict.fromkeys(
-        _pattern(column, meanings) for frame in published.values() for column in frame
-    )
-    columns = "; ".join(f"`{name}`: {meanings[name]}" for name in used if name in meanings)
-    return "## Files\n\n" + "\n".join(lines) + (f"\n\nColumns: {columns}." if columns else "")
-
-
-def _pattern(column: str, meanings: Mapping[str, str]) -> str:
-    """Returns the name or pattern that explains a column; its own name if there is none."""
-    patterns = (name for name in meanings if fnmatchcase(column, name))
-    return column if column in meanings else next(patterns, column)
+def _files(study: Study, folder: Folder) -> str:
+    """Returns what each file holds."""
+    about = {
+        tables.RUNS: "a row per run",
+        tables.CURVES: "a row per run and evaluation",
+        explorer.FILE: "what agents have learned, for the page",
+        **{f"{name}.csv": first_line(function) for name, function in study.tables.items()},
+    }
+    ours = {MEANINGS: "what columns mean", MANIFEST: "what made the runs, digests of files"}
+    names = [name for name in {**about, **folder.files} if name in folder.files]
+    shown = {name: about.get(name, "") for name in names if not name.endswith(".svg")} | ours
+    lines = [f"- [{name}]({name}): {text}".rstrip(": ") for name, text in shown.items()]
+    return "\n".join(["## Files\n", *lines])
 
 
 def _made(study: Study, folder: Folder) -> str:
@@ -450,11 +491,7 @@ def _made(study: Study, folder: Folder) -> str:
     made = (
         f"`{manifest['command']}` made these results ({manifest['runs']} runs, commit {commits})."
     )
-    again = ""
     if tables.RUNS in folder.files:
-        argument = study.experiment.argument
-        again = (
-            f" `python -m benchmark report {argument}` draws them again from `{tables.RUNS}`,"
-            f" `verify {argument}` checks them."
-        )
-    return "\n\n".join(["## How it was made", *filter(None, [note]), made + again])
+        again = f"`report {study.experiment.argument}` draws them again from `{tables.RUNS}`."
+        made = f"{made} {again}"
+    return "\n\n".join(["## How it was made", *filter(None, [note]), made])

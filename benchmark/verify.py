@@ -20,16 +20,7 @@ import pandas as pd
 from benchmark import front, report
 from benchmark.experiment import PUBLISHED, Experiment, experiment_names, load_experiment
 from benchmark.export import difference_of
-from benchmark.folder import (
-    MANIFEST,
-    README,
-    REPOSITORY,
-    Folder,
-    alone,
-    csv_text,
-    digests,
-    write_text,
-)
+from benchmark.folder import MANIFEST, README, REPOSITORY, Folder, alone, csv_text, digests, write_text
 from benchmark.run import execute, parse_jobs
 from benchmark.store import DamagedError, Store
 from benchmark.tables import MEASURED, RUNS, Group, read, run_id, tables
@@ -163,8 +154,8 @@ def _changes(experiment: Experiment, folder: Path, made: Path) -> Iterator[str]:
             report.write(experiment, made)
         else:
             print(f"{experiment.name}: its runs are not published, so only its README is checked.")
-            text = report.readme(report.study_of(experiment), published)
-            write_text(made / README, text)
+            for name, text in report.texts(report.study_of(experiment), published).items():
+                write_text(made / name, text)
     except InputError as error:
         yield from str(error).split("\n")
         return
