@@ -1,0 +1,278 @@
+"""The replication: its claims and tables by hand, its text, and what it demands."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from benchmark import replication
+from benchmark.experiment import load_experiment
+from benchmark.experiments import reproduce
+from benchmark.records import Records, anchors, optimal_values
+from benchmark.replication import CLAIMS, SCENARIOS, Claim, Part, check, judge
+from benchmark.study import Data, Report
+from envs import InputError
+from envs.model import PING
+from tests.benchmark.populations import population
+
+EXPERIMENT = load_experiment("reproduce", smoke=True)
+MADE = Report(kind="replication")
+
+
+def data_of(monkeypatch: pytest.MonkeyPatch, few: int, n: int = 4, **arrays: Any) -> Data:
+    """Returns the data of n agents with these arrays; as many as in the paper are `few`."""
+    ((name, learner),) = EXPERIMENT.learners.items()
+    fewer = replace(learner, declared=learner.declared.model_copy(update={"seeds": few}))
+    agents = {scenario: population(scenario, n, **arrays) for scenario in SCENARIOS}
+    monkeypatch.setattr(replication, "load", lambda _: {"default": agents})
+    experiment = replace(EXPERIMENT, learners={name: fewer})
+    return Data(experiment, MADE, pd.DataFrame(), pd.DataFrame())
+
+
+# Tables
+
+
+def test_learning_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    random, optimal = anchors(population().model, population().run.horizon)
+    scores = np.array([[0, -9, 0, 1.0], [0, 0.2, 0, 1], [0, 0.4, 0, 1], [0, 0.9, 1, 1]])
+    data = data_of(monkeypatch, 4, grid_return=random + scores * (optimal - random))
+    frame = replication.learning(data)[:4]
+    assert frame["step"].tolist() == [0, 200, 400, 600]
+    assert frame["score"].to_numpy() == pytest.approx([0, 1.5 / 4, 0.25, 1])  # -9 counts as 0
+    assert frame["unbounded_score"].to_numpy() == pytest.approx([0, -1.875, 0.25, 1])
+    assert frame["optimal_share"].tolist() == [0, 0, 0.25, 1]
+    # The exact interval of 4 of 4 reaches down to the fourth root of 0.025 (Clopper and Pearson).
+    ends = frame[["score_low", "score_high"]].iloc[3].tolist()
+    assert ends == pytest.approx([0.025 ** (1 / 4), 1])
+
+
+def test_optimality_after_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    worse, success = np.full((4, 4), -0.5), np.zeros((4, 4))
+    success[:, -1] = [1, 0.5, 0.5, 0]
+    data = data_of(monkeypatch, 2, grid_return=worse, scenario_return=worse, success=success)
+    frame = replication.optimal(data)
+    frame = frame[frame["scenario"] == "S1"]
+    keys = ["agents", "first_seed", "last_seed", "success", "optimal_share"]
+    assert frame[keys].to_numpy().tolist() == [[2, 0, 1, 0.75, 0], [4, 0, 3, 0.5, 0]]
+    assert frame["grid_return_regret"].tolist() == pytest.approx([0.5] * 2)
+    assert frame["start_value_optimal"].tolist() == pytest.approx([2 * 0.9**10 - 1] * 2)
+
+
+def test_values_of_cells_and_where_policies_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    best = optimal_values(population())
+    optimal = np.array([1 << int(row.argmax()) for row in best], dtype=np.uint8)
+    greedy = np.tile(optimal, (4, 4, 1))
+    # In the start cell, where DOWN and RIGHT are best, one agent goes UP and one draws any action.
+    greedy[:2, -1, 0] = 0b00001, 0b11111
+    q = np.tile(best, (4, 1, 1))
+    q[:, 13, 4] = [1, 2, 3, 6]  # row 1, column 1, PING
+    frame = replication.q_values(data_of(monkeypatch, 4, q=q, greedy=greedy))[:600]
+    (row,) = frame[frame["difference"] != 0].to_dict("records")
+    where = row["scenario"], row["row"], row["column"], row["action"]
+    assert where == ("S1", 1, 1, "PING")
+    assert (row["mean"], row["min"], row["max"], row["largest_learned"]) == (3, 1, 6, 3)
+    assert row["std"] == pytest.approx(np.sqrt(14 / 3))
+    assert frame["differs"].tolist() == pytest.approx([(1 + 3 / 5) / 4] * 5 + [0.0] * 595)
+
+
+def test_verdicts_on_disjoint_sets(monkeypatch: pytest.MonkeyPatch) -> None:
+    success = np.zeros((5, 4))
+    success[:, -1] = [1, 1, 0.9, 0.4, 0]
+    data = data_of(monkeypatch, 2, 5, success=success)
+    sets = data.tables["claim_sets"] = replication.claim_sets(data)
+    reached = sets[sets["claim"] == "reaches"]
+    seeds_and_shares = reached[["first_seed", "last_seed", "value"]].to_numpy().tolist()
+    assert seeds_and_shares == [[0, 1, 1], [2, 3, 0.5]]
+    frame = data.tables["claims"] = replication.claims(data)
+    assert frame["claim"].unique().tolist() == [claim.id for claim in CLAIMS]
+    assert frame[frame["claim"] == "reaches"]["agents"].tolist() == [2, 5]
+    # Nothing was learned of PING, so there is nothing to count outside.
+    assert set(frame["state"][frame["claim"].isin(["ping-S3", "ping-S1"])]) == {"undecided"}
+    agreeing = frame[frame["claim"] == "identifies"][["verdict", "sets", "sets_agreeing"]]
+    assert agreeing.drop_duplicates().to_numpy().tolist() == [["does not hold", 2, 2]]
+    assert "5 agents per scenario, 400 steps" in replication.headline(data)
+    text = replication.reading(data)
+    assert "(`identifies`, *does not hold*, 2/2)" in text
+    assert all(f"`{name}`" in text for name in data.experiment.declared.readings)
+
+
+# Verdicts
+
+
+@pytest.mark.parametrize(
+    ("side", "parts", "verdict"),
+    [
+        (">", [[2.0, 1.5, 2.5]], "holds"),
+        (">", [[2.0, 0.5, 3.5]], "undecided"),  # right, but not all its interval
+        (">", [[2.0, 1.5, 2.5], [0.5, 0.4, 0.6]], "does not hold"),  # one part fails
+        (">", [[0.8, 0.7, 0.9], [0.5, 0.1, 1.1]], "does not hold"),  # a failure before a doubt
+        ("<", [[1.5, 1.0, 2.0]], "does not hold"),
+        ("<", [[np.nan] * 3], "undecided"),  # no number refutes nothing
+        ("<", [[np.nan] * 3, [1.5, 1.2, 2.0]], "does not hold"),
+    ],
+)
+def test_verdicts(side: str, parts: list[list[float]], verdict: str) -> None:
+    measures = [lambda *_, numbers=numbers: Part("", *numbers) for numbers in parts]
+    claim = Claim("c", "", side, 1.0, [("S1",)], measures, "")
+    assert set(judge({"S1": population()}, "", [claim])["verdict"]) == {verdict}
+
+
+# Claims
+
+
+def parts_of(claim_id: str, agents: dict[str, Records], curve: str = "max_q") -> pd.DataFrame:
+    """Returns the parts of a claim."""
+    (claim,) = [claim for claim in CLAIMS if claim.id == claim_id]
+    return judge(agents, curve, [claim])
+
+
+def numbers(claim_id: str, agents: dict[str, Records]) -> list[list[float]]:
+    """Returns the value and the interval of each part of a claim."""
+    found: list[list[float]] = (
+        parts_of(claim_id, agents)[["value", "low", "high"]].to_numpy().tolist()
+    )
+    return found
+
+
+def trio(**by_scenario: dict[str, Any]) -> dict[str, Records]:
+    """Returns four agents in each scenario, with these arrays."""
+    return {name: population(name, 4, **by_scenario.get(name, {})) for name in SCENARIOS}
+
+
+def test_variability_by_hand() -> None:
+    def curves(spread: float, extreme: float) -> dict[str, NDArray[Any]]:
+        agents = [-spread, -spread, spread, extreme]
+        return {"max_q": np.outer(agents, np.ones(60)), "table_max_q": np.zeros((4, 60))}
+
+    three = trio(S1=curves(1.0, 1.0), S2=curves(3.0, 3.0), S3=curves(0.5, 0.5))
+    found = parts_of("variability-S2", three)
+    assert found[["part", "value"]].to_numpy().tolist() == [["S2/S1", 3], ["S2/S3", 6]]
+    assert parts_of("variability-S2", three, "table_max_q")["value"].isna().all()
+    # The figure shades the area between the extreme agents, which in S1 are -1 and 8.
+    wide = three | {"S1": trio(S1=curves(1.0, 8.0))["S1"]}
+    assert parts_of("variability-S2", wide)["drawn"].iloc[0] == pytest.approx(6 / 9)
+
+
+def test_nearness_to_one_by_hand() -> None:
+    high = np.zeros((4, 60))
+    high[:2, :2] = 0.9  # two of sixty steps are more than one in a hundred
+    high[2, 3:5] = 1.0
+    found = parts_of("max-near-1", trio(S1={"max_q": high}))
+    assert found["value"].tolist() == pytest.approx([2.8 / 4, 0])
+    assert found["drawn"].tolist() == pytest.approx([1.8 / 4, 0])  # the peak of the averaged curve
+    assert found["note"].tolist() == ["70.0% of its ceiling 1.000", "0.0% of its ceiling 0.857"]
+
+
+def test_focus_by_hand() -> None:
+    def moves(*cells: tuple[int, int]) -> dict[str, NDArray[Any]]:
+        q = np.full((4, 120, 5), -1.0)
+        q[:, :, PING] = 9.0  # PING does not count
+        for row, column in cells:
+            q[:, row * 12 + column, 1] = 0.5
+        return {"q": q}
+
+    # From the target region (rows 4 to 8, columns 6 to 10, less its inside): 4, 2, 0 and 1.
+    three = trio(S1=moves((0, 8)), S2=moves((2, 8), (6, 4)), S3=moves((4, 6), (6, 8), (6, 7)))
+    assert parts_of("moves-focused", three)["value"].tolist() == pytest.approx([1 / 4, 1 / 2])
+
+
+def test_signs_of_cells_give_intervals_by_hand() -> None:
+    in_target = population().in_target
+    target, outside = np.flatnonzero(in_target), np.flatnonzero(~in_target)
+    spread = np.array([-1, 1, -1, 1]) * 0.01 * np.sqrt(3)  # a standard error of 0.01
+    t = stats.t.ppf(1 - 0.05 / 240, 3)
+    assert 0.1 < t * 0.01 < 0.2  # so a mean of 0.1 or -0.1 is open
+    q = np.zeros((4, 120, 5))
+    means = (target[:12], 1.0), (target[12:], 0.1), (outside[:2], 1.0), (outside[2:5], -0.1)
+    for cells, mean in (*means, (outside[5:9], -1.0)):
+        q[:, cells, PING] = mean + spread[:, None]
+    # Inside 12 cells are surely above zero and 4 open, outside 2 surely and 3 open. The others
+    # surely are not: 4 have means far below zero, and in the rest nobody ever chose PING.
+    three = trio(S1={"q": q}, S3={"q": q})
+    assert numbers("ping-S1", three) == [[2, 2, 5]]
+    assert numbers("ping-S3-inside", three) == [[0, 0, 4]]
+    assert numbers("identifies-S1", three)[0] == pytest.approx([16 / 18, 12 / 21, 16 / 18])
+    # In S2 nothing was learned: its overlap is 0 for sure. At 97.5 % the same cells of S1 are open.
+    assert numbers("random-helps", three)[0] == pytest.approx([-16 / 18, -16 / 18, -12 / 21])
+
+
+def test_own_maps_have_students_and_welchs_intervals() -> None:
+    """Overlaps of agents that mark 4, 8, 12 or 16 of 16 cells, and no other, against SciPy's."""
+    target = np.flatnonzero(population().in_target)
+
+    def pings(name: str, counts: list[int]) -> Records:
+        q = np.full((len(counts), 120, 5), -0.1)
+        for agent, n in enumerate(counts):
+            q[agent, target[:n], PING] = 1.0
+        return population(name, len(counts), q=q)
+
+    few, many = [4, 8, 8, 12] * 5, [8, 12, 16, 16, 4] * 6
+    three = {"S1": pings("S1", few), "S2": pings("S2", many), "S3": pings("S3", few)}
+    x, y = np.array(many) / 16, np.array(few) / 16
+    error = np.sqrt(x.var(ddof=1) / 30 + y.var(ddof=1) / 20)  # Welch's
+    freedom = error**4 / ((x.var(ddof=1) / 30) ** 2 / 29 + (y.var(ddof=1) / 20) ** 2 / 19)
+    reach, difference = stats.t.ppf(0.975, freedom) * error, x.mean() - y.mean()
+    expected = [difference, difference - reach, difference + reach]
+    assert numbers("random-helps", three)[1] == pytest.approx(expected)
+    ends = stats.ttest_1samp(x, 0).confidence_interval()
+    own = parts_of("identifies", three).iloc[2]
+    assert own["part"] == "own maps S2"
+    assert own[["value", "low", "high"]].tolist() == pytest.approx([x.mean(), *ends])
+    assert own["note"] == f"precision 1.00, recall {x.mean():.2f}"
+    same = three | {"S2": pings("S2", [8] * 4), "S1": pings("S1", [4] * 4)}
+    assert numbers("random-helps", same)[1] == [0.25] * 3  # agents that agree have no spread
+
+
+# What is demanded, and the text
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ('"algorithms.q_learning.observations" = ["index", "offset"]', "algorithms"),
+        ('scenarios = ["S1", "S2", "Egg"]', "scenarios"),
+        ('"readings.default.scenario" = { "rewards.target_ping" = 0.5 }', "scenarios"),
+        (
+            '"readings.origin.scenario" = { observe = ["agent", "issuer"] }',
+            r"scenarios: S1 \(origin\)",
+        ),
+    ],
+)
+def test_a_replication_takes_one_table_in_the_papers_scenarios(
+    changes: str, expected: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f'extends = "reproduce"\ndescription = ""\n[changes]\n{changes}\n')
+    with pytest.raises(InputError, match=f"mine.toml: {expected}"):
+        check(load_experiment(path), MADE)
+
+
+def test_without_stored_records_there_are_no_tables() -> None:
+    with pytest.raises(InputError, match="reproduce --smoke: action values are not"):
+        replication.claims(Data(EXPERIMENT, MADE, pd.DataFrame(), pd.DataFrame()))
+
+
+def made_tables(**verdicts: str) -> dict[str, pd.DataFrame]:
+    """Returns tables of what `reproduce` found, in which some claims have other verdicts."""
+    known = dict.fromkeys([claim.id for claim in CLAIMS], "holds") | {"ping-S3": "undecided"}
+    known |= dict.fromkeys(("identifies", "identifies-S1", "max-near-1"), "does not hold")
+    frame = pd.DataFrame({"claim": [*known], "verdict": [*(known | verdicts).values()]})
+    frame = frame.assign(part="S2/S1", value=1.01, low=1.001, sets=10, sets_agreeing=4)
+    both = pd.concat(frame.assign(agents=n) for n in (100, 1000))
+    of_sets = pd.concat(frame.assign(first_seed=i) for i in range(10))
+    equal = frame.assign(reading="equal_pay", verdict="undecided")
+    learning = pd.DataFrame({"step": [0, 10_000]})
+    return {"claims": both, "claim_sets": of_sets, "sensitivity": equal, "learning": learning}
+
+
+def test_the_finding_says_what_the_tables_show() -> None:
+    text = reproduce.finding(made_tables())
+    assert "Of the paper's 11 claims, 3 do not hold" in text
+    assert "7 of the 7 claims that hold" in " ".join(text.split())
+    with pytest.raises(AssertionError, match="exactly these claims"):
+        reproduce.finding(made_tables(**{"reaches": "does not hold"}))
