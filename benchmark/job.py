@@ -1,26 +1,27 @@
 """Jobs: runs that are trained together where the work is done, evaluated, and made into records.
 
-Runs of a job differ by their seed alone. Training together equals training alone, so how runs fall into
-jobs changes no result.
+Runs of a job differ by their seed alone. Training together equals training alone, so how runs fall
+into jobs changes no result.
 """
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents import Schedule, Training, check_training, load_algorithm
-from agents.dynamic_programming import Evaluation, evaluate
+from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy, uniform_policy
 from benchmark.provenance import peak_memory_mb, provenance, reset_peak_memory
 from benchmark.specification import RunSpecification, given_up, solved
-from benchmark.store import VALUE_DECIMALS, Arrays, Record, evaluated
+from benchmark.store import VALUE_DECIMALS, Record, evaluated
 from envs import InputError, Model
 from envs.observations import compile_seen
 from envs.packages import contained
@@ -53,7 +54,7 @@ def plan(runs: Sequence[RunSpecification]) -> list[Job]:
 
 
 def execute_job(job: Job) -> list[Record]:
-    """Trains the runs of a job, evaluates their policies exactly, and returns their records in order.
+    """Trains the runs of a job, evaluates policies exactly, and returns the records in order.
 
     If training raises an exception, all of them have failed.
     """
@@ -111,31 +112,22 @@ def _train(job: Job, model: Model, schedule: Schedule) -> Training:
 
 def _trained(job: Job) -> dict[str, NDArray[Any]]:
     """Trains N runs; returns what their records hold, (N, ...) each, see `Record`."""
-    first = job[0]
-    model = compile_seen(first.scenario, first.observation)
-    training = _train(job, model, first.schedule)
-    columns: dict[str, NDArray[Any]] = {
-        field.name: getattr(training, field.name) for field in fields(training)
+    horizon, model = job[0].horizon, compile_seen(job[0].scenario, job[0].observation)
+    training = _train(job, model, job[0].schedule)
+    # Equal policies, as all are before the first step, are evaluated once.
+    policies = training.greedy.reshape(-1, model.n_observations)
+    masks, where = np.unique(policies, axis=0, return_inverse=True)
+    where = where.reshape(training.greedy.shape[:2])  # (N, T)
+    greedy = vars(evaluate(model, mask_policy(masks), horizon))
+    stochastic = vars(evaluate(model, training.stochastic, horizon))
+    values = np.round(training.values.astype(np.float64), VALUE_DECIMALS)
+    return {
+        **vars(training),
+        "values": values.astype(np.float32),
+        "stochastic": training.stochastic[:, -1:],
+        **{evaluated(name, "greedy"): found[where] for name, found in greedy.items()},
+        **{evaluated(name, "stochastic"): found for name, found in stochastic.items()},
     }
-    columns |= _greedy_results(training.greedy, model, first.horizon)
-    stochastic = evaluate(model, training.stochastic, first.horizon)
-    for name in (field.name for field in fields(Evaluation)):
-        columns[evaluated(name, "stochastic")] = getattr(stochastic, name)
-    values = np.round(columns["values"].astype(np.float64), VALUE_DECIMALS)
-    last = {"values": values.astype(np.float32), "stochastic": columns["stochastic"][:, -1:]}
-    return columns | last
-
-
-def _greedy_results(greedy: NDArray[np.uint8], model: Model, horizon: int) -> Arrays:
-    """Evaluates greedy policies, (N, T, O); equal ones, as all are before the first step, once."""
-    flat, shape = greedy.reshape(-1, model.n_observations), greedy.shape[:2]
-    masks, where = np.unique(flat, axis=0, return_inverse=True)
-    found = evaluate(model, mask_policy(masks), horizon)
-    results = {}
-    for name in (field.name for field in fields(Evaluation)):
-        values = getattr(found, name)[where.ravel()]
-        results[evaluated(name, "greedy")] = values.reshape(*shape, *values.shape[1:])
-    return results
 
 
 # Runs that are measured until they have solved their scenario
@@ -150,59 +142,56 @@ def _trained_until_solved(job: Job) -> dict[str, NDArray[Any]]:
 def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     """Trains a run until it has solved its scenario or is given up, see `Solved`.
 
-    Returns its curves, (1, ...). After the point at which that is certain, a curve repeats its value.
-    If the run is trained to its budget, because its algorithm cannot end early or there are unseen
-    places, the last point is that of the last policy, unless the run is given up. `unseen_success`,
-    (1, 2, 2), is success in unseen places: when learned or given up and at the budget, by the greedy
-    and the stochastic policy.
+    Returns its curves, (1, ...). After the point at which that is certain, a curve repeats its
+    value. If the run is trained to its budget, because its algorithm cannot end early or there are
+    unseen places, the last point is that of the last policy, unless the run is given up.
+    `unseen_success`, (1, 2, 2), is success in unseen places: when learned or given up and at the
+    budget, by the greedy and the stochastic policy.
     """
     assert run.solved is not None
     which = int(run.solved["policy"] == "stochastic")
     model = compile_seen(run.drawn_scenario, run.observation)
-    success_of, so_far = _success(model, run.horizon), list[float]()
+    schedule, n_steps = run.schedule, len(run.schedule.evaluation_steps)
+    so_far: list[float] = []
+
+    @cache
+    def success(policy: bytes) -> float:
+        table = np.frombuffer(policy).reshape(model.n_observations, -1)
+        return float(evaluate(model, table, run.horizon).success)
 
     def may_end(_: int, table: Floats) -> bool:
-        greedy = (1 << table.argmax(axis=1)).astype(np.uint8)
-        so_far.append(success_of(table if which else mask_policy(greedy)))
+        greedy = mask_policy((1 << table.argmax(axis=1)).astype(np.uint8))
+        so_far.append(success((table if which else greedy).tobytes()))
         return _is_over(run, so_far)[0]
 
-    schedule, n_steps = run.schedule, len(run.schedule.evaluation_steps)
-    if not (has_unseen := len(model.unseen_starts) > 0):
-        schedule = replace(schedule, may_end=may_end)
-    training = _train([run], model, schedule)
+    def policies(i: int) -> tuple[Floats, Floats]:
+        greedy = mask_policy(training.greedy[0, i])
+        if training.stochastic.shape[1]:
+            return greedy, training.stochastic[0, i]
+        return greedy, (1 - EXPLORED) * greedy + EXPLORED * uniform_policy(model)
+
+    has_unseen = len(model.unseen_starts) > 0
+    training = _train([run], model, replace(schedule, may_end=None if has_unseen else may_end))
     if which and not training.stochastic.shape[1]:
         raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
     curve: list[float] = []
     is_over = is_given_up = False
     while len(curve) < n_steps and not is_over:
-        curve.append(success_of(_policies(training, model, len(curve))[which]))
+        curve.append(success(policies(len(curve))[which].tobytes()))
         is_over, is_given_up = _is_over(run, curve)
     learned = len(curve) - 1
     curve += [curve[-1]] * (n_steps - len(curve))
     if is_given_up:
         training.disagreements[:, learned:] = training.disagreements[:, [learned]]
     else:
-        curve[-1] = success_of(_policies(training, model, -1)[which])
+        curve[-1] = success(policies(-1)[which].tobytes())
     unseen = np.empty((1, 0, 2))
     if has_unseen:
-        scored = [*_policies(training, model, learned), *_policies(training, model, -1)]
-        found = evaluate(model, np.stack(scored), run.horizon, "unseen")
-        unseen = found.success.reshape(1, 2, 2)
+        scored = np.stack([*policies(learned), *policies(-1)])
+        unseen = evaluate(model, scored, run.horizon, "unseen").success.reshape(1, 2, 2)
     names = (*_CURVE, *(POLICY if run.keep else ()))
     columns = {name: getattr(training, name) for name in names}
     return columns | {"success": np.array([curve]), "unseen_success": unseen}
-
-
-def _success(model: Model, horizon: int) -> Callable[[Floats], float]:
-    """Returns a function that returns the exact success of a policy; it evaluates none twice."""
-    found: dict[bytes, float] = {}
-
-    def success_of(policy: Floats) -> float:
-        if (key := policy.tobytes()) not in found:
-            found[key] = float(evaluate(model, policy, horizon).success)
-        return found[key]
-
-    return success_of
 
 
 def _is_over(run: RunSpecification, curve: Sequence[float]) -> tuple[bool, bool]:
@@ -211,11 +200,3 @@ def _is_over(run: RunSpecification, curve: Sequence[float]) -> tuple[bool, bool]
     steps, level = run.schedule.evaluation_steps, float(run.solved["success"])
     is_given_up = given_up(curve, steps, level, float(run.solved.get("given_up_after") or math.inf))
     return solved(curve, steps, level)[1] or is_given_up, is_given_up
-
-
-def _policies(training: Training, model: Model, i: int) -> tuple[Floats, Floats]:
-    """Returns the greedy and the stochastic policy of the only agent at an evaluation."""
-    greedy = mask_policy(training.greedy[0, i])
-    if training.stochastic.shape[1]:
-        return greedy, training.stochastic[0, i]
-    return greedy, (1 - EXPLORED) * greedy + EXPLORED * uniform_policy(model)

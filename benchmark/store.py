@@ -1,7 +1,7 @@
 """The only module that knows how records are stored: in one SQLite file, `runs.db`.
 
-Only the driver writes, with one transaction per job, so that an interrupt or a crash leaves only whole
-records. Checksums are verified whenever a record is read: a damaged one is never used.
+Only the driver writes, with one transaction per job, so that an interrupt or a crash leaves only
+whole records. Checksums are verified whenever a record is read: a damaged one is never used.
 """
 
 import fcntl
@@ -10,7 +10,7 @@ import sqlite3
 import sys
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -66,9 +66,9 @@ class Record:
     """What is stored of a run.
 
     Its arrays are the fields of the algorithm's `Training`, without the axis N, and those of
-    `Evaluation`, named by `evaluated`. However, `values` are rounded to `VALUE_DECIMALS`, `stochastic`
-    has only the last evaluation step, (1, O, A), or (0, O, A) if there is none, and `cpu_time_s` is
-    part of the provenance.
+    `Evaluation`, named by `evaluated`. However, `values` are rounded to `VALUE_DECIMALS`,
+    `stochastic` has only the last evaluation step, (1, O, A), or (0, O, A) if there is none, and
+    `cpu_time_s` is part of the provenance.
     """
 
     digest: str
@@ -142,14 +142,10 @@ class Store:
         """Waits until no other process trains into this store: both would train the same runs.
 
         The system releases the lock, on an empty file beside the store, however the process ends.
-        Where nothing can be locked, there is no wait.
         """
-        with ExitStack() as stack:
-            with suppress(OSError):
-                path = self._path.with_name(f"{self._path.name}.lock")
-                file = stack.enter_context(path.open("a"))
-                waiting = "waiting for another command that trains runs"
-                lock(file.fileno(), f"{self._path}: {waiting} ...")
+        with self._path.with_name(f"{self._path.name}.lock").open("a") as file:
+            waiting = "waiting for another command that trains runs"
+            lock(file.fileno(), f"{self._path}: {waiting} ...")
             yield
 
     def statuses(self, digests: Iterable[str] | None = None) -> dict[str, str]:
@@ -216,12 +212,7 @@ class Store:
     def problem(self) -> str:
         """Returns what is wrong with the file's structure; empty if nothing."""
         with self._input_errors():
-            try:
-                (result,) = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
-            except sqlite3.DatabaseError as error:
-                if _code(error) != sqlite3.SQLITE_CORRUPT:
-                    raise
-                result = error
+            (result,) = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
         return "" if result == "ok" else " ".join(str(result).split())
 
     @contextmanager
@@ -229,19 +220,24 @@ class Store:
         try:
             yield
         except (sqlite3.Error, OSError) as error:
-            is_damaged = _code(error) in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
-            kind, advice = (DamagedError, MOVE) if is_damaged else (InputError, _CHECK)
+            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+            if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+                raise DamagedError(f"{self._path} is damaged: {error}; {MOVE}.") from None
             what = f"cannot be used as the store of runs: {error}"
-            raise kind(f"{self._path}: {what}; {advice}.") from None
+            raise InputError(f"{self._path}: {what}; {_CHECK}.") from None
 
 
 def lock(descriptor: int, waiting: str) -> None:
-    """Locks an open file or folder; says that it is waiting if another process has locked it."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        print(waiting, file=sys.stderr)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+    """Locks an open file or folder; says that it is waiting if another process has locked it.
+
+    Where nothing can be locked, there is no wait.
+    """
+    with suppress(OSError):
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print(waiting, file=sys.stderr)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
 
 
 # Bytes of a record
@@ -250,8 +246,8 @@ def lock(descriptor: int, waiting: str) -> None:
 def _pack(arrays: Arrays) -> bytes:
     """Returns arrays as bytes, the same in whatever order they are given.
 
-    A line of JSON has the name, dtype, shape and size in bytes of each array. The arrays follow in the
-    same order, each compressed by itself, so that one can be read without the others.
+    A line of JSON has the name, dtype, shape and size in bytes of each array. The arrays follow in
+    the same order, each compressed by itself, so that one can be read without the others.
     """
     data = {name: zlib.compress(array.tobytes(), _EFFORT) for name, array in sorted(arrays.items())}
     layout = [[name, arrays[name].dtype.str, arrays[name].shape, len(data[name])] for name in data]
@@ -278,11 +274,6 @@ class _Packed(Arrays):
 
     def __len__(self) -> int:
         return len(self._arrays)
-
-
-def _code(error: Exception) -> int:
-    """Returns SQLite's primary code of an error; 0 if it has none."""
-    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
 def _head(*columns: object) -> int:
