@@ -25,7 +25,6 @@ from envs import scene as drawn
 from envs.model import MOVES, kept_with_model
 from envs.observations import compile_seen
 
-FILE: Final = "agents.json.gz"
 MAX_VALUED: Final = 500  # observations of a learner whose values are shown
 MAX_STATES: Final = 200_000  # of a scenario that is shown
 MAX_MASKS: Final = 480  # per learner: final policies of as many agents as fit, at least one
@@ -53,6 +52,7 @@ def write(
         n_shown = max(MAX_MASKS // model.n_observations, 1)
         runs = population.runs(population.taken(seeds)[:n_shown])
         agent = _agents(population.learner, load_records(runs, store))
+        agent["experiment"] = experiment.name
         place = {"scene": _index(scenes, _scene(model)), "sight": _index(sights, _sight(model))}
         agents.append(agent | place)
     if agents:

@@ -4,20 +4,21 @@ The manifest lists the digest of each file but README and the meanings of column
 made from the others, and ends with its own digest. So a file that was changed is refused.
 """
 
+import fcntl
 import hashlib
 import json
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
 
-from benchmark.store import lock
 from envs import InputError
 from envs.inputs import check_all
 
@@ -198,6 +199,19 @@ def alone(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+def lock(descriptor: int, waiting: str) -> None:
+    """Locks an open file or folder; says that it is waiting if another process has locked it.
+
+    Where nothing can be locked, there is no wait.
+    """
+    with suppress(OSError):
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print(waiting, file=sys.stderr)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
 
 
 @contextmanager

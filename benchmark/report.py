@@ -25,7 +25,7 @@ from typing import Any, Final
 import pandas as pd
 from matplotlib.figure import Figure
 
-from benchmark import explorer, front, search, style, tables
+from benchmark import front, search, style, tables
 from benchmark.experiment import PUBLISHED, Experiment, load_experiment
 from benchmark.folder import (
     MANIFEST,
@@ -51,7 +51,7 @@ from envs.packages import contained, imported
 STUDIES: Final = ("comparison", "map", "replication", "search")
 MAX_WORDS: Final = 900  # of README
 _MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
-_PACKED: Final = (tables.RUNS, tables.CURVES, explorer.FILE)  # which `run` publishes
+_PACKED: Final = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
 RUN_COLUMNS: Final[Mapping[str, str]] = {
     "scenario": "scenario",
@@ -474,7 +474,7 @@ def _files(study: Study, folder: Folder) -> str:
     about = {
         tables.RUNS: "a row per run",
         tables.CURVES: "a row per run and evaluation",
-        explorer.FILE: "what agents have learned, for the page",
+        tables.AGENTS: "what agents have learned, for the page",
         **{f"{name}.csv": first_line(function) for name, function in study.tables.items()},
     }
     ours = {MEANINGS: "what columns mean", MANIFEST: "what made the runs, digests of files"}

@@ -4,10 +4,8 @@ Only the driver writes, with one transaction per job, so that an interrupt or a 
 whole records. Checksums are verified whenever a record is read: a damaged one is never used.
 """
 
-import fcntl
 import json
 import sqlite3
-import sys
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -19,6 +17,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.folder import lock
 from envs import InputError
 
 VALUE_DECIMALS: Final = 3  # to which a record's values are rounded
@@ -225,19 +224,6 @@ class Store:
                 raise DamagedError(f"{self._path} is damaged: {error}; {MOVE}.") from None
             what = f"cannot be used as the store of runs: {error}"
             raise InputError(f"{self._path}: {what}; {_CHECK}.") from None
-
-
-def lock(descriptor: int, waiting: str) -> None:
-    """Locks an open file or folder; says that it is waiting if another process has locked it.
-
-    Where nothing can be locked, there is no wait.
-    """
-    with suppress(OSError):
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            print(waiting, file=sys.stderr)
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
 
 
 # Bytes of a record

@@ -4,9 +4,7 @@ Nothing is computed here. The page needs no network; links lead to files beside 
 """
 
 import base64
-import gzip
 import hashlib
-import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,8 +14,8 @@ from urllib.parse import quote
 
 from markdown_it import MarkdownIt
 
-from benchmark import explorer
 from benchmark.folder import README, Folder, write_text
+from benchmark.tables import AGENTS
 
 _HERE: Final = Path(__file__).parent
 # The page's script: these share one scope, in this order.
@@ -111,12 +109,9 @@ class _Chapter:
 
 def _agents(folder: Folder) -> str:
     """Returns what the explorer shows of a folder, compressed; empty if there is nothing."""
-    if explorer.FILE not in folder.files:
+    if AGENTS not in folder.files:
         return ""
-    shown = json.loads(gzip.decompress(folder.content(explorer.FILE)))
-    for agent in shown["agents"]:
-        agent["experiment"] = folder.path.name
-    return base64.b64encode(explorer.compressed(shown)).decode("ascii")
+    return base64.b64encode(folder.content(AGENTS)).decode("ascii")
 
 
 def _explorer() -> str:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from benchmark import explorer
 from benchmark.experiment import Experiment, load_experiment
-from benchmark.explorer import FILE, MAX_MASKS
+from benchmark.explorer import MAX_MASKS
 from benchmark.records import Records
 from benchmark.specification import RunSpecification
+from benchmark.tables import AGENTS
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from tests.benchmark.populations import population
@@ -55,7 +56,7 @@ def records(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def written(shown: Experiment, seeds: range | None = None) -> dict[str, Any]:
     """Returns the explorer's data as they are written."""
-    path = shown.path.with_name(FILE)
+    path = shown.path.with_name(AGENTS)
     explorer.write(shown, None, path, seeds)  # type: ignore[arg-type]
     return dict(json.loads(gzip.decompress(path.read_bytes())))
 
