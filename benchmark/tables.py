@@ -53,7 +53,7 @@ _TYPES: Final = {
     **dict.fromkeys(("uncomfortable_steps", "greedy_success", "random_success"), float),
     **dict.fromkeys((*_UNSEEN, "diverged_at", *_COSTS), float),
 }
-_EMPTY: Final = {name: [""] for name, kind in _TYPES.items() if kind is float}  # missing values
+_EMPTY: Final = {name: ["", "nan"] for name, kind in _TYPES.items() if kind is float}  # missing values
 _NEEDED: Final = {
     RUNS: {"scenario", "learner", "seed", "run", "budget", "success", "versions"},
     CURVES: {"scenario", "learner", "seed", "step", "success"},
