@@ -11,14 +11,13 @@ Scandinavian Journal of Statistics 6:65-70): the probability of any wrong claim 
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special, stats
 
-if TYPE_CHECKING:
-    from benchmark.experiment import Population
+from benchmark.experiment import Population, title_of
 
 RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
@@ -280,7 +279,7 @@ def standing_apart(x: Means, y: Means, margin: float, verdict: str) -> tuple[lis
 _SAME_INPUT: Final = {"index": "one_hot", "offset": "offset_one_hot"}
 
 
-def differences(x: "Population", y: "Population") -> str:
+def differences(x: Population, y: Population) -> str:
     """Says what differs between two learners besides their algorithms and their settings' values.
 
     An empty text says that nothing does.
@@ -291,14 +290,14 @@ def differences(x: "Population", y: "Population") -> str:
     )
 
 
-def _conditions(population: "Population") -> dict[str, str]:
+def _conditions(population: Population) -> dict[str, str]:
     """Returns under which conditions a learner was trained, in words."""
     learner, settings = population.learner, population.first.settings
     form = _SAME_INPUT.get(learner.observation, learner.observation)
     return {
         "settings": f"searched ({learner.search})" if learner.search else "declared",
         "time limit": f"{settings.time_limit:,}" if settings.time_limit else "none",
-        "input": form.replace("_", " "),
+        "input": title_of("", form, "other").removeprefix(" on "),
         "policy": learner.policy,
         "training steps": f"{settings.budget:,}",
     }

@@ -1,0 +1,405 @@
+"""Comparisons of made-up runs: verdicts, tables and texts by hand, and attempts to falsify them."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from rliable import metrics
+from scipy import stats
+
+from benchmark import comparison
+from benchmark.comparison import Declared, verdict
+from benchmark.experiment import load_experiment
+from benchmark.experiments import sb3
+from benchmark.statistics import Contrast, Means, contrast, holm
+from benchmark.study import Data
+from envs import InputError
+from envs.inputs import parse
+
+EXPERIMENT = """
+description = "Made up."
+scenarios = [{scenarios}]
+horizon = 200
+evaluation_every = 200
+map_every = 200
+settings = {{ budget = 400, time_limit = 200 }}
+[report]
+kind = "comparison"
+{report}
+"""
+LEARNER = '[algorithms.{name}]\nalgorithm = "q_learning"\nobservations = ["index"]\nseeds = 2\n'
+NET = """
+[algorithms.net]
+title = "searched DQN"
+algorithm = "compiled_dqn"
+observations = ["one_hot"]
+seeds = 2
+first_seed = 400
+tuned_by = "tuning:dqn"
+settings = { budget = 400, time_limit = 100 }
+"""
+RANDOM = 0.02  # success of the random policy
+Runs = Sequence[float] | np.ndarray[Any, Any]
+
+
+def share(p: float, n: int = 100) -> Runs:
+    """Returns the success of n runs, of which a share succeeds."""
+    return (np.arange(n) < round(p * n)).astype(float)
+
+
+def made(
+    folder: Path,
+    learners: Mapping[str, Runs | Sequence[Runs]],
+    report: str = "",
+    scores: Mapping[str, Runs] | None = None,
+    extra: str = "",
+) -> Data:
+    """Returns a comparison of runs by learner, the same in S1 to S3, or by scenario.
+
+    Learners are tables on cells but `net`. Runs begin at 0, and score as they succeed.
+    """
+    names = {name: f"{name}, {'one_hot' if name == 'net' else 'index'}" for name in learners}
+    n_scenarios = max(len(runs) if np.ndim(runs[0]) else 1 for runs in learners.values())
+    scenarios = ["S1", "S2", "S3"][:n_scenarios]
+    tables = "".join(NET if name == "net" else LEARNER.format(name=name) for name in learners)
+    listed = ", ".join(f'"{name}"' for name in scenarios)
+    text = EXPERIMENT.format(scenarios=listed, report=report) + extra + tables
+    (folder / "made.toml").write_text(text, encoding="utf-8")
+    experiment = load_experiment(folder / "made.toml")
+    runs, curves = [], []
+    for name, own in learners.items():
+        for i, scenario in enumerate(scenarios):
+            success = np.asarray(own[i] if np.ndim(own[0]) else own, dtype=float)
+            score = success if scores is None else np.asarray(scores[name], dtype=float)
+            keys = {"scenario": scenario, "learner": names[name], "seed": range(len(success))}
+            final = {"success": success, "score": score, "unbounded_score": score}
+            others = ("steps", "wrong_pings", "uncomfortable_steps", "greedy_success", "updates")
+            final |= dict.fromkeys((*others, "parameters", "peak_memory_mb"), 1.0)
+            final |= {"policy": "greedy", "budget": 400, "random_success": RANDOM}
+            final |= {"cpu_time_s": len(name), "training_wrong_pings": range(len(success))}
+            runs.append(pd.DataFrame(keys | final))
+            for step in (0, 400):
+                values = {"step": step, "success": success * (step > 0), "score": score}
+                curves.append(pd.DataFrame(keys | values))
+    declared = parse(Declared, experiment.declared.report, "made.toml")
+    comparison.check(experiment, declared)
+    return Data(experiment, declared, pd.concat(runs), pd.concat(curves))
+
+
+def pair(x: str = "x, index", y: str = "y, index", key: str = "contrasts") -> str:
+    """Returns the declaration of a contrast."""
+    return f'{key} = [["{x}", "{y}"]]\n'
+
+
+def contrasts(data: Data) -> pd.DataFrame:
+    """Computes the table of contrasts, which texts and figures read."""
+    table = comparison.contrasts(data)
+    assert table is not None
+    data.tables["contrasts"] = table
+    return table
+
+
+def only(data: Data) -> dict[str, Any]:
+    """Returns the only contrast."""
+    (row,) = contrasts(data).to_dict("records")
+    return row
+
+
+# Verdicts
+
+
+def decide(difference: float, different: float, equivalent: float, **row: float) -> str:
+    """Returns the verdict on a difference with p-values, with a margin of 0.1."""
+    test = Contrast(difference, 0, 0, 0, 0, different, equivalent)
+    return verdict(test, 0.1, {"n": 10, "p_random_x": 0.01, "p_random_y": 0.01} | row)
+
+
+NOT_X, NOT_Y = {"p_random_x": 0.06}, {"p_random_y": 0.06}
+
+
+@pytest.mark.parametrize(
+    ("found", "row", "expected"),
+    [
+        ((0.3, 0.01, 1), {}, "better"),
+        ((-0.3, 0.05, 1), {}, "worse"),
+        ((0.3, 0.06, 1), {}, "undecided"),
+        ((0.3, 0.01, 1), {"n": 9}, "no verdict"),
+        ((0.1, 0.01, 1), {}, "better"),
+        ((0.0999, 0.01, 1), {}, "slightly better"),
+        ((-0.06, 0.01, 1), {}, "slightly worse"),
+        ((0.01, 1, 0.05), {}, "within margin"),
+        ((-0.05, 4e-5, 0.01), {}, "within margin, but worse"),
+        # Who has not learned is not better, neither slightly nor within the margin.
+        ((0.3, 0.01, 1), NOT_X | NOT_Y, "neither learned"),
+        ((0.01, 1, 0.01), NOT_X | NOT_Y, "neither learned"),
+        ((0.3, 0.5, 1), NOT_X | NOT_Y, "undecided"),
+        ((0.3, 0.01, 1), NOT_X, "ahead without learning"),
+        ((0.05, 0.01, 1), NOT_X, "ahead without learning"),
+        ((0.05, 0.01, 0.01), NOT_X, "within margin"),
+        ((0.3, 0.01, 1), NOT_Y, "better"),
+        ((-0.3, 0.01, 1), NOT_X, "worse"),
+        ((-0.3, 0.01, 1), NOT_Y, "ahead without learning"),
+    ],
+)
+def test_verdicts_follow_the_declared_rule(
+    found: tuple[float, float, float], row: dict[str, float], expected: str
+) -> None:
+    assert decide(*found, **row) == expected
+
+
+def test_a_learner_that_never_trained_wins_nothing_by_score(tmp_path: Path) -> None:
+    """It gives up at once, which scores more than y, which fails at a cost."""
+    scores = {"x": np.full(100, 0.43), "y": np.full(100, 0.1)}
+    row = only(made(tmp_path, {"x": share(0), "y": share(0)}, pair(), scores))
+    assert row["score_p_different"] < 0.001
+    assert (row["success_verdict"], row["score_verdict"]) == ("neither learned",) * 2
+    row = only(made(tmp_path, {"x": share(0), "y": share(0.5)}, pair(), scores))
+    assert (row["success_verdict"], row["score_verdict"]) == ("worse", "ahead without learning")
+
+
+def test_the_random_policy_is_beaten_by_an_exact_binomial_test(tmp_path: Path) -> None:
+    row = only(made(tmp_path, {"x": share(0.4, 20), "y": share(0.05, 20)}, pair()))
+    for side, count in (("x", 8), ("y", 1)):
+        expected = stats.binomtest(count, 20, RANDOM, alternative="greater").pvalue
+        assert row[f"p_random_{side}"] == pytest.approx(min(expected, 1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "expected", "apart"),
+    [
+        ((1.0, 0.85, 0.85), (0.7, 1.0, 1.0), "mixed", "S1, S2, S3"),  # the same on average
+        ((1.0, 1.0, 0.85), (0.2, 0.2, 0.9), "better", "S3"),
+        ((1.0, 1.0, 0.95), (1.0, 1.0, 1.0), "within margin", "S3"),
+        ((1.0, 1.0, 0.8), (1.0, 1.0, 1.0), "slightly worse", ""),
+    ],
+)
+def test_exchanging_x_and_y_only_exchanges_better_and_worse(
+    tmp_path: Path, x: Sequence[float], y: Sequence[float], expected: str, apart: str
+) -> None:
+    learners = {"x": [*map(share, x)], "y": [*map(share, y)]}
+    one = only(made(tmp_path, learners, pair()))
+    other = only(made(tmp_path, learners, pair("y, index", "x, index")))
+    assert (one["success_verdict"], one["success_except"]) == (expected, apart)
+    swapped = {"better": "worse", "slightly worse": "slightly better"}
+    assert other["success_verdict"] == swapped.get(expected, expected)
+    assert other["success_except"] == apart
+    for key, opposite in (("", ""), ("_low", "_high"), ("_low_90", "_high_90")):
+        difference = other[f"success_difference{opposite}"]
+        assert one[f"success_difference{key}"] == pytest.approx(-difference)
+
+
+def test_without_pooling_each_scenario_has_a_verdict_and_all_are_adjusted(tmp_path: Path) -> None:
+    learners = {"x": [share(1, 20), share(0.25, 20)], "y": share(1, 20)}
+    table = contrasts(made(tmp_path, learners, 'pool = "none"\n' + pair()))
+    assert [*table["scenario"]] == ["S1", "S2"]
+    assert [*table["success_verdict"]] == ["undecided", "worse"]
+    raw = [contrast(Means([p], [20]), Means([1.0], [20]), 0.1) for p in (1.0, 0.25)]
+    for key in ("p_different", "p_equivalent"):
+        expected = holm([getattr(test, key) for test in raw])
+        assert [*table[f"success_{key}"]] == pytest.approx(expected)
+
+
+def test_later_contrasts_are_adjusted_alone_over_all_scenarios_and_in_each(tmp_path: Path) -> None:
+    learners = {"x": share(1), "y": [share(0.3)] * 3, "z": share(0.4)}
+    report = pair() + pair("z, index", key="later")
+    *later, first = contrasts(made(tmp_path, learners, report)).to_dict("records")
+    alone = only(made(tmp_path, learners, pair()))
+    assert {key: first[key] for key in alone} == alone
+    assert [row["scenario"] for row in later] == ["", "S1", "S2", "S3"]
+    assert {(row["x"], row["declared"]) for row in later} == {("z, index", "later")}
+    means = [Means([0.4] * n, [100] * n) for n in (3, 1, 1, 1)]
+    raw = [contrast(x, Means([0.3] * len(x.means), x.sizes), 0.1).p_different for x in means]
+    assert [row["success_p_different"] for row in later] == pytest.approx(holm(raw))
+
+
+# Other tables
+
+
+def test_summary_and_aggregate_by_hand(tmp_path: Path) -> None:
+    data = made(tmp_path, {"x": [share(0.5, 4), share(1, 4)], "y": share(1, 4)})
+    table = comparison.summary(data).set_index(["learner", "scenario"])
+    row = table.loc["x, index", "S1"]
+    ends = stats.binomtest(2, 4).proportion_ci(method="exact")
+    assert [*row[["success", "success_low", "success_high"]]] == pytest.approx([0.5, *ends])
+    # Wrong PINGs are 0, 1, 2, 3 in 400 steps: 3.75 per 1,000; t with 3 degrees of freedom is 3.182.
+    reach = 3.182 * np.sqrt(5 / 3) / 2 * 2.5
+    rate = [*row[["training_wrong_pings", "training_wrong_pings_high"]]]
+    assert rate == pytest.approx([3.75, 3.75 + reach], abs=1e-3)
+    assert row["training_wrong_pings_low"] == 0
+    means = comparison.aggregate(data)
+    assert [*means["learner"]] == ["y, index", "x, index"]
+    assert [*means["success"]] == [1, 0.75]
+    assert [*means["runs"]] == [8, 8]
+
+
+def test_curves_and_cost_by_hand(tmp_path: Path) -> None:
+    data = made(tmp_path, {"slow": share(0.75, 8), "y": share(1, 8)})
+    table = comparison.curves(data).set_index(["learner", "step"])
+    assert [*table.loc["slow, index"]["success"]] == [0, 0.75]
+    ends = stats.binomtest(6, 8).proportion_ci(method="exact")
+    assert [*table.loc["slow, index", 400][["success_low", "success_high"]]] == pytest.approx(
+        [*ends]
+    )
+    assert [*comparison.cost(data)["learner"]] == ["y, index", "slow, index"]
+
+
+def test_usual_measures_are_rliables_and_the_same_every_time(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    drawn = {name: [rng.random(12) for _ in range(2)] for name in ("x", "y")}
+    data = made(tmp_path, drawn, 'baseline = ["y, index"]\n' + pair())
+    table = comparison.rliable(data)
+    pd.testing.assert_frame_equal(table, comparison.rliable(data))
+    rows = table.set_index(["endpoint", "learner"])
+    x, y = (np.array(drawn[name]).T for name in ("x", "y"))
+    row = rows.loc["success", "x, index"]
+    for name in comparison.AGGREGATES:
+        expected = getattr(metrics, f"aggregate_{name}")(x)
+        assert row[name] == pytest.approx(expected)
+        assert row[f"{name}_low"] < expected < row[f"{name}_high"]
+    assert row["p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
+    assert np.isnan(rows.loc["success", "y, index"]["p_improvement"])
+    # Five wrong PINGs in a corner, as an independent walk found.
+    assert rows.loc["score", "x, index"]["giving_up"] == pytest.approx(0.43, abs=0.005)
+
+
+# Texts and figures
+
+
+def test_a_sentence_names_learners_margin_and_what_else_differs(tmp_path: Path) -> None:
+    """A searched net with another time limit against a table as declared."""
+    report = pair("net, one_hot", "y, index") + "margins.success = 0.2\n"
+    data = made(tmp_path, {"net": share(0.9), "y": share(0.5)}, report)
+    contrasts(data)
+    first, sentence = comparison.headline(data).split("\n\n")
+    assert "After 400 steps" in first
+    assert "margin is 0.2, the level 5 %" in first
+    assert "100 runs" in first
+    what = "settings searched (tuning) against declared; time limit 100 against 200"
+    assert sentence.startswith("- searched DQN on one-hot cells, S1, against y: *better*")
+    assert sentence.endswith(f"(0.90 against 0.50; {what})\n")
+
+
+def test_a_measurable_difference_within_the_margin_is_not_called_equivalent(tmp_path: Path) -> None:
+    data = made(tmp_path, {"x": share(0.97, 4000), "y": share(1, 4000)}, pair())
+    assert only(data)["success_p_different"] < 4e-5
+    text = comparison.headline(data)
+    assert "x, S1, against y: *within margin, but worse* (0.97 against 1.00)" in text
+    assert "equivalent" not in text + comparison.reading(reading_of(data))
+
+
+def reading_of(data: Data) -> Data:
+    """Adds the tables that the text on how to read them needs."""
+    data.tables["rliable"] = pd.DataFrame({"giving_up": [np.nan, 0.4321]})
+    return data
+
+
+def test_both_of_two_contradicting_verdicts_name_their_learners(tmp_path: Path) -> None:
+    report = 'contrasts = [["x, index", "y, index"], ["z, index", "y, index"]]'
+    data = made(tmp_path, {"x": share(0.9), "y": share(0.5), "z": share(0.1)}, report)
+    contrasts(data)
+    text = comparison.headline(data)
+    assert "*better* (1), *worse* (1)" in text
+    assert "- x, S1, against y: *better* (0.90 against 0.50)\n" in text
+    assert "- z, S1, against y: *worse* (0.10 against 0.50)\n" in text
+
+
+def test_many_undecided_contrasts_are_counted(tmp_path: Path) -> None:
+    names = "abcdef"
+    pairs = ", ".join(f'["{name}, index", "y, index"]' for name in names)
+    learners = {name: share(0.5) for name in (*names, "y")}
+    data = made(tmp_path, learners, f"contrasts = [{pairs}]")
+    contrasts(data)
+    assert "- *undecided*: 6 contrasts, see contrasts.csv\n" in comparison.headline(data)
+
+
+def test_without_contrasts_there_is_no_verdict(tmp_path: Path) -> None:
+    data = made(tmp_path, {"x": share(1), "y": share(0)})
+    assert comparison.contrasts(data) is None
+    assert "no verdicts" in comparison.headline(data)
+    assert comparison.draw_contrasts(data) is None
+
+
+def test_reading_has_the_numbers_of_the_declaration(tmp_path: Path) -> None:
+    data = made(tmp_path, {"x": share(1), "y": share(0)}, "margins = { success = 0.15 }\n")
+    text = comparison.reading(reading_of(data))
+    assert "0.15 of success and 0.05 of the score" in text
+    assert "score of 0.43" in text
+
+
+def test_figures_show_what_tables_have(tmp_path: Path) -> None:
+    report = 'baseline = ["y, index"]\n' + pair() + pair("y, index", "x, index", "later")
+    data = made(tmp_path, {"x": share(0.75, 12), "y": share(0.25, 12), "z": share(1, 12)}, report)
+    for name, function in comparison.TABLES.items():
+        data.tables[name] = function(data)
+    figures = {name: function(data) for name, function in comparison.FIGURES.items()}
+    assert all(figures.values())
+    (axis,) = figures["contrasts"].axes
+    names = [label.get_text() for label in axis.get_yticklabels()]
+    assert names == ["against x", "y, S1, declared later", "against y", "x, S1"]
+    assert [text.get_text() for text in axis.texts] == [
+        *data.tables["contrasts"]["success_verdict"]
+    ]
+    points = [line for line in axis.lines if line.get_marker() not in ("", "None", None)]
+    differences = [float(point.get_xdata()[0]) for point in points]
+    assert differences == [*data.tables["contrasts"]["success_difference"]]
+    (panel,) = figures["curves"].axes
+    ends = {line.get_ydata()[-1] for line in panel.lines if len(line.get_xdata()) == 2}
+    assert {0.75, 0.25} <= ends  # z is not compared with the baseline
+    assert 1.0 not in ends
+
+
+# What experiments declare
+
+
+@pytest.mark.parametrize(
+    ("report", "message"),
+    [
+        (pair("x, index", "w, index"), "report.contrasts: unknown learner w, index"),
+        (pair("x, index", "x, index"), "x, index is named twice"),
+        ('baseline = ["z"]', "report.baseline"),
+        ("margins = { success = 0.3 }", "0.2"),
+        ('curves = ["y"]', "report.curves"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(tmp_path: Path, report: str, message: str) -> None:
+    with pytest.raises(InputError) as error:
+        made(tmp_path, {"x": share(1, 4), "y": share(1, 4)}, report)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        ('[readings.short]\nquestion = "?"\nanswer = "!"\nsettings.epsilon = 0.3\n', "readings"),
+        ('[algorithms.z]\nalgorithm = "q_learning"\nobservations = ["index"]\nseeds = 2\n'
+         "settings = { budget = 800 }\n", "settings.budget"),
+    ],
+)  # fmt: skip
+def test_conditions_and_different_budgets_are_refused(
+    tmp_path: Path, extra: str, message: str
+) -> None:
+    build = partial(made, tmp_path, {"x": share(1, 4), "y": share(1, 4)}, extra=extra)
+    with pytest.raises(InputError, match=f"{message}.*: accepted in a comparison"):
+        build()
+
+
+# Findings
+
+
+def test_a_finding_asserts_what_it_says() -> None:
+    names = ["sb3_dqn", "sb3_ppo", "sb3_qrdqn", "sb3_trpo"]
+    learners = [f"{name}, one_hot" for name in names] + [sb3.TABLE]
+    summary = pd.DataFrame({"scenario": ["S1", "S2", "S3"], "n": 10, "budget": 10_000})
+    table = pd.DataFrame({"x": learners[:4], "y": sb3.TABLE, "success_margin": 0.1})
+    table["success_verdict"] = "undecided"
+    table["score_verdict"] = ["undecided"] * 3 + ["worse"]
+    aggregate = pd.DataFrame({"learner": learners, "success": [0.5, 0.6, 0.7, 0.8, 0.9]})
+    tables = {"summary": summary, "contrasts": table, "aggregate": aggregate}
+    assert "0.80 (TRPO) and 0.90 (the table)" in sb3.finding(tables)
+    table.loc[0, "success_verdict"] = "better"
+    with pytest.raises(AssertionError, match="all are undecided by success"):
+        sb3.finding(tables)
