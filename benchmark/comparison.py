@@ -5,7 +5,7 @@ contrast is the difference of two learners, x minus y, in one scenario or in the
 its verdict follows from a rule that is fixed before the runs, see `verdict`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain, product
 from math import ceil
 from typing import Annotated, Any, Final, Literal
@@ -40,6 +40,7 @@ _MOST_NAMED: Final = 4  # contrasts without a decided difference in a text
 Margin = Annotated[float, Field(gt=0, le=0.2)]
 Pair = Annotated[tuple[str, str], AfterValidator(distinct)]
 Pairs = Annotated[tuple[Pair, ...], AfterValidator(distinct)]
+Case = tuple[Pair, Sequence[str]]  # x and y, and the scenarios in which they are compared
 
 
 # What an experiment declares
@@ -75,18 +76,20 @@ class Declared(Report):
 
 
 def check(experiment: Experiment, declared: Declared) -> None:
-    """Raises an InputError if something cannot be compared, or an unknown learner is named."""
-    source, populations = experiment.argument, experiment.populations
-    if len({each.condition.name for each in populations}) > 1:
-        raise InputError(f"{source}: readings, grids, search: accepted in a comparison: none.")
-    settings = [each.first.settings for each in populations]
+    """Raises an InputError if budgets differ, or an unknown learner is named."""
+    source, settings = experiment.argument, [each.first.settings for each in experiment.populations]
     budgets = {(each.budget, getattr(each, "budget_unit", "steps")) for each in settings}
     if len(budgets) > 1 or budgets.pop()[1] != "steps":
         accepted = "the same number of steps for all learners"
         raise InputError(f"{source}: settings.budget: accepted in a comparison: {accepted}.")
-    for key in ("contrasts", "later", "baseline", "curves"):
-        names = getattr(declared, key)
-        for name in names if key in ("baseline", "curves") else chain(*names):
+    named: dict[str, Iterable[str]] = {
+        "contrasts": chain(*declared.contrasts),
+        "later": chain(*declared.later),
+        "baseline": declared.baseline,
+        "curves": declared.curves,
+    }
+    for key, names in named.items():
+        for name in names:
             if name not in experiment.learners:
                 unknown_name(f"{source}: report.{key}", "learner", name, [*experiment.learners])
 
@@ -117,6 +120,22 @@ def verdict(test: Contrast, margin: float, row: Mapping[str, Any]) -> str:
     return word if abs(test.difference) >= margin else f"slightly {word}"
 
 
+def decide(
+    test: Contrast, margin: float, row: Mapping[str, Any], x: Means, y: Means
+) -> tuple[str, list[int]]:
+    """Returns the verdict, and the indices of scenarios that contradict it or may do so.
+
+    If the difference in one of them contradicts it by the margin or more, it is *mixed*, since
+    opposite differences must not cancel.
+    """
+    decided = verdict(test, margin, row)
+    if decided in OPEN or len(x.means) == 1:
+        return decided, []
+    direction = decided.removeprefix("slightly ")
+    found, unsure = statistics.standing_apart(x, y, margin, direction)
+    return ("mixed", found) if found else (decided, unsure)
+
+
 # The tables
 
 
@@ -133,35 +152,27 @@ def contrasts(data: Data) -> pd.DataFrame | None:
     return pd.concat(tables, ignore_index=True) if tables else None
 
 
-def _compared(data: Data, cases: Sequence[tuple[Pair, Sequence[str]]]) -> pd.DataFrame:
-    """Returns contrasts of pairs in some scenarios; p-values are adjusted over all of them."""
+def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
+    """Returns these contrasts; p-values are adjusted over all of them."""
     cells = summary(data).set_index(["learner", "scenario"])
     of = {population.learner.name: population for population in data.experiment.populations}
-    xs, ys = ([cells.loc[pair[i]].loc[[*names]] for pair, names in cases] for i in (0, 1))
-    rows = [
-        {"scenario": names[0] if len(names) == 1 else "", "x": x, "y": y}
-        | {"n": min(xs[i]["n"].min(), ys[i]["n"].min())}
-        | {"differs": statistics.differences(of[x], of[y])}
-        for i, ((x, y), names) in enumerate(cases)
-    ]
-    for key, sides in {"p_random_x": xs, "p_random_y": ys}.items():
-        for row, p in zip(rows, statistics.holm([*map(_p_random, sides)]), strict=True):
-            row[key] = p
+    sides = [[cells.loc[name].loc[[*names]] for name in pair] for pair, names in cases]
+    p_random = [statistics.holm([*map(_p_random, own)]) for own in zip(*sides, strict=True)]
+    rows = []
+    for i, ((x, y), names) in enumerate(cases):
+        row = {"scenario": names[0] if len(names) == 1 else "", "x": x, "y": y}
+        row |= {"n": min(side["n"].min() for side in sides[i])}
+        row |= {"differs": statistics.differences(of[x], of[y])}
+        rows.append(row | {"p_random_x": p_random[0][i], "p_random_y": p_random[1][i]})
     for endpoint in ENDPOINTS:
         margin = getattr(data.declared.margins, endpoint)
-        pairs = [
-            (means_of(x, endpoint), means_of(y, endpoint)) for x, y in zip(xs, ys, strict=True)
-        ]
+        pairs = [(means_of(x, endpoint), means_of(y, endpoint)) for x, y in sides]
         for i, test in enumerate(statistics.contrasts(pairs, margin)):
-            (x, y), names = pairs[i], cases[i][1]
-            decided, apart = verdict(test, margin, rows[i]), list[int]()
-            if decided not in OPEN and len(names) > 1:
-                size = decided.removeprefix("slightly ")
-                found, apart = statistics.standing_apart(x, y, margin, size)
-                decided, apart = ("mixed", found) if found else (decided, apart)
-            own = {"x": x.mean, "y": y.mean, **test._asdict(), "verdict": decided, "margin": margin}
-            own["except"] = ", ".join(names[scenario] for scenario in apart)
-            rows[i] |= {f"{endpoint}_{key}": value for key, value in own.items()}
+            decided, apart = decide(test, margin, rows[i], *pairs[i])
+            found = {"x": pairs[i][0].mean, "y": pairs[i][1].mean, **test._asdict()}
+            found |= {"verdict": decided, "margin": margin}
+            found["except"] = ", ".join(cases[i][1][scenario] for scenario in apart)
+            rows[i] |= {f"{endpoint}_{key}": value for key, value in found.items()}
     return pd.DataFrame(rows)
 
 

@@ -1,7 +1,6 @@
 """Comparisons of made-up runs: verdicts, tables and texts by hand, and attempts to falsify them."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -174,7 +173,7 @@ def test_the_random_policy_is_beaten_by_an_exact_binomial_test(tmp_path: Path) -
         ((1.0, 0.85, 0.85), (0.7, 1.0, 1.0), "mixed", "S1, S2, S3"),  # the same on average
         ((1.0, 1.0, 0.85), (0.2, 0.2, 0.9), "better", "S3"),
         ((1.0, 1.0, 0.95), (1.0, 1.0, 1.0), "within margin", "S3"),
-        ((1.0, 1.0, 0.8), (1.0, 1.0, 1.0), "slightly worse", ""),
+        ((1.0, 1.0, 0.75), (1.0, 1.0, 1.0), "slightly worse", ""),
     ],
 )
 def test_exchanging_x_and_y_only_exchanges_better_and_worse(
@@ -371,20 +370,11 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, report: str, message
     assert message in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("extra", "message"),
-    [
-        ('[readings.short]\nquestion = "?"\nanswer = "!"\nsettings.epsilon = 0.3\n', "readings"),
-        ('[algorithms.z]\nalgorithm = "q_learning"\nobservations = ["index"]\nseeds = 2\n'
-         "settings = { budget = 800 }\n", "settings.budget"),
-    ],
-)  # fmt: skip
-def test_conditions_and_different_budgets_are_refused(
-    tmp_path: Path, extra: str, message: str
-) -> None:
-    build = partial(made, tmp_path, {"x": share(1, 4), "y": share(1, 4)}, extra=extra)
-    with pytest.raises(InputError, match=f"{message}.*: accepted in a comparison"):
-        build()
+def test_different_budgets_are_refused(tmp_path: Path) -> None:
+    longer = LEARNER.format(name="z") + "settings = { budget = 800 }\n"
+    learners = {"x": share(1, 4), "y": share(1, 4)}
+    with pytest.raises(InputError, match=r"settings\.budget: accepted in a comparison"):
+        made(tmp_path, learners, extra=longer)
 
 
 # Findings
