@@ -4,6 +4,7 @@ import ast
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
@@ -14,39 +15,74 @@ import pytest
 from envs.packages import extras, package_of
 from tests.support import ROOT
 
-LAYERS = ("envs", "agents", "benchmark", "tests")
+LAYERS: Final = ("envs", "agents", "benchmark", "tests")
+MAX_FLOORS: Final = 8  # of modules in `benchmark`, each of which imports from floors below alone
+MAX_FILES: Final = 30  # of Python, but in `experiments` and `page`
 
 
 @cache
-def imported(path: Path) -> set[str]:
-    """Returns the top-level names a file imports, wherever in it the import stands."""
-    names = set()
+def imports(path: Path) -> frozenset[str]:
+    """Returns the modules that a file imports, or of which it imports names, wherever it does."""
+    names = set[str]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names |= {alias.name.split(".")[0] for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            names.add(str(node.module).split(".")[0])
-    return names
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return frozenset(names)
+
+
+def imported(path: Path) -> set[str]:
+    """Returns the top-level names that a file imports."""
+    return {name.partition(".")[0] for name in imports(path)}
+
+
+def sources() -> Iterator[Path]:
+    for layer in LAYERS[:3]:
+        yield from sorted((ROOT / layer).rglob("*.py"))
 
 
 @pytest.mark.parametrize("layer", LAYERS)
 def test_no_arrow_points_backwards(layer: str) -> None:
-    above = set(LAYERS[LAYERS.index(layer) + 1 :])
+    above = {*LAYERS[LAYERS.index(layer) + 1 :]}
     files = sorted((ROOT / layer).rglob("*.py"))
     assert files
-    for path in files:
-        assert not imported(path) & above, path
+    assert [path for path in files if imported(path) & above] == []
 
 
-def test_only_the_deep_learners_load_torch() -> None:
-    loading = {
-        str(path.relative_to(ROOT))
-        for layer in LAYERS[:3]
-        for path in (ROOT / layer).rglob("*.py")
-        if imported(path) & {"torch", "stable_baselines3"}
+def test_the_benchmark_has_few_files_on_few_floors() -> None:
+    house = ROOT / "benchmark"
+    files = [p for p in house.rglob("*.py") if {"experiments", "page"}.isdisjoint(p.parts)]
+    assert len(files) <= MAX_FILES
+    modules = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): path
+        for path in house.rglob("*.py")
+        if path.name != "__main__.py"  # which imports commands by name
     }
-    assert loading == {f"agents/sb3/{name}.py" for name in ("extractors", "tables", "training", "vec_env")}
+    below = {
+        name: {other for other in modules if any(f"{i}.".startswith(f"{other}.") for i in found)}
+        for name, found in ((name, imports(path)) for name, path in modules.items())
+    }
+    floors = 0
+    while below:
+        free = {name for name, others in below.items() if not others - {name}}
+        assert free, f"imports go round in circles: {below}"
+        below = {name: others - free for name, others in below.items() if name not in free}
+        floors += 1
+    assert floors <= MAX_FLOORS
+
+
+def test_only_some_modules_know_torch_and_the_store() -> None:
+    torch = {"torch", "stable_baselines3"}
+    loading = {str(path.relative_to(ROOT)) for path in sources() if imported(path) & torch}
+    tools = ("extractors", "tables", "training", "vec_env")
+    assert loading <= {f"agents/sb3/{name}.py" for name in tools}
+    storing = [path.name for path in sources() if "sqlite3" in imported(path)]
+    assert storing == ["store.py"]
+
+
+NETS: Final = {"torch", "stable_baselines3"}
 
 
 @pytest.mark.parametrize(
@@ -54,13 +90,11 @@ def test_only_the_deep_learners_load_torch() -> None:
     [
         ("import benchmark; assert not hasattr(benchmark, 'walks')", {"pandas"}),
         (
-            """from benchmark.experiments import *
-from benchmark.execution import driver
-from benchmark.publish import draw
-all_specifications(load_experiment('compare_deep'))""",
-            {"torch", "stable_baselines3", "rliable"},
+            """from benchmark import experiment, run, report
+experiment.all_specifications(experiment.load_experiment('compare_deep'))""",
+            NETS,
         ),
-        ("from benchmark.__main__ import main; main(['list'])", {"torch", "pandas", "matplotlib"}),
+        ("from benchmark.__main__ import main; main(['list'])", NETS | {"matplotlib"}),
     ],
 )
 def test_packages_are_loaded_only_when_they_are_needed(code: str, not_loaded: set[str]) -> None:
@@ -69,40 +103,35 @@ def test_packages_are_loaded_only_when_they_are_needed(code: str, not_loaded: se
     assert done.returncode == 0, done.stderr
 
 
-def test_only_the_store_knows_how_results_are_kept() -> None:
-    for layer in LAYERS[:3]:
-        for path in (ROOT / layer).rglob("*.py"):
-            assert ("sqlite3" in imported(path)) == (path.name == "store.py"), path
-
-
 # Packages that this project uses have settings of their own, so they are imported before.
 CODE: Final = """
-import importlib, locale, logging, multiprocessing, os, pkgutil, random, signal, sys, threading, warnings
-import gymnasium, matplotlib, numpy, pandas, rich.console, scipy.optimize, scipy.signal, scipy.stats, torch
+import importlib, locale, logging, multiprocessing, os, pkgutil, random, signal, sys, threading
+import warnings
+import gymnasium, matplotlib, numpy, pandas, rich.console, scipy.optimize, scipy.signal, scipy.stats
+import torch
 from matplotlib import pyplot
 
 matplotlib.use("template")
 for name in sys.argv[1:]:
     importlib.import_module(name)
-loggers = [log for log in logging.root.manager.loggerDict.values() if isinstance(log, logging.Logger)]
 
 
 def state():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         options = {name: str(value) for name, value in pandas.options.d.items()}
+    numbers = torch.get_num_threads(), torch.get_default_dtype(), torch.get_rng_state().tolist()
     return {
         "matplotlib": ({**matplotlib.rcParams}, pyplot.get_backend(), pyplot.get_fignums()),
         "environment": {**os.environ},
         "warnings": ([*warnings.filters], warnings.showwarning),
         "numpy": (numpy.geterr(), numpy.get_printoptions(), str(numpy.random.get_state())),
         "random": random.getstate(),
-        "torch": (torch.get_num_threads(), torch.get_default_dtype(), torch.get_rng_state().tolist()),
-        "torch's numbers": (torch.tensor([1e-40]).mul(1).item(), torch.is_grad_enabled()),
+        "torch": (*numbers, torch.tensor([1e-40]).mul(1).item(), torch.is_grad_enabled()),
         "pandas": options,
         "locale": locale.setlocale(locale.LC_ALL),
-        "logging": (logging.root.level, [*logging.root.handlers], [log.level for log in loggers]),
-        "modules": ([*sys.path], [*sys.meta_path], [*sys.path_hooks], sys.excepthook, sys.displayhook),
+        "logging": (logging.root.level, [*logging.root.handlers]),
+        "modules": ([*sys.path], [*sys.meta_path], sys.excepthook, sys.displayhook),
         "processes": (multiprocessing.get_start_method(allow_none=True), threading.active_count()),
         "signals": {number: signal.getsignal(number) for number in signal.valid_signals()},
         "process": (os.getcwd(), sys.getrecursionlimit(), sys.stdout, sys.stderr),
@@ -123,7 +152,7 @@ print([name for name in before if repr(before[name]) != repr(after[name])])
 def test_imports_change_nothing_in_the_users_process() -> None:
     packages = {name for extra, names in extras().items() if extra != "dev" for name in names}
     names = [name for name in packages_distributions() if package_of(name) in packages]
-    ours = ("MKL_CBWR", "ATEN_CPU_CAPABILITY")  # which these tests have set, see `tests/conftest.py`
+    ours = ("MKL_CBWR", "ATEN_CPU_CAPABILITY")  # which these tests have set
     environment = {name: value for name, value in os.environ.items() if name not in ours}
     command = [sys.executable, "-c", CODE, *names]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
