@@ -15,10 +15,10 @@ from tempfile import TemporaryFile
 from typing import Any
 
 from agents import load_algorithm
-from benchmark import explorer
 from benchmark.executors import EXECUTORS, Executor, usable_cores
 from benchmark.experiment import Experiment, interleaved, load_experiment
 from benchmark.job import Job, failures, plan
+from benchmark.page import explorer
 from benchmark.progress import Display, Forecast
 from benchmark.provenance import versions
 from benchmark.records import check_scores

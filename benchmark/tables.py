@@ -30,7 +30,7 @@ from envs.inputs import shortened, whole_number
 
 RUNS: Final = "runs.csv.gz"
 CURVES: Final = "curves.csv.gz"
-AGENTS: Final = "agents.json.gz"  # what the explorer shows, see `benchmark.explorer`
+AGENTS: Final = "agents.json.gz"  # what the explorer shows, see `benchmark.page.explorer`
 KEYS: Final = ("scenario", "grid", "point", "reading", "trial", "learner")
 _COSTS: Final = ("cpu_time_s", "cpu_learned_s", "peak_memory_mb", "wall_time_s")
 _MADE: Final = ("started_at", "commit", "machine", "processor", "versions")

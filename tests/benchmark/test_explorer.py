@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark import explorer
 from benchmark.experiment import Experiment, load_experiment
-from benchmark.explorer import MAX_MASKS
+from benchmark.page import explorer
+from benchmark.page.explorer import MAX_MASKS
 from benchmark.records import Records
 from benchmark.specification import RunSpecification
 from benchmark.tables import AGENTS
