@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
-from agents.arrays import Bools, Floats, Ints
 from agents.policy import ALL_ACTIONS
 from envs import ACTIONS, Model
+from envs.arrays import Bools, Bytes, Floats, Ints, Singles
 from envs.inputs import Table
 from envs.observations import INDICES
 
@@ -63,14 +63,14 @@ class Schedule:
 class Training:
     """What training N agents returns; subclasses may add fields, whose first axis is N."""
 
-    greedy: NDArray[np.uint8]
+    greedy: Bytes
     """(N, T, O) masks of greedy actions, see `agents.policy`."""
     q: Floats
     """(N, O, A) final action values, NaN if the agent diverged; (N, 0, A) if the algorithm learns none."""
     stochastic: Floats
     """(N, T, O, A) probabilities of a policy that is learned directly, not from action values; else
     (N, 0, O, A)."""
-    values: NDArray[np.float32]
+    values: Singles
     """(N, V, O, A) at the map steps: probabilities, else action values; NaN after divergence."""
     disagreements: Ints
     """(N, T) wrong PINGs so far."""
@@ -88,7 +88,7 @@ class Training:
 class DeepTraining(Training):
     """What training N nets returns in addition."""
 
-    weights: NDArray[np.uint8]
+    weights: Bytes
     """(N, 32) SHA-256 of all final weights."""
 
 

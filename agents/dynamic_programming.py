@@ -15,11 +15,10 @@ from typing import Final, NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.arrays import Bools, Floats, Indices, Ints
 from agents.compiled import compiled
 from agents.policy import Policy
+from envs.arrays import Bools, Codes, Floats, Indices, Ints
 from envs.model import ACTIONS, TARGET_PING, Model
 from envs.regions import ZONES
 
@@ -96,7 +95,7 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
 def _sweep(
     policies: Floats,
     dynamics: Dynamics,
-    counted: tuple[Floats, Floats, Bools, Bools, NDArray[np.int8]],
+    counted: tuple[Floats, Floats, Bools, Bools, Codes],
     starts: tuple[Ints, Floats, Ints, int],
     horizon: int,
     sums: Floats,
@@ -205,7 +204,7 @@ def solve(
         q[model.terminated] = 0.0
         q *= discount
         q += reward
-        best = np.asarray(reduce(np.maximum, q.T))  # several times as fast as q.max(axis=1)
+        best = reduce(np.maximum, q.T)  # several times as fast as q.max(axis=1)
         # Rounding may make the last digit alternate for ever, so equality is not required.
         converged = np.abs(best - value).max() <= 1e-15 * max(1.0, np.abs(best).max())
         unchanged = converged and np.array_equal(best, value)  # as it will be from here on
@@ -228,5 +227,5 @@ def largest_success(model: Model, horizon: int) -> float:
 def expected(model: Model, value: Floats) -> Floats:
     """Returns the expected value of the next state, (S, A), from the values of all states, (S,)."""
     if model.n_outcomes == 1:
-        return np.asarray(value[model.next_state[:, :, 0]])
+        return value[model.next_state[:, :, 0]]
     return np.asarray((value[model.next_state] * model.probability).sum(axis=2))

@@ -4,9 +4,9 @@ A set of actions is represented by a mask, the sum of 2**action over its members
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from agents.arrays import Bools, Floats
+from envs.arrays import Bools, Bytes, Floats
 from envs.model import ACTIONS, Model
 
 Policy = Floats  # (..., O, A), rows summing to one
@@ -18,7 +18,7 @@ def uniform_policy(model: Model) -> Policy:
     return np.full((model.n_observations, len(ACTIONS)), 1 / len(ACTIONS))
 
 
-def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> NDArray[np.uint8]:
+def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> Bytes:
     """Returns the set of best actions in every row of action values, (..., A), within a tolerance.
 
     >>> greedy_masks([[0, 0, -1, 0, -2], [1, 2, 3, 4, 5]])
@@ -29,12 +29,12 @@ def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> NDArray[np.uint8]:
     return np.asarray(best @ (1 << np.arange(len(ACTIONS))), dtype=np.uint8)
 
 
-def contains(masks: NDArray[np.uint8]) -> Bools:
+def contains(masks: Bytes) -> Bools:
     """Returns whether each mask contains each action, (..., A)."""
     return np.asarray(masks[..., None] >> np.arange(len(ACTIONS)) & 1, dtype=np.bool_)
 
 
-def mask_policy(masks: NDArray[np.uint8]) -> Policy:
+def mask_policy(masks: Bytes) -> Policy:
     """Returns the policy that draws uniformly from the actions of each mask, (..., A).
 
     >>> mask_policy(np.array([17], dtype=np.uint8))

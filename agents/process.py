@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from envs.arrays import Unsigned, Records
 from envs.model import ACTIONS, Model, draw_issuer_reward, kept_with_model
 
 U = np.uint64
@@ -37,12 +37,12 @@ _STATES_AT_ONCE: Final = 200_000  # whose outcomes are written out together
 class Process(NamedTuple):
     """A compiled scenario; `first[state] + action * K` is the index of an action's first outcome."""
 
-    first: NDArray[np.uint32]  # (S,) the same for all states of a kind
-    outcomes: NDArray[np.void]  # (kinds * A * K,) of type OUTCOME
+    first: Unsigned  # (S,) the same for all states of a kind
+    outcomes: Records  # (kinds * A * K,) of type OUTCOME
     n_outcomes: int  # K
     n_observations: int  # O
-    observation: NDArray[np.uint32]  # (S,)
-    starts: NDArray[np.uint32]  # (B,) states
+    observation: Unsigned  # (S,)
+    starts: Unsigned  # (B,) states
     is_noisy: bool
 
 
@@ -70,7 +70,7 @@ def process_of(model: Model) -> Process:
     )
 
 
-def _outcomes(model: Model, some: slice) -> NDArray[np.void]:
+def _outcomes(model: Model, some: slice) -> Records:
     """Returns the outcomes of some states, (states, A, K)."""
     state = np.arange(len(model.observation))[some, None, None]
     outcomes = np.zeros(model.next_state[some].shape, dtype=OUTCOME)  # zeros between fields, too: bytes count
@@ -86,7 +86,7 @@ def _outcomes(model: Model, some: slice) -> NDArray[np.void]:
 
 
 @numba.njit(forceinline=True)
-def keep_step(kept: NDArray[np.void], i: np.uint64, o: np.uint64, a: np.uint64, reward: float) -> None:
+def keep_step(kept: Records, i: np.uint64, o: np.uint64, a: np.uint64, reward: float) -> None:
     """Keeps step i of an episode, if there is room for steps."""
     if len(kept) > 0:
         step = kept[i]
@@ -121,8 +121,8 @@ _draw_issuer_reward = numba.njit(draw_issuer_reward)
 
 @numba.njit
 def draw_step(
-    first: NDArray[np.uint32],
-    outcomes: NDArray[np.void],
+    first: Unsigned,
+    outcomes: Records,
     n_outcomes: int,
     is_noisy: bool,
     state: np.uint64,
@@ -143,7 +143,7 @@ def draw_step(
 
 
 @numba.njit
-def draw_start(starts: NDArray[np.uint32], stream: Stream) -> tuple[np.uint64, Stream]:
+def draw_start(starts: Unsigned, stream: Stream) -> tuple[np.uint64, Stream]:
     """Returns a state to start in and the stream that follows."""
     i = U(0)
     if len(starts) > 1:

@@ -14,8 +14,8 @@ from functools import cached_property, lru_cache
 from typing import Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from envs.arrays import Bools, Codes, Floats, Ints
 from envs.inputs import require
 from envs.people import Group, Issuer, Onlookers, Person, Phase, Walk
 from envs.regions import TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
@@ -30,20 +30,20 @@ class Layout:
     grid: Grid
     stages: tuple[Phase, ...]  # (P,) declared phases, or positions on walks, or one that never ends
     others: tuple[tuple[Person, ...], ...]  # (P, others) the other people
-    ways: NDArray[np.int_]  # (J, people) cells of the person and the group at the start; rows are sorted
-    first_phases: NDArray[np.int_]  # phases of the ticks in which episodes may start
-    zone: NDArray[np.int8]  # (J, P, C) index into `envs.regions.ZONES`
-    is_start: NDArray[np.bool_]  # (J, first ticks, C) where episodes may start
-    is_seen: NDArray[np.bool_]  # (J,) whether episodes with the person in a place are trained
-    onlookers: NDArray[np.int_]  # (J, onlookers) their cells; J are then combinations of a place and a way
+    ways: Ints  # (J, people) cells of the person and the group at the start; rows are sorted
+    first_phases: Ints  # phases of the ticks in which episodes may start
+    zone: Codes  # (J, P, C) index into `envs.regions.ZONES`
+    is_start: Bools  # (J, first ticks, C) where episodes may start
+    is_seen: Bools  # (J,) whether episodes with the person in a place are trained
+    onlookers: Ints  # (J, onlookers) their cells; J are then combinations of a place and a way
 
     @cached_property
-    def ticks(self) -> NDArray[np.int_]:
+    def ticks(self) -> Ints:
         """(ticks,) the phase of each tick of the clock."""
         return _ticks(self.stages)
 
     @cached_property
-    def following(self) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
+    def following(self) -> tuple[Ints, Floats]:
         """The K ticks that may follow each tick, (ticks, K), and their probabilities."""
         n, stages = len(self.ticks), self.stages
         if stages[0].next is None:
@@ -65,7 +65,7 @@ class Layout:
         return tuple(tuple(map(tuple, place)) for place in cells.tolist())
 
     @cached_property
-    def standing(self) -> NDArray[np.int_]:
+    def standing(self) -> Ints:
         """(J, P, people) the cells of the person and the group, in each place and phase."""
         standing = np.repeat(self.ways[:, None], len(self.stages), axis=1)
         for p, stage in enumerate(self.stages):
@@ -79,12 +79,12 @@ class Layout:
         return tuple(divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist())
 
     @cached_property
-    def starts(self) -> NDArray[np.int_]:
+    def starts(self) -> Ints:
         """(starts, 3) place, tick and cell of every start of an episode, also in unseen places."""
         return np.column_stack(np.nonzero(self.is_start))
 
     @cached_property
-    def has_start(self) -> NDArray[np.bool_]:
+    def has_start(self) -> Bools:
         """(J,) whether an episode may start in a place."""
         return np.asarray(self.is_start.any(axis=(1, 2)))
 
@@ -139,14 +139,14 @@ def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
     )
 
 
-def random_orders(n: int, size: int, *names: object) -> NDArray[np.int_]:
+def random_orders(n: int, size: int, *names: object) -> Ints:
     """Returns n random orders of the numbers below a size, (n, size), from a stream with these names."""
     key = hashlib.sha256(json.dumps(names).encode()).digest()[:16]
     words = np.random.Philox(key=int.from_bytes(key, "little")).random_raw(n * size)
-    return np.asarray(words.reshape(n, size).argsort(axis=1, kind="stable"))
+    return words.reshape(n, size).argsort(axis=1, kind="stable")
 
 
-def _ticks(stages: Sequence[Phase]) -> NDArray[np.int_]:
+def _ticks(stages: Sequence[Phase]) -> Ints:
     return np.repeat(np.arange(len(stages)), [stage.steps or 1 for stage in stages])
 
 
@@ -227,9 +227,7 @@ def _check_ways(n: int, most: int, n_placed: int, group: Group | None) -> None:
     require(n <= most, f"issuer.position: {who} can stand in {ways}", accepted)
 
 
-def _ways_of_group(
-    grid: Grid, cells: NDArray[np.int_], group: Group, regions: Regions, most: int
-) -> NDArray[np.int_]:
+def _ways_of_group(grid: Grid, cells: Ints, group: Group, regions: Regions, most: int) -> Ints:
     """Returns all ways in which a group may stand in some cells, (G, people)."""
     cells = np.sort(cells)
     # The difference of two of these numbers says how many rows and columns two cells are apart.
@@ -243,17 +241,17 @@ def _ways_of_group(
         before, joining = np.nonzero(is_next & (np.arange(len(cells)) > groups[:, -1:]))
         groups = np.column_stack([groups[before], joining])
         _check_ways(len(groups), most, n_placed, group)
-    return np.asarray(cells[groups])
+    return cells[groups]
 
 
 def _find_zones(
     grid: Grid,
     issuer: Issuer,
     regions: Regions,
-    ways: NDArray[np.int_],
+    ways: Ints,
     stages: Sequence[Phase],
     others: Sequence[Sequence[Person]],
-) -> NDArray[np.int8]:
+) -> Codes:
     """Returns the zone of every cell in each phase, for all ways to stand, (G, P, C)."""
     zone = np.zeros((len(ways), len(stages), len(grid.position)), dtype=np.int8)
     for p, stage in enumerate(stages):
@@ -277,7 +275,7 @@ def _find_zones(
     return zone
 
 
-def _find_starts(grid: Grid, zone: NDArray[np.int8], first: NDArray[np.int_]) -> NDArray[np.bool_]:
+def _find_starts(grid: Grid, zone: Codes, first: Ints) -> Bools:
     """Returns where episodes may start, (G, first ticks, C): outside, with a way to a target region."""
     allowed = np.isin(np.arange(len(grid.position)), grid.cells_of(grid.start))
     # In at least one phase. Walls, and people who never move, block the way.

@@ -20,6 +20,7 @@ from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.arrays import Bools, Codes, Floats, Indices, Ints
 from envs.layout import random_orders, shown_cells
 from envs.people import BoundedFeedback, NoisyFeedback, Onlookers, OwnFeedback, Ping
 from envs.regions import ZONES
@@ -42,10 +43,10 @@ EVENTS: Final = (
 TARGET_PING: Final = EVENTS.index("target_ping")
 _WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
 
-Numbers = TypeVar("Numbers", float, NDArray[np.float64])
+Numbers = TypeVar("Numbers", float, Floats)
 T = TypeVar("T")
 P = ParamSpec("P")
-Feedback = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]  # see `_feedback`
+Feedback = tuple[Floats, Floats, Bools]  # see `_feedback`
 _STATES_AT_ONCE: Final = 200_000  # states that are compiled together, to save memory
 
 
@@ -54,11 +55,11 @@ class Component:
     """A component of an observation."""
 
     name: str
-    value: NDArray[np.int32]  # (S,) that of each state, 0 to size - 1
-    numbers: NDArray[np.int_]  # (size, D) what each value stands for, from 0
-    largest: NDArray[np.int_]  # (D,) the largest of these numbers
-    per_cell: NDArray[np.int_]  # (D,) difference of a number between adjacent cells; 0 if it is no position
-    ones: NDArray[np.int_]  # (size, people or 1) which columns of the component's one-hot block are 1
+    value: Indices  # (S,) that of each state, 0 to size - 1
+    numbers: Ints  # (size, D) what each value stands for, from 0
+    largest: Ints  # (D,) the largest of these numbers
+    per_cell: Ints  # (D,) difference of a number between adjacent cells; 0 if it is no position
+    ones: Ints  # (size, people or 1) which columns of the component's one-hot block are 1
     width: int  # number of columns of this block
 
     @property
@@ -72,21 +73,21 @@ class Model:
     """A compiled scenario. S states, A = 5 actions, K outcomes, O observations, C cells; read-only arrays."""
 
     scenario: Scenario
-    starts: NDArray[np.int32]  # (B,) the states in which an episode starts, all equally likely
-    unseen_starts: NDArray[np.int32]  # the same with the issuer in an unseen place
-    next_state: NDArray[np.int32]  # (S, A, K); a PING that ends the episode stays in its state
-    probability: NDArray[np.float64]  # (S, A, K) of each outcome
-    grid_reward: NDArray[np.float64]  # (S, A)
-    issuer_reward: NDArray[np.float64]  # (S, A) mean
-    issuer_noise: NDArray[np.float64]  # (S, A) half-width of the uniform noise
-    terminated: NDArray[np.bool_]  # (S, A)
-    event: NDArray[np.int8]  # (S, A) index into EVENTS
-    wrong_pings: NDArray[np.int32]  # (S, A) wrong PINGs in the episode after the action
-    observation: NDArray[np.int32]  # (S,) 0 to O - 1: the components' values, the first changing fastest
+    starts: Indices  # (B,) the states in which an episode starts, all equally likely
+    unseen_starts: Indices  # the same with the issuer in an unseen place
+    next_state: Indices  # (S, A, K); a PING that ends the episode stays in its state
+    probability: Floats  # (S, A, K) of each outcome
+    grid_reward: Floats  # (S, A)
+    issuer_reward: Floats  # (S, A) mean
+    issuer_noise: Floats  # (S, A) half-width of the uniform noise
+    terminated: Bools  # (S, A)
+    event: Codes  # (S, A) index into EVENTS
+    wrong_pings: Indices  # (S, A) wrong PINGs in the episode after the action
+    observation: Indices  # (S,) 0 to O - 1: the components' values, the first changing fastest
     components: tuple[Component, ...]  # what is observed, the agent's cell or the offset first
-    cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
-    context: NDArray[np.int32]  # (S,) place * P + phase
-    zone: NDArray[np.int8]  # (S,) index into ZONES
+    cell: Indices  # (S,) the agent's, row * columns + column
+    context: Indices  # (S,) place * P + phase
+    zone: Codes  # (S,) index into ZONES
     derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)  # kept with it
 
     def __repr__(self) -> str:
@@ -107,7 +108,7 @@ class Model:
         return math.prod(component.size for component in self.components)
 
     @property
-    def values(self) -> tuple[NDArray[np.int_], ...]:
+    def values(self) -> tuple[Ints, ...]:
         """The value of each component, (O,), in all observations."""
         sizes = [component.size for component in self.components]
         return np.unravel_index(np.arange(self.n_observations), sizes[::-1])[::-1]
@@ -123,7 +124,7 @@ class Model:
         return len(self.scenario.layout.standing)
 
     @cached_property
-    def fresh_state(self) -> NDArray[np.int64]:
+    def fresh_state(self) -> Ints:
         """(F,) the states with no wrong PING so far and no feedback to come, no walls; in S1 the cells."""
         block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
         is_fresh = np.arange(len(self.observation)) % block < len(self.position)
@@ -135,7 +136,7 @@ class Model:
         is_cell = self.scenario.observe == ("agent",)
         return is_cell and not self.context.any() and not self.scenario.grid.is_wall.any()
 
-    def states_of(self, context: int) -> NDArray[np.int64]:
+    def states_of(self, context: int) -> Ints:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
         place, phase = divmod(context, len(self.scenario.layout.stages))
         _, n_ticks, *parts = _shape(self.scenario)
@@ -143,23 +144,23 @@ class Model:
         return np.arange(parts[-1]) + first * math.prod(parts)
 
     @cached_property
-    def position(self) -> NDArray[np.int_]:
+    def position(self) -> Ints:
         """(C, 2) row and column of each cell."""
         return self.scenario.grid.position
 
     @property
-    def zone_of_cell(self) -> NDArray[np.int8]:
+    def zone_of_cell(self) -> Codes:
         """(F,) index into ZONES of each fresh state; in S1 to S3 of each cell."""
         return self.zone[self.fresh_state]
 
     @cached_property
-    def is_over(self) -> NDArray[np.bool_]:
+    def is_over(self) -> Bools:
         """(S,) whether no action changes anything: the agent has run into someone, or the cell is a wall."""
         is_person = self.zone == ZONES.index("issuer")
         return np.asarray(is_person | self.scenario.grid.is_wall[self.cell])
 
     @cached_property
-    def is_wrong_ping(self) -> NDArray[np.bool_]:
+    def is_wrong_ping(self) -> Bools:
         """(S, A) whether the action is a disagreement: a PING outside the target region."""
         return np.isin(self.event, _WRONG_PINGS)
 
@@ -246,9 +247,7 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
 _compile_large = lru_cache(maxsize=2)(_compile.__wrapped__)  # each takes up to a gigabyte
 
 
-def _compile_places(
-    scenario: Scenario, feedback: Feedback, places: NDArray[np.int_]
-) -> dict[str, NDArray[np.generic]]:
+def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dict[str, NDArray[np.generic]]:
     """Returns the arrays of a model over the states of some places."""
     rows, columns = scenario.grid.size
     shape, n_phases = _shape(scenario), len(scenario.layout.stages)
@@ -328,9 +327,7 @@ def _compile_places(
     }
 
 
-def _components(
-    scenario: Scenario, context: NDArray[np.int32], cell: NDArray[np.int32], pings: NDArray[np.int32]
-) -> tuple[Component, ...]:
+def _components(scenario: Scenario, context: Indices, cell: Indices, pings: Indices) -> tuple[Component, ...]:
     """Returns the observed components of all states, given (S,) their context, cell and wrong PINGs."""
     grid, n, n_phases = scenario.grid, scenario.n_people, len(scenario.layout.stages)
     largest = np.maximum(np.array(grid.size) - 1, 1)
@@ -368,9 +365,7 @@ def _components(
     return tuple(component(name) for name in scenario.observe)
 
 
-def _crowd(
-    scenario: Scenario, onlookers: Onlookers, place: NDArray[np.int32], own: NDArray[np.int_]
-) -> Component:
+def _crowd(scenario: Scenario, onlookers: Onlookers, place: Indices, own: Ints) -> Component:
     """Returns the component with the cells of all people: first of those who count, unless with badges.
 
     Given are the place of each state, (S,), and the coordinates that are shown of those who count.
@@ -398,7 +393,7 @@ def _crowd(
     )
 
 
-def _offset(scenario: Scenario, context: NDArray[np.int32], cell: NDArray[np.int32]) -> Component:
+def _offset(scenario: Scenario, context: Indices, cell: Indices) -> Component:
     """Returns the component that says where the person and the group stand relative to the agent.
 
     The offsets of several people are sorted by their Euclidean distance from the agent, and those that are
@@ -427,7 +422,7 @@ def _offset(scenario: Scenario, context: NDArray[np.int32], cell: NDArray[np.int
     )
 
 
-def numbered(columns: Sequence[NDArray[np.int_]]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+def numbered(columns: Sequence[Ints]) -> tuple[Ints, Ints]:
     """Numbers the different rows of columns from 0, in lexicographic order.
 
     Returns the index of the first row with each number, and the number of each row.
@@ -466,8 +461,8 @@ def _feedback(scenario: Scenario) -> Feedback:
     n_pings = scenario.ping_limit if scenario.own_feedback else 1
     mean, noise, is_late = np.zeros((3, n_places, n_phases, n_pings, len(position)))
     for k, its in enumerate(feedback):
-        value: NDArray[np.float64] | float = -far[:, :, k, None] / from_start[:, None, k, None, None]
-        width: NDArray[np.float64] | float = 0.0
+        value: Floats | float = -far[:, :, k, None] / from_start[:, None, k, None, None]
+        width: Floats | float = 0.0
         match its:
             case BoundedFeedback(kind="uniform", low=low, high=high):
                 value, width = (low + high) / 2, (high - low) / 2
@@ -487,13 +482,8 @@ def _feedback(scenario: Scenario) -> Feedback:
 
 
 def _own_rewards(
-    scenario: Scenario,
-    feedback: OwnFeedback,
-    person: int,
-    is_nearest: NDArray[np.bool_],
-    far: NDArray[np.int_],
-    from_start: NDArray[np.int_],
-) -> NDArray[np.float64]:
+    scenario: Scenario, feedback: OwnFeedback, person: int, is_nearest: Bools, far: Ints, from_start: Ints
+) -> Floats:
     """Returns the lowest and highest rewards by a user's function, (2, J, P, ping_limit, C).
 
     The function is called where the person is nearest, (J, P, 1, C). `far` has the distance of each cell,

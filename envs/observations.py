@@ -17,6 +17,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from envs.arrays import Bytes, Ints, Singles
 from envs.inputs import InputError, unknown_name
 from envs.model import Model, compile_scenario
 from envs.scenario import Scenario, load_scenario
@@ -95,7 +96,7 @@ def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.integer
     if encoding == "tiles":
         tiles = tiles_of(model, N_TILINGS, TILE_WIDTH).tiles
         return tiles, int(tiles.max()) + 1
-    blocks: list[NDArray[np.int_]] = []  # (O, ones) which numbers of a block are 1
+    blocks: list[Ints] = []  # (O, ones) which numbers of a block are 1
     widths = [0]
     for part, value in zip(model.components, model.values, strict=True):
         if encoding == "one_hot":
@@ -115,7 +116,7 @@ def planes_shape(scenario: Scenario) -> tuple[int, int, int]:
     return len(_PLANES) + n_further, *scenario.grid.size
 
 
-def _planes(model: Model) -> NDArray[np.uint8]:
+def _planes(model: Model) -> Bytes:
     """Returns the room as an image in all observations, (O, planes, rows, columns), of numbers 0 and 255.
 
     People stand where the component "issuer" shows them. If they have badges, these say who counts.
@@ -143,7 +144,7 @@ def _planes(model: Model) -> NDArray[np.uint8]:
     return table
 
 
-def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32] | NDArray[np.uint8]:
+def observation_table(model: Model, kind: str) -> Ints | Singles | Bytes:
     """Returns all observations.
 
     Args:

@@ -5,9 +5,9 @@ from itertools import pairwise
 from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
+from envs.arrays import Floats
 from envs.inputs import InputError, Label, Line, Table, require, shortened
 from envs.packages import contained, imported
 from envs.regions import HEADINGS, Cell, Heading, Length, Place, Regions, Ring
@@ -82,7 +82,7 @@ class OwnFeedback(Table):
             return function
         raise InputError(f"{source}: feedback.kind {shortened(self.kind)}: accepted: a function.")
 
-    def answers(self, pings: Sequence[Ping], source: str) -> NDArray[np.float64]:
+    def answers(self, pings: Sequence[Ping], source: str) -> Floats:
         """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
         function = contained()(self.function(source))
         try:

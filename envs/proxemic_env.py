@@ -7,16 +7,16 @@ from typing import Any, Final
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from envs import render
+from envs.arrays import Bytes, Singles
 from envs.inputs import InputError, shortened
 from envs.model import ACTIONS, EVENTS, TARGET_PING, Model, draw_issuer_reward
 from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 
-Observation = int | NDArray[np.float32] | NDArray[np.uint8]
+Observation = int | Singles | Bytes
 _INFO: Final = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward", "is_success")
 
 

@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError, WrapValidator, model_validator
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
+from envs.arrays import Bools, Codes, Floats, Ints
 from envs.inputs import InputError, Table, require
 
 ZONES: Final = ("outside", "target", "uncomfortable", "issuer")  # ordered by nearness
@@ -75,12 +75,12 @@ class Grid(Table):
         return self.rows, self.columns
 
     @cached_property
-    def position(self) -> NDArray[np.int_]:
+    def position(self) -> Ints:
         """(C, 2) row and column of each cell."""
         return np.stack(np.divmod(np.arange(self.rows * self.columns), self.columns), axis=1)
 
     @cached_property
-    def is_wall(self) -> NDArray[np.bool_]:
+    def is_wall(self) -> Bools:
         """(C,) which cells are walls."""
         signs = "".join(self.walls.split()) or "." * (self.rows * self.columns)
         return np.array([sign == "#" for sign in signs])
@@ -89,7 +89,7 @@ class Grid(Table):
         """Returns the number of a cell."""
         return cell[0] * self.columns + cell[1]
 
-    def cells_of(self, place: Place) -> NDArray[np.int_]:
+    def cells_of(self, place: Place) -> Ints:
         """Returns the numbers of the different cells of a place."""
         if place == "anywhere":
             return np.arange(len(self.position))
@@ -190,7 +190,7 @@ class Regions(Table):
         )
 
 
-def zones(regions: Regions, heading: Heading, cell: Cell, grid: Grid) -> NDArray[np.int8]:
+def zones(regions: Regions, heading: Heading, cell: Cell, grid: Grid) -> Codes:
     """Returns the zone of every cell around a person, (C,) index into ZONES."""
     down, right = (grid.position - cell).T * regions.cell_width(grid)
     row, column = HEADINGS[heading]
@@ -201,9 +201,7 @@ def zones(regions: Regions, heading: Heading, cell: Cell, grid: Grid) -> NDArray
     return np.select(inside, nearest, ZONES.index("outside")).astype(np.int8)
 
 
-def ring_zones(
-    ring: Ring, people: NDArray[np.int_], cell: NDArray[np.int_], width: float
-) -> NDArray[np.int8]:
+def ring_zones(ring: Ring, people: Ints, cell: Ints, width: float) -> Codes:
     """Returns the zone of every cell around the centre of each group, (groups, C) index into ZONES.
 
     The cells of people are (groups, people, 2), all cells (C, 2); `width` is that of a cell.
@@ -215,7 +213,7 @@ def ring_zones(
     return np.select(inside, [ZONES.index("target"), ZONES.index("uncomfortable")], 0).astype(np.int8)
 
 
-def circles(people: NDArray[np.int_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def circles(people: Ints) -> tuple[Floats, Floats]:
     """Returns the circles in the middle of rings: centres, (groups, 2), and radii, (groups,), in cells.
 
     The cells of people are as in `ring_zones`.
@@ -224,18 +222,18 @@ def circles(people: NDArray[np.int_]) -> tuple[NDArray[np.float64], NDArray[np.f
     return centre, np.hypot(*np.moveaxis(people - centre[:, None], 2, 0)).mean(axis=1)
 
 
-def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _holds(shape: AnyShape, ahead: Floats, aside: Floats) -> Bools:
     if isinstance(shape, Ring):  # around a group, not around a person
         return np.zeros(ahead.shape, dtype=np.bool_)
     if isinstance(shape, Egg):
         length = np.where(ahead >= 0, shape.front, shape.front / 2)
-        return np.asarray(np.hypot(ahead / length, aside / (shape.front * 2 / 3)) <= 1 + TOLERANCE)
+        return np.hypot(ahead / length, aside / (shape.front * 2 / 3)) <= 1 + TOLERANCE
     is_square = shape.kind == "square"
     distance = np.maximum(abs(ahead), abs(aside)) if is_square else np.hypot(ahead, aside)
-    return np.asarray(distance <= shape.radius + TOLERANCE)
+    return distance <= shape.radius + TOLERANCE
 
 
-def connected(cells: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def connected(cells: Bools, free: Bools) -> Bools:
     """Returns which free cells are connected with one of `cells`; all are (grids, rows, columns)."""
     reached, before = cells & free, np.zeros_like(free)
     while (reached != before).any():
@@ -245,7 +243,7 @@ def connected(cells: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.b
     return reached
 
 
-def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:
+def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> Ints:
     """Returns the Chebyshev distance of every cell from the target region around a person, (C,).
 
     The region counts as complete even if the grid's edge cuts it. Shapes raise an InputError.
@@ -258,7 +256,7 @@ def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDAr
     return np.asarray(np.maximum(np.maximum(outside, within), 0))
 
 
-def outlines(inside: NDArray[np.bool_]) -> tuple[Loop, ...]:
+def outlines(inside: Bools) -> tuple[Loop, ...]:
     """Returns the border of a set of cells, (rows, columns), as closed loops; beyond the grid is outside.
 
     >>> outlines(np.array([[False, True, True]]))

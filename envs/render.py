@@ -3,8 +3,8 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from envs.arrays import Bools, Bytes
 from envs.scene import COLOURS, NOSE, SYMBOLS, Colour, Scene
 
 MODES: Final = ("ansi", "rgb_array")
@@ -28,7 +28,7 @@ def to_text(scene: Scene, agent: int, event: str) -> str:
     return "\n".join([*rows, *phase, f"event: {event}"]) + "\n"
 
 
-def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
+def to_image(scene: Scene, agent: int) -> Bytes:
     """Returns the scene as an image, (rows * 40, columns * 40, 3) uint8.
 
     A person is a ring, with a nose if it matters where that person looks; a bystander is a thin ring, an
@@ -41,7 +41,7 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
     image[:, ::CELL_PIXELS] = COLOURS["line"]
     offset = (np.arange(CELL_PIXELS) - CELL_PIXELS / 2) / CELL_PIXELS  # from a cell's centre, in cells
 
-    def paint(cell: int, inside: NDArray[np.bool_], colour: Colour) -> None:
+    def paint(cell: int, inside: Bools, colour: Colour) -> None:
         top, left = scene.position[cell] * CELL_PIXELS
         image[top : top + CELL_PIXELS, left : left + CELL_PIXELS][inside] = colour
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from envs.arrays import Bools, Floats, Ints
 from envs.model import MOVES, Model, kept_with_model
 from envs.regions import HEADINGS, ZONES, Loop, Ring, circles, outlines
 
@@ -64,7 +64,7 @@ class Glyph:
     heading: tuple[int, int] | None = None  # (row, column) where a person looks, if that matters
 
     @property
-    def nose(self) -> NDArray[np.float64]:
+    def nose(self) -> Floats:
         """(3, 2) corners of a triangle, (row, column) from the centre; (0, 2) without a heading."""
         if self.heading is None:
             return np.zeros((0, 2))
@@ -80,9 +80,9 @@ class Scene:
     rows: int
     columns: int
     zone: tuple[str, ...]  # (O,) one of ZONES; "outside" for a bystander's cell
-    position: NDArray[np.int_]  # (O, 2) row and column of each cell
-    is_over: NDArray[np.bool_]  # (O,) in which cells the episode is over, so that nothing can be done
-    is_wall: NDArray[np.bool_]  # (O,)
+    position: Ints  # (O, 2) row and column of each cell
+    is_over: Bools  # (O,) in which cells the episode is over, so that nothing can be done
+    is_wall: Bools  # (O,)
     outlines: dict[str, tuple[Loop, ...]]  # of the regions in `BORDERS`
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
@@ -147,7 +147,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
     )
 
 
-def colour_limits(values: NDArray[np.float64]) -> tuple[float, float]:
+def colour_limits(values: Floats) -> tuple[float, float]:
     """Returns the ends of a colour scale for finite values without outliers; (0, 1) if none are finite."""
     known = values[np.isfinite(values)]
     if not known.size:

@@ -66,8 +66,8 @@ def digest_of_source(module: str) -> str:
                     source = spec.loader.get_data(spec.origin)
                     counted.add(f"{name} {_digest(source)}")
                     tree = ast.parse(source)
-                    texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
-                    texts = {text for text in texts if isinstance(text, str)}
+                    constants = (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
+                    texts = {text for text in constants if isinstance(text, str)}
                     waiting += _imports(tree, name if spec.submodule_search_locations else package)
                     waiting += texts
                     counted |= {*_data(tree, texts, path.parent)}

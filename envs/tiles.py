@@ -15,8 +15,8 @@ from itertools import combinations
 from typing import Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from envs.arrays import Indices, Ints
 from envs.inputs import InputError
 from envs.model import Model, kept_with_model, numbered
 from envs.scenario import Scenario
@@ -32,8 +32,8 @@ Parts = Literal["joint", "pairs", "agent_pairs"]
 class Tiles(NamedTuple):
     """The features of observations: o has those in rows `rows[o]` of `tiles`, a row for each set."""
 
-    rows: NDArray[np.int32]  # (O, V)
-    tiles: NDArray[np.int32]  # (rows, n_tilings) features, numbered from 0
+    rows: Indices  # (O, V)
+    tiles: Indices  # (rows, n_tilings) features, numbered from 0
 
 
 def _check_size(n: int, n_sets: int, n_tilings: int, parts: Parts) -> None:
@@ -69,7 +69,7 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
     """
     n_sets = len(_sets([*range(model.scenario.n_positions)], model.scenario, parts))
     _check_size(model.n_observations, n_sets, n_tilings, parts)
-    positions: list[tuple[NDArray[np.int_], NDArray[np.int_]]] = []  # (O, D) numbers, and (D,) per cell
+    positions: list[tuple[Ints, Ints]] = []  # (O, D) numbers, and (D,) per cell
     others = []
     for component, value in zip(model.components, model.values, strict=True):
         if component.per_cell.any():
@@ -96,11 +96,8 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
 
 
 def _tile(
-    positions: Sequence[tuple[NDArray[np.int_], NDArray[np.int_]]],
-    others: Sequence[NDArray[np.int_]],
-    n_tilings: int,
-    width: int,
-) -> NDArray[np.int32]:
+    positions: Sequence[tuple[Ints, Ints]], others: Sequence[Ints], n_tilings: int, width: int
+) -> Indices:
     """Tiles positions jointly; returns the tile of every observation in each tiling, (O, n_tilings)."""
     cells, per_cell = (np.concatenate(each, axis=-1) for each in zip(*positions, strict=True))
     exact, cells, unit = cells[:, per_cell == 0], cells[:, per_cell > 0], per_cell[per_cell > 0]

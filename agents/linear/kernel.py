@@ -8,12 +8,11 @@ Axis letters: N agents, O observations, A actions, T evaluation steps, V map ste
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.arrays import Floats, Ints, Words
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, STEP, Process, U, draw_start, draw_step, draw_word, keep_step
 from agents.tabular.kernel import MIN_TRACE, Constants, Plan, Results, choose_action, find_best, record
+from envs.arrays import Floats, Ints, Records, Words
 from envs.tiles import Tiles
 
 
@@ -78,7 +77,7 @@ def _learn(
 def _pass_back(
     weights: Floats,
     features: Tiles,
-    steps: NDArray[np.void],
+    steps: Records,
     constants: Constants,
     is_on_policy: bool,
     learning_rate: float,

@@ -14,9 +14,7 @@ mini-batch.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.arrays import Indices, Words
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, inlined, like
@@ -26,6 +24,7 @@ from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from envs import Model
+from envs.arrays import Codes, Indices, Words
 
 
 class Constants(NamedTuple):
@@ -57,7 +56,7 @@ class Dqn(NamedTuple):
     target_values: Values  # its outputs since the last synchronisation
     replay: Steps  # (C * E,) as in Stable-Baselines3, a row per step of the envs
     observed: Indices  # (B,) of a mini-batch, as all down to `distinct`
-    action: NDArray[np.int8]  # (B,)
+    action: Codes  # (B,)
     returns: Numbers  # (B,) up to the next observation
     discount: Numbers  # (B,) of the value of the next observation
     next_observed: Indices  # (B,)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.random import SeedSequence
 from pydantic import model_validator
 
-from agents.arrays import Ints
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
 from agents.nets.net import Net, Parameters, net_of, read, unpadded
@@ -20,6 +19,7 @@ from agents.nets.stepping import envs_of
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
+from envs.arrays import Ints
 from envs.inputs import require
 from envs.observations import VECTORS
 

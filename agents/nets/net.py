@@ -12,11 +12,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agents.arrays import Bools, Floats, Indices, Ints, Words
 from agents.compiled import compiled
 from agents.nets.arithmetic import LANES, Kind, Numbers, inlined, like, log, multiply, tanh
 from agents.nets.stepping import draw
 from envs import Model
+from envs.arrays import Bools, Floats, Indices, Ints, Words
 from envs.observations import ENCODINGS, SPARSE, observation_ones, observation_table
 
 _BETAS: Final = (0.9, 0.999)  # PyTorch's, which Stable-Baselines3 leaves

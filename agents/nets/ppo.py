@@ -14,7 +14,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agents.arrays import Bools, Indices, Ints, Words
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, exp, inlined, like, log
@@ -24,6 +23,7 @@ from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
 from envs import Model
+from envs.arrays import Bools, Indices, Ints, Words
 
 _GAIN = math.sqrt(2)  # scales the first weights of hidden layers, as in Stable-Baselines3
 _GAINS = 0.01, 1.0  # scale those of the last layers of actor and critic

@@ -6,14 +6,13 @@ Axis letters: E envs of the agent, O observations, T evaluation steps.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.arrays import Bools, Indices, Ints, Words
 from agents.compiled import compiled
 from agents.nets.arithmetic import inlined
 from agents.process import Process, Stream, U, draw_number, draw_start, draw_step, process_of
 from agents.sb3.settings import Sb3Settings
 from envs import Model
+from envs.arrays import Bools, Codes, Indices, Ints, Singles, Words
 
 
 class Envs(NamedTuple):
@@ -34,8 +33,8 @@ class Steps(NamedTuple):
     """Steps from which an agent learns."""
 
     observed: Indices
-    action: NDArray[np.int8]
-    reward: NDArray[np.float32]
+    action: Codes
+    reward: Singles
     next_observed: Indices  # O where the episode terminates
     truncated: Bools  # by the time limit alone
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
-from agents.arrays import Floats
 from envs import Model
+from envs.arrays import Floats
 from envs.inputs import InputError
 from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
@@ -94,7 +94,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:
             table = outputs.cpu().numpy().astype(np.float64)
         except ValueError:  # torch refuses probabilities that are not finite
             return np.full((len(observations), len(ACTIONS)), np.nan)
-    return np.asarray(table if output.is_value else table / table.sum(axis=1, keepdims=True))
+    return table if output.is_value else table / table.sum(axis=1, keepdims=True)
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:

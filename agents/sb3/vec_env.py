@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from envs import ACTIONS, Model
+from envs.arrays import Floats, Ints
 from envs.model import TARGET_PING, draw_issuer_reward
 from envs.observations import observation_space, observation_table
 
@@ -31,7 +32,8 @@ class SB3VecEnv(VecEnv):
         self._table = observation_table(model, observation)
         self._state = np.full(n, model.start, dtype=np.intp)
         self._steps = np.zeros(n, dtype=np.int64)  # of the episode
-        self._generator, self._seed = np.random.default_rng(), None
+        self._generator = np.random.default_rng()
+        self._seed: int | None = None
         self._actions: NDArray[np.integer] = np.zeros(n, dtype=np.int64)
         space = observation_space(self._table, observation)
         super().__init__(n, space, spaces.Discrete(len(ACTIONS)))
@@ -102,10 +104,10 @@ class SB3VecEnv(VecEnv):
 
     set_attr = env_method  # type: ignore[assignment]
 
-    def _draw(self, n: int) -> NDArray[np.float64]:
+    def _draw(self, n: int) -> Floats:
         return self._generator.random(n)
 
-    def _restart(self, envs: NDArray[np.intp]) -> None:
+    def _restart(self, envs: Ints) -> None:
         starts, n = self.model.starts, len(self.model.starts)
         drawn = (self._draw(len(envs)) * n).astype(np.intp) if n > 1 else 0
         self._state[envs], self._steps[envs] = starts[drawn], 0

@@ -22,13 +22,12 @@ from typing import Final, NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.arrays import Floats, Ints, Words
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
 from agents.process import N_ACTIONS, STEP, Process, Stream, U, draw_start, draw_step, draw_word, keep_step
 from agents.tabular.updates import Successor, UpdateRule
+from envs.arrays import Bytes, Floats, Ints, Records, Singles, Words
 from envs.sources import digest_when_loaded
 
 N_CHOICES: Final = 60
@@ -70,8 +69,8 @@ class Results(NamedTuple):
     """Where a loop writes, see `TabularTraining`; linear learners do not use the last four fields."""
 
     q: Floats  # (N, O, A)
-    greedy: NDArray[np.uint8]  # (N, T, O)
-    values: NDArray[np.float32]  # (N, V, O, A)
+    greedy: Bytes  # (N, T, O)
+    values: Singles  # (N, V, O, A)
     disagreements: Ints  # (N, T)
     max_q: Floats  # (N, R)
     table_max_q: Floats  # (N, R), or (N, 0) if it is not recorded
@@ -105,7 +104,7 @@ class Table(NamedTuple):
     halves: Floats  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
     traced: Ints  # (O * A,) pairs o * A + a with traces, the latest last; or (0,)
     weights: Floats  # (O * A,) of these traces
-    kept: NDArray[np.void]  # (time limit,) of type STEP, the steps of the episode; (0,) without passes
+    kept: Records  # (time limit,) of type STEP, the steps of the episode; (0,) without passes
 
 
 class Move(NamedTuple):
@@ -396,7 +395,7 @@ def compile_kernel(update: UpdateRule) -> Kernel:
     code, around = update.bootstrap.__code__, inspect.getclosurevars(update.bootstrap)
     cells = [
         (key, value)
-        for key, value in (around.globals | around.nonlocals).items()
+        for key, value in {**around.globals, **around.nonlocals}.items()
         if isinstance(value, bool | int | float | tuple | np.ndarray)
     ]
     text = linecache.getlines(inspect.getfile(update.bootstrap))

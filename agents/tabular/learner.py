@@ -16,13 +16,13 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents.arrays import Floats, Ints
 from agents.contract import Algorithm, Family, LearnerSettings, Schedule, Training
 from agents.policy import ALL_ACTIONS
 from agents.process import process_of
 from agents.tabular import updates
 from agents.tabular.kernel import Constants, Plan, Results, compile_kernel
 from agents.tabular.updates import UpdateRule
+from envs.arrays import Floats, Ints
 from envs.model import ACTIONS, Model
 
 # Part of every run's identity: raise it when a change alters what every update rule learns. A rule has

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agents.arrays import Floats
+from envs.arrays import Floats
 
 
 class Successor(NamedTuple):
