@@ -18,7 +18,19 @@ import numpy as np
 from envs.arrays import Bools, Codes, Floats, Ints
 from envs.inputs import require
 from envs.people import Group, Issuer, Onlookers, Person, Phase, Walk
-from envs.regions import TOLERANCE, ZONES, Cell, Grid, Regions, Ring, connected, ring_zones, zones
+from envs.regions import (
+    ISSUER,
+    OUTSIDE,
+    TARGET,
+    TOLERANCE,
+    Cell,
+    Grid,
+    Regions,
+    Ring,
+    connected,
+    ring_zones,
+    zones,
+)
 
 MAX_ZONES: Final = 10_000_000  # cells, over all phases and all ways in which people may stand
 
@@ -267,11 +279,11 @@ def _find_zones(
             ring = ring_zones(around.target, grid.position[ways], grid.position, around.cell_width(grid))
             zone[:, p] = np.maximum(zone[:, p], ring)
         for person in others[p]:
-            zone[:, p, grid.index(person.position)] = ZONES.index("issuer")
+            zone[:, p, grid.index(person.position)] = ISSUER
             if person.regions is not None:
                 its = zones(person.regions, person.heading, person.position, grid)
                 zone[:, p] = np.maximum(zone[:, p], its)
-    zone[:, :, grid.is_wall] = ZONES.index("outside")
+    zone[:, :, grid.is_wall] = OUTSIDE
     return zone
 
 
@@ -279,8 +291,8 @@ def _find_starts(grid: Grid, zone: Codes, first: Ints) -> Bools:
     """Returns where episodes may start, (G, first ticks, C): outside, with a way to a target region."""
     allowed = np.isin(np.arange(len(grid.position)), grid.cells_of(grid.start))
     # In at least one phase. Walls, and people who never move, block the way.
-    is_target = (zone == ZONES.index("target")).any(axis=1)
-    is_free = (zone != ZONES.index("issuer")).any(axis=1) & ~grid.is_wall
+    is_target = (zone == TARGET).any(axis=1)
+    is_free = (zone != ISSUER).any(axis=1) & ~grid.is_wall
     has_way = connected(*(cells.reshape(-1, *grid.size) for cells in (is_target, is_free)))
     is_allowed = (has_way.reshape(is_free.shape) & allowed)[:, None]
-    return np.asarray((zone[:, first] == ZONES.index("outside")) & is_allowed)
+    return np.asarray((zone[:, first] == OUTSIDE) & is_allowed)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from envs.arrays import Bools, Codes, Floats, Indices, Ints
 from envs.layout import random_orders, shown_cells
 from envs.people import BoundedFeedback, NoisyFeedback, Onlookers, OwnFeedback, Ping
-from envs.regions import ZONES
+from envs.regions import ISSUER, TARGET, UNCOMFORTABLE, ZONES
 from envs.scenario import Scenario
 
 VERSION: Final = 1  # part of every run's identity: raise it when a change alters the dynamics
@@ -40,8 +40,9 @@ EVENTS: Final = (
     "wrong_ping",
     "last_wrong_ping",  # condition C2
 )
-TARGET_PING: Final = EVENTS.index("target_ping")
-_WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
+NONE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED, TARGET_PING, WRONG_PING, LAST_WRONG_PING = range(len(EVENTS))
+
+_EVENT_OF_MOVE: Final = MOVE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED  # by the zone that is entered
 
 Numbers = TypeVar("Numbers", float, Floats)
 T = TypeVar("T")
@@ -156,13 +157,13 @@ class Model:
     @cached_property
     def is_over(self) -> Bools:
         """(S,) whether no action changes anything: the agent has run into someone, or the cell is a wall."""
-        is_person = self.zone == ZONES.index("issuer")
+        is_person = self.zone == ISSUER
         return np.asarray(is_person | self.scenario.grid.is_wall[self.cell])
 
     @cached_property
     def is_wrong_ping(self) -> Bools:
         """(S, A) whether the action is a disagreement: a PING outside the target region."""
-        return np.isin(self.event, _WRONG_PINGS)
+        return np.isin(self.event, [WRONG_PING, LAST_WRONG_PING])
 
     @cached_property
     def is_noisy(self) -> bool:
@@ -209,8 +210,7 @@ def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
 @lru_cache(maxsize=64)
 def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
     shape = _shape(scenario)
-    n_places = shape[0]
-    n_block = math.prod(shape[1:])  # states of a place
+    n_places, n_block = shape[0], math.prod(shape[1:])  # states of a place
     feedback = _feedback(scenario)
     arrays: dict[str, NDArray[Any]] = {}
     step = max(_STATES_AT_ONCE // n_block, 1)
@@ -223,18 +223,15 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
                 arrays[name][first * n_block :][: len(values)] = values
 
     place, tick, cell = scenario.layout.starts.T
-    starts = np.ravel_multi_index((place, tick, 0 * place, 0 * place, cell), shape).astype(np.int32)
+    starts = np.ravel_multi_index((place, tick, 0, 0, cell), shape).astype(np.int32)
     is_seen = scenario.layout.is_seen[place]
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
-    observation, size = np.zeros(len(arrays["cell"]), dtype=np.int64), 1
-    for component in components:
-        observation += size * component.value
-        size *= component.size
+    values, sizes = zip(*((part.value, part.size) for part in reversed(components)), strict=True)
     model = Model(
         scenario=scenario,
         starts=starts[is_seen],
         unseen_starts=starts[~is_seen],
-        observation=observation.astype(np.int32),
+        observation=np.ravel_multi_index(values, sizes).astype(np.int32),
         components=components,
         **arrays,
     )
@@ -265,30 +262,20 @@ def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dic
     moved = np.where(scenario.grid.is_wall[moved], np.arange(n_cells)[:, None], moved)
     next_cell = np.column_stack([moved[cell], cell])  # (S, A)
     entered = zone_of[context[:, None], next_cell[:, :PING]]
-    move_event = np.select(
-        [entered == ZONES.index("issuer"), entered == ZONES.index("uncomfortable")],
-        [EVENTS.index("issuer_reached"), EVENTS.index("uncomfortable")],
-        EVENTS.index("move"),
-    )
-    ping_event = np.select(
-        [zone == ZONES.index("target"), pings == n_pings - 1],
-        [EVENTS.index("target_ping"), EVENTS.index("last_wrong_ping")],
-        EVENTS.index("wrong_ping"),
-    )
+    move_event = np.array(_EVENT_OF_MOVE)[entered]
+    ping_event = np.select([zone == TARGET, pings == n_pings - 1], [TARGET_PING, LAST_WRONG_PING], WRONG_PING)
     event = np.column_stack([move_event, ping_event])  # (S, A)
-    wrong_pings = pings[:, None] + np.isin(event, _WRONG_PINGS)
+    wrong_pings = pings[:, None] + np.isin(event, [WRONG_PING, LAST_WRONG_PING])
     rewards = scenario.rewards
     reward_of_event = {"none": 0.0, "move": rewards.other} | dict(rewards)
     grid_reward = np.array([reward_of_event[name] for name in EVENTS])[event]
-    too_close = (event == EVENTS.index("wrong_ping")) & (zone == ZONES.index("uncomfortable"))[:, None]
+    too_close = (event == WRONG_PING) & (zone == UNCOMFORTABLE)[:, None]
     grid_reward[too_close] = rewards.wrong_ping_uncomfortable
-    endings = [EVENTS.index(name) for name in ("issuer_reached", "target_ping", "last_wrong_ping")]
-    terminated = np.isin(event, endings)
+    terminated = np.isin(event, [ISSUER_REACHED, TARGET_PING, LAST_WRONG_PING])
 
     # The issuer's part: feedback, and the next tick
     mean, noise, comes_late = (values[context, pings % values.shape[1], cell] for values in feedback)  # (S,)
-    issuer_reward = np.zeros(event.shape)
-    issuer_noise = np.zeros(event.shape)
+    issuer_reward, issuer_noise = np.zeros((2, *event.shape))
     issuer_reward[:, PING] = np.where(comes_late, 0.0, mean)
     issuer_noise[:, PING] = noise
     issuer_reward[delayed == 1] += mean[delayed == 1, None]
@@ -297,18 +284,17 @@ def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dic
     ticks, chances = scenario.layout.following
     next_tick = np.broadcast_to(ticks[tick][:, None], (*event.shape, ticks.shape[1]))  # (S, A, K)
     next_context = place[:, None, None] * n_phases + scenario.layout.ticks[next_tick]
-    waits = zone_of[next_context, next_cell[:, :, None]] == ZONES.index("issuer")
+    waits = zone_of[next_context, next_cell[:, :, None]] == ISSUER
     next_tick = np.where(waits | terminated[:, :, None], tick[:, None, None], next_tick)
     next_delayed = np.where(terminated, delayed[:, None], next_delayed)
     next_pings = np.minimum(wrong_pings, n_pings - 1)
-    parts = [part[:, :, None] for part in (next_delayed, next_pings, next_cell)]
-    following = np.broadcast_arrays(place[:, None, None], next_tick, *parts)
-    next_state = np.ravel_multi_index(tuple(following), shape)
+    parts = (part[:, :, None] for part in (next_delayed, next_pings, next_cell))
+    next_state = np.ravel_multi_index((place[:, None, None], next_tick, *parts), shape)
 
-    over = (zone == ZONES.index("issuer")) | scenario.grid.is_wall[cell]  # absorbing
+    over = (zone == ISSUER) | scenario.grid.is_wall[cell]  # absorbing
     next_state[over] = state[over][:, None, None]
     wrong_pings[over] = pings[over, None]
-    event[over] = EVENTS.index("none")
+    event[over] = NONE
     grid_reward[over] = issuer_reward[over] = issuer_noise[over] = 0.0
     terminated[over] = True
     return {
@@ -329,40 +315,52 @@ def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dic
 
 def _components(scenario: Scenario, context: Indices, cell: Indices, pings: Indices) -> tuple[Component, ...]:
     """Returns the observed components of all states, given (S,) their context, cell and wrong PINGs."""
-    grid, n, n_phases = scenario.grid, scenario.n_people, len(scenario.layout.stages)
-    largest = np.maximum(np.array(grid.size) - 1, 1)
-    cells = np.array(scenario.layout.issuer_cells) @ (grid.columns, 1)
-    standing = scenario.layout.standing.reshape(-1, n)  # (J * P, people)
-    spots = np.searchsorted(cells, standing)  # among the cells
+    position, n_phases = scenario.grid.position, len(scenario.layout.stages)
+    counts = {"phase": (context % n_phases, n_phases), "wrong_pings": (pings, scenario.ping_limit)}
+
+    def component(name: str) -> Component:
+        if name == "agent":
+            cells = np.arange(len(position))[:, None]
+            return _of_positions(name, cell, position[cells], _farthest(scenario), cells, len(cells))
+        if name == "issuer":
+            return _people(scenario, context)
+        if name == "offset":
+            return _offset(scenario, context, cell)
+        value, size = counts[name]
+        numbers, largest = np.arange(size)[:, None], np.array([max(size - 1, 1)])
+        return Component(name, value, numbers, largest, np.zeros(1, int), numbers, size)
+
+    return tuple(map(component, scenario.observe))
+
+
+def _of_positions(
+    name: str, value: Ints | Indices, numbers: Ints, largest: Ints, ones: Ints, width: int
+) -> Component:
+    """Returns a component, given each person's row, column and perhaps badge, (size, people, D)."""
+    size, n, n_numbers = numbers.shape
+    per_cell = np.tile([1, 1, 0][:n_numbers], n)
+    parts = numbers.reshape(size, -1), np.tile(largest, n), per_cell, ones, width
+    return Component(name, value.astype(np.int32, copy=False), *parts)
+
+
+def _farthest(scenario: Scenario) -> Ints:
+    """Returns the last row and column, at least 1 each."""
+    return np.maximum(np.array(scenario.grid.size) - 1, 1)
+
+
+def _people(scenario: Scenario, context: Indices) -> Component:
+    """Returns the component with the cells of the person and the group, and of onlookers."""
+    layout, n, n_phases = scenario.layout, scenario.n_people, len(scenario.layout.stages)
+    cells = np.array(layout.issuer_cells) @ (scenario.grid.columns, 1)
+    spots = np.searchsorted(cells, layout.standing.reshape(-1, n))  # (J * P, people) among the cells
     if n == 1:
         groups, group = np.arange(len(cells))[:, None], spots[:, 0]
     else:
         groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
-    coordinates = shown_cells(scenario.layout.issuer_cells, scenario.issuer.permuted, scenario.draw)
-    shown = np.array(coordinates)[groups]  # (places, people, 2)
-
-    def component(name: str) -> Component:
-        match name:
-            case "agent":
-                ones = np.arange(len(grid.position))[:, None]
-                return Component(name, cell, grid.position, largest, np.ones(2, int), ones, len(ones))
-            case "issuer" if scenario.onlookers:
-                own = shown[group[::n_phases]]  # (J, people, 2)
-                return _crowd(scenario, scenario.onlookers, context // n_phases, own)
-            case "issuer":
-                numbers, value = shown.reshape(len(groups), -1), group[context].astype(np.int32)
-                per_cell = np.ones(2 * n, int)
-                return Component(name, value, numbers, np.tile(largest, n), per_cell, groups, len(cells))
-            case "phase" | "wrong_pings":
-                phases, counts = (context % n_phases, n_phases), (pings, scenario.ping_limit)
-                value, size = phases if name == "phase" else counts
-                numbers = np.arange(size)[:, None]
-                largest_one, per_cell = np.array([max(size - 1, 1)]), np.zeros(1, int)
-                return Component(name, value, numbers, largest_one, per_cell, numbers, size)
-            case _:
-                return _offset(scenario, context, cell)
-
-    return tuple(component(name) for name in scenario.observe)
+    shown = np.array(shown_cells(layout.issuer_cells, scenario.issuer.permuted, scenario.draw))[groups]
+    if scenario.onlookers:
+        return _crowd(scenario, scenario.onlookers, context // n_phases, shown[group[::n_phases]])
+    return _of_positions("issuer", group[context], shown, _farthest(scenario), groups, len(cells))
 
 
 def _crowd(scenario: Scenario, onlookers: Onlookers, place: Indices, own: Ints) -> Component:
@@ -370,27 +368,19 @@ def _crowd(scenario: Scenario, onlookers: Onlookers, place: Indices, own: Ints) 
 
     Given are the place of each state, (S,), and the coordinates that are shown of those who count.
     """
-    grid, layout, n = scenario.grid, scenario.layout, scenario.n_people
+    position, layout, n = scenario.grid.position, scenario.layout, scenario.n_people
     ones = np.concatenate([layout.ways, layout.onlookers], axis=1)  # (J, people) cells
-    numbers, largest, per_cell = grid.position[ones], np.maximum(np.array(grid.size) - 1, 1), [1, 1]
+    numbers, largest, width = position[ones], _farthest(scenario), len(position)
     numbers[:, :n] = own
-    width, columns = len(grid.position), np.arange(ones.shape[1])
     if onlookers.badge:
         order = random_orders(*ones.shape, "badges", scenario.draw)
         counts = (order < n) * 1
         numbers = np.take_along_axis(numbers, order[:, :, None], axis=1)
         numbers = np.concatenate([numbers, counts[:, :, None]], axis=2)
         ones = np.take_along_axis(ones, order, axis=1) + width * counts
-        largest, per_cell, width = np.append(largest, 1), [1, 1, 0], 2 * width
-    return Component(
-        name="issuer",
-        value=place,
-        numbers=numbers.reshape(len(ones), -1),
-        largest=np.tile(largest, len(columns)),
-        per_cell=np.tile(per_cell, len(columns)),
-        ones=ones + width * columns,
-        width=width * len(columns),
-    )
+        largest, width = np.append(largest, 1), 2 * width
+    columns = np.arange(ones.shape[1])
+    return _of_positions("issuer", place, numbers, largest, ones + width * columns, width * len(columns))
 
 
 def _offset(scenario: Scenario, context: Indices, cell: Indices) -> Component:
@@ -411,15 +401,9 @@ def _offset(scenario: Scenario, context: Indices, cell: Indices) -> Component:
         rows = index.reshape(-1, n)
         first, number = numbered([*rows.T])
         number_at, values = number.reshape(number_at.shape), rows[first]
-    return Component(
-        name="offset",
-        value=number_at[context, cell].astype(np.int32),
-        numbers=np.stack(np.divmod(values, columns), axis=2).reshape(len(values), -1),
-        largest=np.tile(np.maximum(2 * farthest, 1), n),
-        per_cell=np.ones(2 * n, int),
-        ones=values + size * np.arange(n),
-        width=size * n,
-    )
+    numbers, ones = np.stack(np.divmod(values, columns), axis=2), values + size * np.arange(n)
+    largest = np.maximum(2 * farthest, 1)
+    return _of_positions("offset", number_at[context, cell], numbers, largest, ones, size * n)
 
 
 def numbered(columns: Sequence[Ints]) -> tuple[Ints, Ints]:
@@ -448,10 +432,9 @@ def _feedback(scenario: Scenario) -> Feedback:
     n_places, n_phases, n = layout.standing.shape
     answering = [[it for it in others if it.feedback] for others in layout.others]
     feedback = [scenario.issuer.feedback] * n + [it.feedback for it in answering[0] if it.feedback]
-    stands = np.empty((n_places, n_phases, len(feedback), 2), dtype=np.int_)
-    stands[:, :, :n] = position[layout.standing]
-    for p, others in enumerate(answering):
-        stands[:, p, n:] = np.array([it.position for it in others]).reshape(-1, 2)
+    others_stand = np.array([[it.position for it in others] for others in answering], int)
+    others_stand = others_stand.reshape(1, n_phases, -1, 2).repeat(n_places, axis=0)
+    stands = np.concatenate([position[layout.standing], others_stand], axis=2)  # (J, P, people, 2)
     place, tick, cell = layout.starts.T
     from_start = np.zeros((n_places, len(feedback)), dtype=np.int_)
     far = abs(position[cell][:, None] - stands[place, layout.ticks[tick]]).sum(axis=2)
@@ -467,7 +450,7 @@ def _feedback(scenario: Scenario) -> Feedback:
             case BoundedFeedback(kind="uniform", low=low, high=high):
                 value, width = (low + high) / 2, (high - low) / 2
             case BoundedFeedback(low=low, high=high):
-                value = np.where(layout.zone[:, :, None] == ZONES.index("target"), high, low)
+                value = np.where(layout.zone[:, :, None] == TARGET, high, low)
             case NoisyFeedback():
                 width = its.noise
             case OwnFeedback():
@@ -491,7 +474,7 @@ def _own_rewards(
     """
     layout, n_pings = scenario.layout, scenario.ping_limit
     rewards = np.zeros((2, *far.shape[:2], n_pings, far.shape[2]))
-    can_ping = (layout.zone != ZONES.index("issuer")) & ~scenario.grid.is_wall
+    can_ping = (layout.zone != ISSUER) & ~scenario.grid.is_wall
     for j, phase, c in np.argwhere(is_nearest[:, :, 0] & can_ping).tolist():
         its = [it for it in scenario.people_in(j, phase) if it.feedback][person]
         agent, distances = divmod(c, scenario.grid.columns), (int(far[j, phase, c]), int(from_start[j]))

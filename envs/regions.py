@@ -14,6 +14,7 @@ from envs.arrays import Bools, Codes, Floats, Ints
 from envs.inputs import InputError, Table, require
 
 ZONES: Final = ("outside", "target", "uncomfortable", "issuer")  # ordered by nearness
+OUTSIDE, TARGET, UNCOMFORTABLE, ISSUER = range(len(ZONES))
 Cell = tuple[int, int]  # (row, column), (0, 0) top left
 Heading = Literal["up", "down", "left", "right"]
 HEADINGS: Final[dict[Heading, Cell]] = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
@@ -198,7 +199,7 @@ def zones(regions: Regions, heading: Heading, cell: Cell, grid: Grid) -> Codes:
     inner, outer = (_holds(shape, ahead, aside) for shape in regions.shapes)
     inside = [(down == 0) & (right == 0), inner, outer]
     nearest = [ZONES.index(name) for name in ("issuer", "uncomfortable", "target")]
-    return np.select(inside, nearest, ZONES.index("outside")).astype(np.int8)
+    return np.select(inside, nearest, OUTSIDE).astype(np.int8)
 
 
 def ring_zones(ring: Ring, people: Ints, cell: Ints, width: float) -> Codes:
@@ -210,7 +211,7 @@ def ring_zones(ring: Ring, people: Ints, cell: Ints, width: float) -> Codes:
     distance = np.hypot(*np.moveaxis(cell - centre[:, None], 2, 0))  # (groups, C)
     beyond = (distance - radius[:, None]) * width
     inside = [abs(beyond) <= ring.width / 2 + TOLERANCE, beyond < 0]
-    return np.select(inside, [ZONES.index("target"), ZONES.index("uncomfortable")], 0).astype(np.int8)
+    return np.select(inside, [TARGET, UNCOMFORTABLE], 0).astype(np.int8)
 
 
 def circles(people: Ints) -> tuple[Floats, Floats]:

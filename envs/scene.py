@@ -10,7 +10,7 @@ import numpy as np
 
 from envs.arrays import Bools, Floats, Ints
 from envs.model import MOVES, Model, kept_with_model
-from envs.regions import HEADINGS, ZONES, Loop, Ring, circles, outlines
+from envs.regions import HEADINGS, OUTSIDE, ZONES, Loop, Ring, circles, outlines
 
 Colour = tuple[int, int, int]
 
@@ -123,7 +123,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         for person in scenario.people_in(position, phase)
         for row, column in [person.position]
     ]
-    np.put(zone, [glyph.cell for glyph in people if glyph.kind == "bystander"], ZONES.index("outside"))
+    np.put(zone, [glyph.cell for glyph in people if glyph.kind == "bystander"], OUTSIDE)
     onlookers = [Glyph("onlooker", cell) for cell in layout.onlookers[position].tolist()]
     circle = None
     if isinstance((layout.stages[phase].regions or scenario.regions).target, Ring):
