@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Final, cast
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -43,11 +43,15 @@ class Layout:
     stages: tuple[Phase, ...]  # (P,) declared phases, or positions on walks, or one that never ends
     others: tuple[tuple[Person, ...], ...]  # (P, others) the other people
     ways: Ints  # (J, people) cells of the person and the group at the start; rows are sorted
-    first_phases: Ints  # phases of the ticks in which episodes may start
     zone: Codes  # (J, P, C) index into `envs.regions.ZONES`
     is_start: Bools  # (J, first ticks, C) where episodes may start
     is_seen: Bools  # (J,) whether episodes with the person in a place are trained
     onlookers: Ints  # (J, onlookers) their cells; J are then combinations of a place and a way
+
+    def at(self, places: Ints, **changes: Any) -> "Layout":
+        """Returns a layout with some of the places, which may be repeated, and other changes."""
+        arrays = ("ways", "zone", "is_start", "is_seen", "onlookers")
+        return replace(self, **{name: getattr(self, name)[places] for name in arrays} | changes)
 
     @cached_property
     def ticks(self) -> Ints:
@@ -111,10 +115,8 @@ def draw_places(layout: Layout, n: int | None, unseen: int, draw: int) -> Layout
     if n is not None:
         ranks = [_rank(place, draw) for place in layout.grid.position[layout.ways[order]].tolist()]
         order = order[sorted(range(len(order)), key=ranks.__getitem__)[: n + unseen]]
-    chosen, is_seen = np.sort(order), np.isin(np.sort(order), order[:n])
-    ways, zone, is_start = layout.ways[chosen], layout.zone[chosen], layout.is_start[chosen]
-    onlookers = layout.onlookers[chosen]
-    return replace(layout, ways=ways, zone=zone, is_start=is_start, is_seen=is_seen, onlookers=onlookers)
+    chosen = np.sort(order)
+    return layout.at(chosen, is_seen=np.isin(chosen, order[:n]))
 
 
 def shown_cells(cells: Sequence[Cell], fraction: float, draw: int) -> list[Cell]:
@@ -141,14 +143,7 @@ def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
     cells = random_orders(n_ways, len(is_floor), "onlookers", draw)[way]  # (J, C)
     is_free = np.take_along_axis(is_free, cells, axis=1)
     is_first = is_free & (is_free.cumsum(axis=1) <= onlookers.people)
-    return replace(
-        layout,
-        ways=layout.ways[place],
-        zone=layout.zone[place],
-        is_start=layout.is_start[place],
-        is_seen=layout.is_seen[place],
-        onlookers=cells[is_first].reshape(len(place), onlookers.people),
-    )
+    return layout.at(place, onlookers=cells[is_first].reshape(len(place), onlookers.people))
 
 
 def random_orders(n: int, size: int, *names: object) -> Ints:
@@ -228,7 +223,7 @@ def resolve(
     zone = _find_zones(grid, issuer, regions, ways, stages, others_at)
     is_start = _find_starts(grid, zone, first)
     is_seen, onlookers = np.ones(len(ways), np.bool_), np.zeros((len(ways), 0), np.int_)
-    return Layout(grid, stages, others_at, ways, first, zone, is_start, is_seen, onlookers)
+    return Layout(grid, stages, others_at, ways, zone, is_start, is_seen, onlookers)
 
 
 def _check_ways(n: int, most: int, n_placed: int, group: Group | None) -> None:

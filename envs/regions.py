@@ -24,6 +24,8 @@ Corner = tuple[int, int]  # (row, column); cell (r, c) lies between the corners 
 # The corners at which a closed line turns, from the leftmost of its topmost corners, with the enclosed cells
 # on its right.
 Loop = tuple[Corner, ...]
+_DIRECTIONS: Final = (0, 1), (1, 0), (0, -1), (-1, 0)  # right, down, left, up
+_CORNERS: Final = (0, 0), (0, 1), (1, 1), (1, 0)  # of a cell: where its upper, right, lower, left edge begins
 
 MAX_CELLS: Final = 100_000
 # Lengths that are rounded in metres must not decide whether a cell on the border belongs to a region.
@@ -264,32 +266,27 @@ def outlines(inside: Bools) -> tuple[Loop, ...]:
     (((0, 1), (0, 3), (1, 3), (1, 1)),)
     """
     padded = np.pad(inside, 1)
-    following: dict[Corner, list[Corner]] = {}  # ends of the edges that start in a corner
-    for row, column in np.argwhere(padded).tolist():
-        top, left = row - 1, column - 1
-        corners = ((top, left), (top, left + 1), (top + 1, left + 1), (top + 1, left))
-        neighbours = ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1))
-        for i, neighbour in enumerate(neighbours):
-            if not padded[neighbour]:
-                following.setdefault(corners[i], []).append(corners[(i + 1) % 4])
+    edges = set()  # the corner where each begins, and its direction: right, down, left or up
+    for row, column in np.argwhere(inside).tolist():
+        for ahead, (down, right) in enumerate(_CORNERS):
+            beyond = _DIRECTIONS[ahead - 1]
+            if not padded[row + 1 + beyond[0], column + 1 + beyond[1]]:
+                edges.add((row + down, column + right, ahead))
     loops = []
-    while following:
-        start = min(following)
-        line: list[Corner] = [(start[0] + 1, start[1]), start]
-        while len(line) == 2 or line[-1] != start:
-            ways = following[line[-1]]
-            # Two edges start where cells touch only at a corner: the line turns right and follows its cell.
-            ways.sort(key=lambda way: _turn(line[-2], line[-1], way))
-            line.append(ways.pop(0))
-            if not ways:
-                del following[line[-2]]
-        closed = line[1:-1]  # without the point before the start, and the start once
-        turns = zip([closed[-1], *closed[:-1]], closed, [*closed[1:], closed[0]], strict=True)
-        loops.append(tuple(at for before, at, after in turns if _turn(before, at, after)))
+    while edges:
+        row, column, first = min(edges)
+        loop, before = list[Corner](), (first + 3) % 4
+        # Two edges begin where cells touch only at a corner: the line turns right and follows its cell.
+        while ways := [way for way in _turns(before) if (row, column, way) in edges]:
+            ahead = ways[0]
+            edges.remove((row, column, ahead))
+            if ahead != before:
+                loop.append((row, column))
+            row, column, before = row + _DIRECTIONS[ahead][0], column + _DIRECTIONS[ahead][1], ahead
+        loops.append(tuple(loop))
     return tuple(loops)
 
 
-def _turn(before: Corner, at: Corner, to: Corner) -> int:
-    """Returns -1 for a turn to the right, 0 for straight on, 1 for a turn to the left."""
-    (r0, c0), (r1, c1), (r2, c2) = before, at, to
-    return int(np.sign((r1 - r0) * (c2 - c1) - (c1 - c0) * (r2 - r1)))
+def _turns(ahead: int) -> tuple[int, int, int]:
+    """Returns the directions to the right, straight on and to the left."""
+    return (ahead + 1) % 4, ahead, (ahead + 3) % 4

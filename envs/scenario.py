@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 from envs import inputs
 from envs.inputs import Name, Table, require
 from envs.layout import Layout, draw_onlookers, draw_places, resolve, timeline, walkers
-from envs.people import MAX_STATES, Group, Issuer, Onlookers, OwnFeedback, Person, Phase, Reward
+from envs.people import MAX_STATES, Feedback, Group, Issuer, Onlookers, OwnFeedback, Person, Phase, Reward
 from envs.regions import Cell, Grid, Regions, Ring, listed
 from envs.sources import find_modules_in
 
@@ -158,14 +158,16 @@ class Scenario(Table):
     @property
     def is_delayed(self) -> bool:
         """Whether some feedback comes with the action after a PING."""
-        feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
-        return any(each is not None and each.kind == "delayed" for each in feedback)
+        return any(each.kind == "delayed" for each in self._feedback)
 
     @property
     def own_feedback(self) -> list[OwnFeedback]:
         """The feedback by functions of users."""
-        feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
-        return [each for each in feedback if isinstance(each, OwnFeedback)]
+        return [each for each in self._feedback if isinstance(each, OwnFeedback)]
+
+    @property
+    def _feedback(self) -> list[Feedback]:
+        return [who.feedback for who in (self.issuer, *self.others) if who.feedback]
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
