@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numba
 import numpy as np
 
-from envs.arrays import Unsigned, Records
+from envs.arrays import Records, Unsigned
 from envs.model import ACTIONS, Model, draw_issuer_reward, kept_with_model
 
 U = np.uint64

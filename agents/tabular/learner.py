@@ -203,9 +203,8 @@ class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
         observation: str,  # noqa: ARG002
     ) -> tuple[Callable[..., None], int]:
         """Returns the loop of the update rule, and the size of its tables."""
-        n_values = model.n_observations * len(ACTIONS)
         loop = partial(compile_kernel(self.update), process_of(model), settings.constants)
-        return loop, n_values * (1 + self.update.has_two_tables)
+        return loop, model.n_observations * len(ACTIONS)
 
     def records(self, n_agents: int, settings: Settings) -> dict[str, NDArray[Any]]:
         """Returns room for records; the table's maximum is recorded if there is more than one."""
@@ -223,5 +222,4 @@ class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
 Q_LEARNING: Final = TabularAlgorithm(updates.Q_LEARNING)
 SARSA: Final = TabularAlgorithm(updates.SARSA)
 EXPECTED_SARSA: Final = TabularAlgorithm(updates.EXPECTED_SARSA)
-DOUBLE_Q_LEARNING: Final = TabularAlgorithm(updates.DOUBLE_Q_LEARNING)
 WATKINS_Q_LAMBDA: Final = TabularAlgorithm(updates.WATKINS_Q_LAMBDA)
