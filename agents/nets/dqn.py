@@ -19,7 +19,7 @@ from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, inlined, like
 from agents.nets.learner import Agent, NetAlgorithm, NetSettings
-from agents.nets.net import Distinct, Net, Parameters, Values
+from agents.nets.net import Batch, Net, Parameters, Values, room_for_batch, room_for_values
 from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
@@ -55,12 +55,11 @@ class Dqn(NamedTuple):
     target: Numbers  # (P,) the parameters of the target net
     target_values: Values  # its outputs since the last synchronisation
     replay: Steps  # (C * E,) as in Stable-Baselines3, a row per step of the envs
-    observed: Indices  # (B,) of a mini-batch, as all down to `distinct`
+    batch: Batch
     action: Codes  # (B,)
     returns: Numbers  # (B,) up to the next observation
     discount: Numbers  # (B,) of the value of the next observation
     next_observed: Indices  # (B,)
-    distinct: Distinct
     envs: Envs
     stream: Words  # (4,) of the mini-batches
 
@@ -136,11 +135,11 @@ def _draw_batch(agent: Dqn) -> None:
     n_made, n_kept = agent.envs.n_steps[0], len(replay.reward)
     last_row, n_filled = (n_made - n_envs) % n_kept, min(n_made, n_kept) // n_envs
     gamma = like(agent.returns, agent.constants.gamma)
-    for b in range(len(agent.observed)):
+    for b in range(len(agent.action)):
         row = int(draw(agent.stream) * n_filled)
         e = int(draw(agent.stream) * n_envs) if n_envs > 1 else 0
         i = row * n_envs + e
-        agent.observed[b] = replay.observed[i]
+        agent.batch.observed[b] = replay.observed[i]
         agent.action[b] = replay.action[i]
         total, discount = like(agent.returns, 0), like(agent.returns, 1)
         for k in range(n_steps):
@@ -158,20 +157,20 @@ def _draw_batch(agent: Dqn) -> None:
 @inlined
 def _update(agent: Dqn) -> None:
     """Adds the target net's estimates to the returns, and takes a gradient step on the Huber loss."""
-    q_net, parameters, observed, distinct = agent.net, agent.parameters, agent.observed, agent.distinct
+    q_net, parameters, batch, n_rows = agent.net, agent.parameters, agent.batch, len(agent.action)
     net.compute_values(q_net, agent.target, agent.next_observed, agent.target_values)
-    n_distinct = net.list_distinct(observed, distinct)
-    at = net.forward(q_net, parameters.values, distinct.observed, n_distinct)
-    one, share = like(agent.returns, 1), like(agent.returns, 1.0 / len(observed))
+    n_distinct = net.list_distinct(batch, n_rows)
+    at = net.forward(q_net, parameters.values, batch.distinct, n_distinct)
+    one, share = like(agent.returns, 1), like(agent.returns, 1.0 / n_rows)
     net.clear(q_net.slopes[at : at + n_distinct * q_net.stride])
-    for b in range(len(observed)):
+    for b in range(n_rows):
         target, o_next = agent.returns[b], agent.next_observed[b]
         if o_next != agent.envs.process.n_observations:
             target += agent.discount[b] * agent.target_values.largest[o_next]
-        i = at + distinct.row[observed[b]] * q_net.stride + agent.action[b]
+        i = at + batch.row[batch.observed[b]] * q_net.stride + agent.action[b]
         error = q_net.hidden[i] - target
         q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
-    net.backward(q_net, parameters, distinct.observed, n_distinct)
+    net.backward(q_net, parameters, batch.distinct, n_distinct)
     constants = agent.constants
     net.learn(parameters, constants.learning_rate, constants.adam_epsilon, constants.max_grad_norm)
 
@@ -192,27 +191,26 @@ class DqnAgent(Agent):
         n_envs, n_updates, n_observations = settings.n_envs, settings.gradient_steps, model.n_observations
         (q_net,) = self.nets
         net.draw_uniform(q_net, self.parameters.values, self.drawing)
-        n_rows = max(settings.arguments["buffer_size"] // n_envs, 1)
+        n_kept = max(settings.arguments["buffer_size"] // n_envs, 1)
         same = {name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)}
         changed = {
             "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
             "synchronised_every": max(settings.target_update_interval // n_envs, 1),
         }
-        observed, next_observed = np.zeros((2, settings.batch_size), np.int32)
-        returns, discount = np.zeros((2, settings.batch_size), kind)
+        n_rows = settings.batch_size
+        returns, discount = np.zeros((2, n_rows), kind)
         return Dqn(
             constants=Constants(**same | changed),
             net=q_net,
             parameters=self.parameters,
             target=self.parameters.values.copy(),
-            target_values=Values(np.zeros(n_observations, kind), np.zeros(n_observations, np.bool_)),
-            replay=room_for_steps(n_rows * n_envs),
-            observed=observed,
-            action=np.zeros(settings.batch_size, np.int8),
+            target_values=room_for_values(n_observations, kind),
+            replay=room_for_steps(n_kept * n_envs),
+            batch=room_for_batch(n_rows, n_observations),
+            action=np.zeros(n_rows, np.int8),
             returns=returns,
             discount=discount,
-            next_observed=next_observed,
-            distinct=Distinct(np.zeros(q_net.n_rows, np.int32), np.zeros(n_observations, np.int64)),
+            next_observed=np.zeros(n_rows, np.int32),
             envs=self.envs,
             stream=self.learning,
         )

@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
-from agents.nets.net import Net, Parameters, net_of, read, unpadded
+from agents.nets.net import Net, Parameters, inputs_of, net_of, read, unpadded
 from agents.nets.stepping import envs_of
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
@@ -56,14 +56,13 @@ class Agent(ABC):
         self.envs = envs_of(model, settings, acting, points)
         n_rows = max(min(settings.batch_size, model.n_observations), settings.n_envs)
         hidden, is_relu = settings.policy_kwargs.net_arch, self.is_value  # as in Stable-Baselines3
+        inputs, end = inputs_of(model, observation, kind), 0
         self.nets: list[Net] = []
-        end = 0
         for n in self.outputs:
-            self.nets.append(net_of(model, observation, hidden, n, end, n_rows, kind, is_relu=is_relu))
+            self.nets.append(net_of(inputs, [*hidden, n], end, n_rows, is_relu=is_relu))
             end = self.nets[-1].end
-        values, gradient, first, second = (np.zeros(end, kind) for _ in range(4))
         sums, n_steps = np.zeros(256, kind), np.zeros(1, np.int64)
-        self.parameters = Parameters(values, gradient, first, second, sums, np.ones(2), n_steps)
+        self.parameters = Parameters(*np.zeros((4, end), kind), sums, np.ones(2), n_steps)
         self.state = self.begin(model, settings, kind)
 
     @abstractmethod

@@ -52,11 +52,12 @@ class Values(NamedTuple):
     is_known: Bools  # (O,)
 
 
-class Distinct(NamedTuple):
-    """The observations of a mini-batch, each once."""
+class Batch(NamedTuple):
+    """The observations of a mini-batch, and each of them once."""
 
     observed: Indices  # (B,)
-    row: Ints  # (O,) the index of an observation among them
+    distinct: Indices  # (B,)
+    row: Ints  # (O,) the index of an observation among the distinct ones
 
 
 class Parameters(NamedTuple):
@@ -71,31 +72,40 @@ class Parameters(NamedTuple):
     n_steps: Ints  # (1,)
 
 
-def net_of(
-    model: Model,
-    observation: str,
-    hidden: Sequence[int],
-    n_outputs: int,
-    first: int,
-    n_rows: int,
-    kind: Kind,
-    *,
-    is_relu: bool,
-) -> Net:
+def room_for_values(n_observations: int, kind: Kind) -> Values:
+    """Returns room for the largest outputs of a net."""
+    return Values(np.zeros(n_observations, kind), np.zeros(n_observations, np.bool_))
+
+
+def room_for_batch(n_rows: int, n_observations: int) -> Batch:
+    """Returns room for a mini-batch."""
+    return Batch(*np.zeros((2, n_rows), np.int32), np.zeros(n_observations, np.int64))
+
+
+Inputs = tuple[int, Indices, Numbers]  # how many, and the fields `ones` and `table` of `Net`
+
+
+def inputs_of(model: Model, observation: str, kind: Kind) -> Inputs:
+    """Returns what nets read of a model."""
+    if ENCODINGS[observation] in SPARSE:
+        ones, n_inputs = observation_ones(model, observation)
+        return n_inputs, ones.astype(np.int32), np.empty((len(ones), 0), kind)
+    table = observation_table(model, observation).astype(kind)
+    return table.shape[1], np.empty((len(table), 0), np.int32), table
+
+
+def net_of(inputs: Inputs, n_outputs: Sequence[int], first: int, n_rows: int, *, is_relu: bool) -> Net:
     """Returns a net whose parameters begin at the index `first`, for calls with at most B rows."""
-    is_sparse, nothing = ENCODINGS[observation] in SPARSE, np.empty((model.n_observations, 0), np.int64)
-    ones, n_ones = observation_ones(model, observation) if is_sparse else (nothing, 0)
-    table = nothing if is_sparse else observation_table(model, observation)
-    n_inputs = n_ones + table.shape[1]
-    outputs = np.array([*hidden, n_outputs])
+    n_inputs, ones, table = inputs
+    outputs = np.array(n_outputs)
     width = -(-outputs // LANES) * LANES
     sizes = np.array([n_inputs, *width[:-1]]) * width
     biases_at = first + np.cumsum(sizes + width) - width
     stride = int(width.max())
-    rooms = n_rows * n_inputs, width.size * n_rows * stride, width.size * n_rows * stride, stride**2, stride
+    n_hidden = width.size * n_rows * stride
     layers = n_inputs, outputs, width, biases_at - sizes, biases_at, int(biases_at[-1] + width[-1]), is_relu
-    read = ones.astype(np.int32), table.astype(kind), n_rows, stride, np.zeros(n_rows, np.int32)
-    return Net(*layers, *read, *(np.zeros(size, kind) for size in rooms))
+    rooms = (np.zeros(n, table.dtype) for n in (n_rows * n_inputs, n_hidden, n_hidden, stride**2, stride))
+    return Net(*layers, ones, table, n_rows, stride, np.zeros(n_rows, np.int32), *rooms)
 
 
 def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
@@ -107,14 +117,15 @@ def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
 
 
 @inlined
-def list_distinct(observed: Indices, distinct: Distinct) -> int:
-    """Lists the observations of a mini-batch (B,), each once, and returns how many there are."""
+def list_distinct(batch: Batch, n_rows: int) -> int:
+    """Lists the first observations of a mini-batch, each once, and returns how many there are."""
+    observed = batch.observed[:n_rows]
     for o in observed:
-        distinct.row[o] = -1
+        batch.row[o] = -1
     n_distinct = 0
     for o in observed:
-        if distinct.row[o] < 0:
-            distinct.row[o], distinct.observed[n_distinct] = n_distinct, o
+        if batch.row[o] < 0:
+            batch.row[o], batch.distinct[n_distinct] = n_distinct, o
             n_distinct += 1
     return n_distinct
 

@@ -18,12 +18,12 @@ from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Kind, Numbers, exp, inlined, like, log
 from agents.nets.learner import Agent, NetAlgorithm, NetSettings
-from agents.nets.net import Distinct, Net, Parameters, Values
+from agents.nets.net import Batch, Net, Parameters, Values, room_for_batch, room_for_values
 from agents.nets.stepping import Envs, Steps, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
 from envs import Model
-from envs.arrays import Bools, Indices, Ints, Words
+from envs.arrays import Bools, Ints, Words
 
 _GAIN = math.sqrt(2)  # scales the first weights of hidden layers, as in Stable-Baselines3
 _GAINS = 0.01, 1.0  # scale those of the last layers of actor and critic
@@ -64,8 +64,7 @@ class Ppo(NamedTuple):
     advantage: Numbers  # (E * L,)
     value_target: Numbers  # (E * L,) Stable-Baselines3's `returns`
     order: Ints  # (E * L,) a permutation
-    observed: Indices  # (B,) of a mini-batch
-    distinct: Distinct
+    batch: Batch
     batch_probability: Numbers  # (B, A) of distinct observations
     batch_log_probability: Numbers  # (B, A)
     envs: Envs
@@ -170,13 +169,13 @@ def _learn(agent: Ppo) -> None:
         for start in range(0, len(order), constants.batch_size):
             chosen = order[start : start + constants.batch_size]
             for b in range(len(chosen)):
-                agent.observed[b] = agent.steps.observed[chosen[b]]
-            n_distinct = net.list_distinct(agent.observed[: len(chosen)], agent.distinct)
+                agent.batch.observed[b] = agent.steps.observed[chosen[b]]
+            n_distinct = net.list_distinct(agent.batch, len(chosen))
             if not _slope_of_actor(agent, chosen, n_distinct):
                 return
             _slope_of_critic(agent, chosen, n_distinct)
             for mlp in (agent.actor, agent.critic):
-                net.backward(mlp, agent.parameters, agent.distinct.observed, n_distinct)
+                net.backward(mlp, agent.parameters, agent.batch.distinct, n_distinct)
             rate, epsilon = constants.learning_rate, constants.adam_epsilon
             net.learn(agent.parameters, rate, epsilon, constants.max_grad_norm)
 
@@ -186,7 +185,7 @@ def _slope_of_actor(agent: Ppo, chosen: Ints, n_distinct: int) -> bool:
     """Computes the slopes of clipped surrogate and entropy; returns whether learning is to go on."""
     constants, actor, advantages = agent.constants, agent.actor, agent.advantage
     slopes, n_rows = actor.slopes, len(chosen)
-    at = net.forward(actor, agent.parameters.values, agent.distinct.observed, n_distinct)
+    at = net.forward(actor, agent.parameters.values, agent.batch.distinct, n_distinct)
     net.clear(slopes[at : at + n_distinct * actor.stride])
     for r in range(n_distinct):
         log_probability, probability = agent.batch_log_probability[r], agent.batch_probability[r]
@@ -201,7 +200,7 @@ def _slope_of_actor(agent: Ppo, chosen: Ints, n_distinct: int) -> bool:
         deviation = math.sqrt(square / (n_rows - 1)) + 1e-8
     divergence = 0.0
     for i in chosen:
-        r, action = agent.distinct.row[agent.steps.observed[i]], agent.steps.action[i]
+        r, action = agent.batch.row[agent.steps.observed[i]], agent.steps.action[i]
         log_probability, probability = agent.batch_log_probability[r], agent.batch_probability[r]
         log_ratio = float(log_probability[action] - agent.old_log_probability[i])
         ratio = exp(log_ratio)
@@ -225,11 +224,11 @@ def _slope_of_actor(agent: Ppo, chosen: Ints, n_distinct: int) -> bool:
 def _slope_of_critic(agent: Ppo, chosen: Ints, n_distinct: int) -> None:
     """Computes the slopes of the squared error by the critic's outputs."""
     constants, critic = agent.constants, agent.critic
-    at = net.forward(critic, agent.parameters.values, agent.distinct.observed, n_distinct)
+    at = net.forward(critic, agent.parameters.values, agent.batch.distinct, n_distinct)
     net.clear(critic.slopes[at : at + n_distinct * critic.stride])
     for i in chosen:
         o = agent.steps.observed[i]
-        row = at + agent.distinct.row[o] * critic.stride
+        row = at + agent.batch.row[o] * critic.stride
         value = critic.hidden[row]
         if not abs(value - agent.values.largest[o]) > constants.clip_range_vf:
             critic.slopes[row] += 2.0 * constants.vf_coef * (value - agent.value_target[i]) / len(chosen)
@@ -265,14 +264,13 @@ class PpoAgent(Agent):
             probability=probability,
             log_probability=log_probability,
             is_known=np.zeros(n_observations, np.bool_),
-            values=Values(np.zeros(n_observations, kind), np.zeros(n_observations, np.bool_)),
+            values=room_for_values(n_observations, kind),
             steps=room_for_steps(settings.rollout),
             old_log_probability=old_log_probability,
             advantage=advantage,
             value_target=value_target,
             order=np.zeros(settings.rollout, np.int64),
-            observed=np.zeros(n_rows, np.int32),
-            distinct=Distinct(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64)),
+            batch=room_for_batch(n_rows, n_observations),
             batch_probability=batch_probability,
             batch_log_probability=batch_log_probability,
             envs=self.envs,
