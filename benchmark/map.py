@@ -32,8 +32,8 @@ from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from benchmark import specification
 from benchmark.experiment import Experiment, Population
-from benchmark.specification import solved
 from benchmark.statistics import (
     ALPHA,
     BOOTSTRAP_SEED,
@@ -55,6 +55,7 @@ from envs.inputs import Label, Names, Table, distinct, require, unknown_name
 
 Numbers = NDArray[np.float64]
 Key = tuple[str, str, str]
+Pair = Mapping[str, pd.DataFrame]  # runs of x and of y, by seed
 KEYS: Final = ["grid", "point", "learner"]  # the columns that name a population
 
 # What an experiment declares
@@ -197,10 +198,11 @@ def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
 
 def took(data: Data) -> pd.DataFrame:
     """Every run: what it took until it had learned, and whether it has lost that later."""
-    level, tables = data.experiment.declared.solved.success, []
+    solved, tables = data.experiment.declared.solved, list[pd.DataFrame]()
+    assert solved is not None
     for key, curves in data.curves.groupby(KEYS, sort=False):
         names = dict(zip(KEYS, key, strict=True))
-        tables.append(pd.DataFrame(names | until_learned(curves, level)))
+        tables.append(pd.DataFrame(names | until_learned(curves, solved.success)))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -218,7 +220,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]
         for name in ("success", "training_wrong_pings")
     )
     last, is_there = len(steps) - 1, success >= level
-    first = np.array([solved(row, [*steps], level)[0] for row in success.tolist()])
+    first = np.array([specification.solved(row, [*steps], level)[0] for row in success.tolist()])
     table: dict[str, NDArray[Any]] = {"seed": curves["seed"].unique()}
     for name, spent in {"steps": steps + 0 * wrong_pings, "wrong_pings": wrong_pings}.items():
         own, before = (
@@ -283,23 +285,30 @@ def cpu(data: Data) -> pd.DataFrame:
 def contrasts(data: Data) -> pd.DataFrame:
     """The declared contrasts: which learner takes less until it has learned."""
     runs, rows = _by_key(data), list[dict[str, Any]]()
-    pairs = dict[str, pd.DataFrame]()  # by their runs: a contrast in two grids is decided once
+    pairs = dict[str, Pair]()  # by their runs: a contrast in two grids is decided once
     for x, y in compared(data.experiment, data.declared.contrasts):
-        sides = {"x": runs[key_of(x)].set_index("seed"), "y": runs[key_of(y)].set_index("seed")}
-        pair = pd.concat(sides, axis=1, join="inner")
+        own, other = (runs[key_of(side)].set_index("seed") for side in (x, y))
+        seeds = own.index.intersection(other.index)
+        pair = {"x": own.loc[seeds], "y": other.loc[seeds]}
         pairs[key := " ".join([*pair["x"]["run"], *pair["y"]["run"]])] = pair
         steps = pair["x"]["steps"].to_numpy(), pair["y"]["steps"].to_numpy()
         shares = [won.mean() for won in by_pick(wins(*steps), x, y)]
         grid, point, name = key_of(x)
-        row = {"key": key, "grid": grid, "point": point, "x": name, "y": y.learner.name}
-        row |= {"n": len(pair), "differs": differences(x, y)}
+        row: dict[str, Any] = {
+            "key": key,
+            "grid": grid,
+            "point": point,
+            "x": name,
+            "y": y.learner.name,
+        }
+        row |= {"n": len(seeds), "differs": differences(x, y)}
         row |= {"picks": len(shares), "picks_faster": sum(share > 0.5 for share in shares)}
         rows.append(row | with_ends("ratio", ratio(*steps, x.first.settings.budget)))
     table = pd.DataFrame(rows)
     for unit in UNITS:
-        own = {key: pair for key, pair in pairs.items() if pair["x"][unit].notna().all()}
-        if own:
-            table = table.join(decide_all(own, unit, data.declared.margins), on="key")
+        having = {key: pair for key, pair in pairs.items() if pair["x"][unit].notna().all()}
+        if having:
+            table = table.join(decide_all(having, unit, data.declared.margins), on="key")
     return table.drop(columns="key")
 
 
@@ -346,9 +355,11 @@ _ENDS: Final = 3  # if a verdict is wrong, so is one of three ends of intervals,
 _COARSE: Final = 1.25  # largest ratio of successive evaluations that are not too far apart
 
 
-def decide_all(pairs: Mapping[str, pd.DataFrame], unit: str, margins: Margins) -> pd.DataFrame:
+def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.DataFrame:
     """Decides contrasts in a unit: columns of `UNITS`, by the keys of pairs of runs."""
-    found = pd.DataFrame([evidence(pair, unit, margins) for pair in pairs.values()], index=[*pairs])
+    found: Any = pd.DataFrame(
+        [evidence(pair, unit, margins) for pair in pairs.values()], index=[*pairs]
+    )
     verdict, why, less, words = UNITS[unit]
     adjusted = np.array(holm((_ENDS * found["p_known"]).clip(upper=1)))
     n_open, tail = (adjusted > ALPHA).sum(), ALPHA / _ENDS / len(found)
@@ -364,14 +375,14 @@ def decide_all(pairs: Mapping[str, pd.DataFrame], unit: str, margins: Margins) -
     return pd.DataFrame(table | with_ends(less, Estimate(found["less"], *ends)), index=[*pairs])
 
 
-def evidence(pair: pd.DataFrame, unit: str, margins: Margins) -> dict[str, object]:
+def evidence(pair: Pair, unit: str, margins: Margins) -> dict[str, object]:
     """Returns what pairs of runs say in a unit, not adjusted for the number of contrasts.
 
     `less` is the share of pairs in which x takes less, and `p` its one-sided p-value; `p_known` is
     the same, whatever open pairs may be, or 1 if a winner would have no verdict. `never` is the
     share of runs that never learn, of the learner with fewer of them.
     """
-    x, y, n = pair["x"][unit].to_numpy(), pair["y"][unit].to_numpy(), len(pair)
+    x, y, n = pair["x"][unit].to_numpy(), pair["y"][unit].to_numpy(), len(pair["x"])
     won, reasons = wins(x, y), _open(pair, unit)
     less = won.mean()
     worst = np.where(reasons != "", less < 0.5, won).mean()
@@ -390,14 +401,14 @@ def evidence(pair: pd.DataFrame, unit: str, margins: Margins) -> dict[str, objec
     }
 
 
-def _open(pair: pd.DataFrame, unit: str) -> NDArray[np.str_]:
+def _open(pair: Pair, unit: str) -> NDArray[np.str_]:
     """Returns why it is not known which run of each pair took less; empty if it is.
 
     What a run took lies between two evaluations. One that reaches the level in the last evaluation
     only may have learned then, or never.
     """
     if unit == "failures":
-        return np.full(len(pair), "")
+        return np.full(len(pair["x"]), "")
     x, y = pair["x"], pair["y"]
     before, is_learned = f"{unit}_before", np.isfinite(x[unit]) & np.isfinite(y[unit])
     overlaps = is_learned & (x[unit] > y[before]) & (y[unit] > x[before])
@@ -633,10 +644,12 @@ By the steps that runs need until they have learned, within {budgets} steps, in 
 def _learned(data: Data) -> str:
     """Says when a run has learned."""
     solved = data.experiment.declared.solved
+    assert solved is not None
     text = f"""\
 A run *has learned* after *s* steps if success is at or above {solved.success:g} at every evaluation
 from step *s* until the first one at or after step 2*s*, or until the last one if the budget ends
-before."""
+before. Successive evaluations are at most about {solved.growth - 1:.0%} apart, but for the first
+ones."""
     if solved.given_up_after:
         text += f""" A run is given up, and counts as one that never learns, if its success has not
 reached half of this level by {solved.given_up_after:.0%} of the budget."""
@@ -645,10 +658,10 @@ reached half of this level by {solved.given_up_after:.0%} of the budget."""
 
 def reading(data: Data) -> str:
     """Explains learning, contrasts and unseen places."""
-    margins, growth = data.declared.margins, data.experiment.declared.solved.growth
+    margins = data.declared.margins
     return f"""\
-{_learned(data)} Successive evaluations are at most about {growth - 1:.0%} apart, but for the first
-ones. What happens later is measured only in runs that are trained to the budget, as where there are
+{_learned(data)}
+What happens later is measured only in runs that are trained to the budget, as where there are
 unseen places. A learner *never learns* if at least half of its runs do not; its marker is hollow,
 at the budget.
 

@@ -1,8 +1,7 @@
 """What `when` has shown: which learners need fewer steps, given which input."""
 
 from collections.abc import Mapping
-
-import pandas as pd
+from typing import Any
 
 from benchmark.map import needed
 
@@ -45,19 +44,20 @@ EXPECTED = {
 }
 
 
-def finding(tables: Mapping[str, pd.DataFrame]) -> str:
-    """Checks every claim of the text, and returns the text."""
+def finding(tables: Mapping[str, Any]) -> str:
+    """Checks every claim of the text, and returns the text, from data frames by name."""
     cells, cpu = (
         tables[name]
         .assign(learner=lambda rows: rows["variant"] + ", " + rows["observation"])
         .set_index(["grid", "point", "learner"])
+        .sort_index()
         for name in ("cells", "cpu")
     )
     contrasts = tables["contrasts"]
     of_map = contrasts[contrasts["grid"].isin(["places", "rooms", "feedback"])]  # each point once
     here, seconds = cells.loc["forms", "places 64"], cpu.loc["forms", "places 64"]["cpu_time_s"]
     compared = contrasts[(contrasts["grid"] == "forms") & (contrasts["point"] == "places 64")]
-    decided = compared.set_index(["x", "y"])
+    decided = compared.set_index(["x", "y"]).sort_index()
 
     main = cells.loc[["places", "rooms", "feedback", "forms"]]
     assert (main[["n", "budget"]] == (16, 60_000)).all(axis=None), "16 runs of 60,000 steps"
@@ -112,8 +112,9 @@ while DQN learns from coordinates in {steps(DQN)}. No net learns from one-hot ro
 cells.
 
 **Nets and tables.** At {of_map["point"].groupby(of_map["grid"]).nunique().sum()} points, nets with
-their best forms of input are compared with alternatives that observe the same. Given offsets, DQN
-and PPO are slower than a table in {count(OFFSET_NETS, OFFSET_TABLE, "slower")} contrasts
+their best forms of input are compared with alternatives that are given the same cells or offsets,
+in other forms. Given offsets, DQN and PPO are slower than a table in
+{count(OFFSET_NETS, OFFSET_TABLE, "slower")} contrasts
 ({count(OFFSET_NETS, OFFSET_TABLE, "undecided")} undecided) and than tile coding in
 {count(OFFSET_NETS, OFFSET_TILES, "slower")}. Given cells, DQN and two forms of PPO are faster than
 a table in {count(NETS, TABLE, "faster")} and slower in {count(NETS, TABLE, "slower")}; they are
