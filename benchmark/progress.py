@@ -1,20 +1,19 @@
 """How long runs take: an estimate before they start, and a display while they are trained."""
 
 import heapq
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, Self
-
-from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
-from rich.text import Text
+from typing import Final
 
 from benchmark.job import Job
 from benchmark.tables import RUNS, read_table
 from envs import InputError
 
-_LINE_EVERY_S: Final = 30.0  # where the output is not a terminal
+# How often progress is shown
+_REWRITTEN_S: Final = 0.5  # in a terminal
+_LINE_S: Final = 30.0
 
 
 class Forecast:
@@ -29,12 +28,13 @@ class Forecast:
         If it has none, how long a step takes is unknown until the first job has ended.
         """
         per_step = _seconds_per_step(published)
+        steps = [float(job[0].settings.budget * len(job)) for job in jobs]
         names = [f"{job[0].variant}, {job[0].observation}" for job in jobs]
-        is_known = {*names} <= per_step.keys()
-        steps = [job[0].settings.budget * len(job) for job in jobs]
-        pairs = zip(names, steps, strict=True)
-        self.costs = [n * per_step[name] for name, n in pairs] if is_known else [*map(float, steps)]
-        self._rate = 1.0 if is_known else None  # seconds per unit of costs
+        self._costs = steps
+        self._rate: float | None = None  # seconds per unit of costs
+        if {*names} <= per_step.keys():
+            self._costs = [n * per_step[name] for n, name in zip(steps, names, strict=True)]
+            self._rate = 1.0
         self._waiting = [*reversed(range(len(jobs)))]
         self._running: dict[int, float] = {}  # when each started
         self._workers, self._published = workers, published
@@ -50,7 +50,7 @@ class Forecast:
         if job in self._waiting:  # a worker was free after all
             self._waiting.remove(job)
         self._spent += now - self._running.pop(job, now)
-        self._expected += self.costs[job]
+        self._expected += self._costs[job]
         self._rate = self._spent / self._expected
         self.start(now)
 
@@ -59,11 +59,11 @@ class Forecast:
         if (rate := self._rate) is None:
             return None
         running = self._running.items()
-        left = [max(rate * self.costs[job] - (now - started), 0.0) for job, started in running]
+        left = [max(rate * self._costs[job] - (now - started), 0.0) for job, started in running]
         left += [0.0] * (self._workers - len(left))
         heapq.heapify(left)
         for job in reversed(self._waiting):
-            heapq.heapreplace(left, left[0] + rate * self.costs[job])
+            heapq.heapreplace(left, left[0] + rate * self._costs[job])
         return max(left)
 
     def __str__(self) -> str:
@@ -84,60 +84,46 @@ def _seconds_per_step(published: Path) -> dict[str, float]:
     return dict((sums["wall_time_s"] / sums["budget"]).items())
 
 
-class Display(ProgressColumn):
-    """A bar with the time left, or occasional lines where the output is not a terminal."""
+class Display:
+    """A line that says how many runs are done: it is rewritten in a terminal, else it comes again.
+
+    While no job ends, it stays as it is.
+    """
 
     def __init__(self, name: str, jobs: Sequence[Job], forecast: Forecast, n_done: int) -> None:
         """Takes the jobs to come, and how many runs are done already."""
-        super().__init__()
         self._index = {run.digest: i for i, job in enumerate(jobs) for run in job}
+        self._name, self._forecast = name, forecast
         self._n, self._n_done, self._n_failed = n_done + len(self._index), n_done, 0
-        self._forecast, self._line_s = forecast, time.monotonic()
-        self._console = Console(stderr=True)
-        columns = TextColumn("{task.description}", markup=False), BarColumn(), self
-        hidden = not self._console.is_terminal
-        self._progress = Progress(
-            *columns, console=self._console, disable=hidden, refresh_per_second=2
-        )
-        self._task = self._progress.add_task(name, total=sum(forecast.costs))
-
-    def __enter__(self) -> Self:
-        self._forecast.start(time.monotonic())
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-        if not self._console.is_terminal:
-            self._print_line()
+        self._shown_s, self._is_terminal = time.monotonic(), sys.stderr.isatty()
+        forecast.start(self._shown_s)
 
     def advance(self, ended: Sequence[str], n_failed: int = 0) -> None:
         """Counts the runs of a job that has ended, by digest, and failures among them."""
         self._n_done += len(ended) - n_failed
         self._n_failed += n_failed
-        job, now = self._index[ended[0]], time.monotonic()
-        self._forecast.end(job, now)
-        self._progress.update(self._task, advance=self._forecast.costs[job])
-        if not self._console.is_terminal and now - self._line_s > _LINE_EVERY_S:
-            self._line_s = now
-            self._print_line()
+        now = time.monotonic()
+        self._forecast.end(self._index[ended[0]], now)
+        is_last = self._n_done + self._n_failed == self._n
+        if is_last or now - self._shown_s > (_REWRITTEN_S if self._is_terminal else _LINE_S):
+            self._shown_s = now
+            start, end = ("\r\x1b[K", "") if self._is_terminal else ("", "\n")
+            print(f"{start}{self.text(now)}", end=end, file=sys.stderr, flush=True)
 
-    def render(self, task: Task) -> Text:  # noqa: ARG002
+    def close(self) -> None:
+        """Ends the line."""
+        if self._is_terminal:
+            print(file=sys.stderr)
+
+    def text(self, now: float) -> str:
         """Says how many runs are done, how many have failed, and the time left, if it is known."""
-        text, left = (
-            f"{self._n_done:,} of {self._n:,} done",
-            self._forecast.seconds(time.monotonic()),
-        )
+        text = f"{self._name}: {self._n_done:,} of {self._n:,} done"
         if self._n_failed:
             text += f", {self._n_failed} failed"
+        left = self._forecast.seconds(now)
         if self._n_done + self._n_failed < self._n and left is not None:
             text += f", {about(left)} left"
-        return Text(text)
-
-    def _print_line(self) -> None:
-        task = self._progress.tasks[0]
-        line = f"{task.description}: {self.render(task)}"
-        self._console.print(line, markup=False, soft_wrap=True)
+        return text
 
 
 def about(seconds: float) -> str:

@@ -89,8 +89,9 @@ def _train(name: str, runs: list[RunSpecification], store: Store, options: Any) 
         forecast = Forecast(jobs, published, n_workers)
         kept = "Ctrl-C keeps what is finished"
         print(f"{name}: {len(todo):,} runs to train, {forecast} ({kept}).", file=sys.stderr)
-        with Display(name, jobs, forecast, n_done) as display:
-            errors = execute(todo, store, n_jobs, display.advance, cluster)
+        display = Display(name, jobs, forecast, n_done)
+        stack.callback(display.close)
+        errors = execute(todo, store, n_jobs, display.advance, cluster)
     if errors:
         failed = f"{len(errors)} runs failed; the same command tries them again"
         print(f"error: {failed}. First error: {errors[0]}", file=sys.stderr)

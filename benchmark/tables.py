@@ -45,15 +45,7 @@ _UNSEEN: Final = {
     "unseen_budget_greedy": (1, "greedy"),
     "unseen_budget_stochastic": (1, "stochastic"),
 }
-_TYPES: Final = {
-    **dict.fromkeys((*KEYS, "run", "policy", *_MADE), str),
-    **dict.fromkeys(("trial", "seed", "step", "budget"), int),
-    **dict.fromkeys(("training_wrong_pings", "updates", "parameters"), int),
-    **dict.fromkeys(("success", "score", "unbounded_score", "steps", "wrong_pings"), float),
-    **dict.fromkeys(("uncomfortable_steps", "greedy_success", "random_success"), float),
-    **dict.fromkeys((*_UNSEEN, "diverged_at", *_COSTS), float),
-}
-_EMPTY: Final = {name: ["", "nan"] for name, kind in _TYPES.items() if kind is float}  # missing values
+_TEXTS: Final = ("scenario", "grid", "point", "reading", "learner", "run", "policy", *_MADE)
 _NEEDED: Final = {
     RUNS: {"scenario", "learner", "seed", "run", "budget", "success", "versions"},
     CURVES: {"scenario", "learner", "seed", "step", "success"},
@@ -240,11 +232,15 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
     packed = folders.Folder(folder).content(name)
     try:
         text = io.StringIO(gzip.decompress(packed).decode())
-        frame = pd.read_csv(text, dtype=_TYPES, keep_default_na=False, na_values=_EMPTY)
-        if odd := ({*frame} - _TYPES.keys()) | (_NEEDED[name] - {*frame}):
-            raise ValueError(f"unknown or missing columns: {', '.join(sorted(odd))}")
+        texts = dict.fromkeys(_TEXTS, str)
+        frame = pd.read_csv(text, dtype=texts, keep_default_na=False, na_values=["", "nan"])
+        frame = frame.fillna(dict.fromkeys(_TEXTS, ""))
+        if missing := _NEEDED[name] - {*frame}:
+            raise ValueError(f"without {', '.join(sorted(missing))}")
+        if odd := {*frame.select_dtypes(exclude="number")} - {*_TEXTS}:
+            raise ValueError(f"{', '.join(sorted(odd))}: no numbers")
         if not frame["success"].between(0, 1).all():
-            raise ValueError("success is not a share")
+            raise ValueError("success is no share")
     except Exception as error:  # of whatever kind: files can come from anywhere
         raise InputError(f"{path}: not a table of runs ({error}); {_AGAIN}.") from error
     return frame
