@@ -118,8 +118,9 @@ def read_csv(path: Path) -> pd.DataFrame:
 
 def _with_learner(table: pd.DataFrame) -> pd.DataFrame:
     """Returns a table with names of learners; earlier versions of tables have these in parts."""
-    if "learner" not in table and {"variant", "observation"} <= {*table}:
-        table.insert(0, "learner", table["variant"] + ", " + table["observation"])
+    if {"variant", "observation"} <= {*table}:
+        learner = table.pop("variant") + ", " + table.pop("observation")
+        table.insert(0, "learner", learner)
     return table
 
 
