@@ -25,7 +25,7 @@ from pydantic import Field, model_validator
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.specification import DEFAULT_CONDITION as DEFAULT_CONDITION
 from benchmark.specification import RunSpecification
-from benchmark.trials import Chosen, Search, Space, read_chosen, trials
+from benchmark.trials import Chosen, Count, Search, Seed, Space, read_chosen, trials
 from envs import InputError, Scenario, inputs, load_scenario, model
 from envs.inputs import (
     Label,
@@ -60,7 +60,7 @@ MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 _RESERVED: Final = ("speed", "*_smoke", "*_seeds_*")
 _MINIATURE: Final = "_smoke"  # how its name ends
 # What a reference implementation takes from its variant, and does not set itself
-_SHARED: Final = ("settings", "policy", "tuned_by", "search")
+_SHARED: Final = ("settings", "policy", "tuned_by")
 # Which of these tables the studies of this project read
 _VARIATIONS: Final = ("readings", "grids", "search", "solved")
 _READ: Final = {
@@ -74,6 +74,9 @@ _READ: Final = {
 # What a file declares
 
 
+Title = Annotated[Label, Field(max_length=60)]
+
+
 class Variant(Table):
     """An algorithm with its settings, and the observations from which it learns.
 
@@ -83,13 +86,13 @@ class Variant(Table):
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
-    title: Annotated[Label, Field(max_length=60)] = ""
+    title: Title = ""
     """What readers call it; by default its name."""
-    observations: Annotated[Names, Field(min_length=1)]
-    """Forms of observation; each makes a learner."""
-    seeds: Annotated[int, Field(ge=1, le=100_000)]
+    observations: Names = ()
+    """Forms of observation; each makes a learner. Only a reference implementation may have none."""
+    seeds: Count
     """Runs per scenario and condition."""
-    first_seed: Annotated[int, Field(ge=0, le=900_000)] = 0
+    first_seed: Seed = 0
     """The first seed; the others follow it."""
     policy: Literal["greedy", "stochastic"] = "greedy"
     """The policy that is evaluated."""
@@ -104,16 +107,9 @@ class Variant(Table):
     """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own
     settings. If the search has several parts, the runs of a learner take turns with their picks."""
 
-    @property
-    def all_seeds(self) -> range:
-        """The seeds of its runs."""
-        return range(self.first_seed, self.first_seed + self.seeds)
-
-    @property
-    def source(self) -> tuple[str, str]:
-        """The search in `tuned_by`, and the variant there; empty texts without a search."""
-        search, _, variant = self.tuned_by.rpartition(":")
-        return search, variant
+    def numbered(self, n: int | None = None) -> range:
+        """Returns the seeds of its runs, or of n runs."""
+        return range(self.first_seed, self.first_seed + (n or self.seeds))
 
 
 class Change(Table):
@@ -126,15 +122,11 @@ class Change(Table):
     settings: dict[str, object] = Field(default_factory=dict)
     """Changes of the settings of every variant, as dotted keys."""
 
-    def of_settings(self, _: str) -> dict[str, object]:
-        """Returns what it changes of the settings of a variant."""
-        return self.settings
-
 
 class Reading(Change):
     """One way to read the paper, or a control."""
 
-    title: Annotated[Label, Field(max_length=60)] = ""
+    title: Title = ""
     """What a figure calls it; by default its name."""
     question: Annotated[Text, Field(min_length=1)]
     """What the paper leaves open."""
@@ -144,16 +136,6 @@ class Reading(Change):
     """The maximum Q that claims are about: of the visited observations, or of the whole table."""
     seeds: Annotated[int, Field(ge=2, le=100_000)] | None = None
     """Runs per scenario and learner; by default the variant's."""
-
-
-class Trial(Change):
-    """A trial of a search, which is drawn and not declared."""
-
-    drawn: dict[str, dict[str, object]]  # by variant
-
-    def of_settings(self, variant: str) -> dict[str, object]:
-        """Returns what was drawn for a variant."""
-        return self.drawn[variant]
 
 
 # A float distinguishes numbers of at most fifteen digits.
@@ -202,35 +184,29 @@ class Solved(Table):
 
 @dataclass(frozen=True)
 class Condition:
-    """A point of the product of axes, whose values change scenarios and settings."""
+    """Values of axes, which change scenarios and settings."""
 
-    axes: Mapping[str, str]
-    """The value of every axis: a "reading", a "grid" and its axes, or a "trial"."""
-    changes: tuple[Change, ...]
-    """What each of these values changes, in this order."""
+    keys: Mapping[str, str | int]
+    """The columns that name it in tables: a `reading`, a `grid` and a `point`, or a `trial`."""
+    changes: tuple[Change, ...] = ()
+    """What its values change, in this order."""
     learners: tuple[str, ...] = ()
-    """Names of the learners, or of their variants, that run under it; all if it is empty."""
+    """Names of learners, or of variants, that run under it; by default all. Those that no condition
+    names run under all."""
+    seeds: int | None = None
+    """Runs of each learner; by default as many as its variant declares."""
 
     @property
     def name(self) -> str:
-        """A reading, GRID/AXIS=VALUE for all axes, or trial=NUMBER; "default" without any axis."""
-        name = "/".join(f"{axis}={value}" for axis, value in self.axes.items())
-        return name.removeprefix("reading=").removeprefix("grid=") or DEFAULT_CONDITION
+        """A reading, GRID/POINT or a trial; "default" if it changes nothing."""
+        return "/".join(map(str, self.keys.values())) or DEFAULT_CONDITION
 
     @property
-    def keys(self) -> dict[str, str | int]:
-        """The columns that name it in tables."""
-        if "grid" in self.axes:
-            _, *point = (f"{axis} {value}" for axis, value in self.axes.items())
-            return {"grid": self.axes["grid"], "point": ", ".join(point)}
-        return {axis: int(value) if axis == "trial" else value for axis, value in self.axes.items()}
+    def settings(self) -> dict[str, object]:
+        """What it changes of settings, by dotted key."""
+        return _merged(change.settings for change in self.changes)
 
-    def has(self, variant: str, observation: str) -> bool:
-        """Returns whether a learner runs under it."""
-        names = {variant, f"{variant}, {observation}"}
-        return not self.learners or not names.isdisjoint(self.learners)
-
-    def of_scenario(self, name: str) -> dict[str, object]:
+    def scenario(self, name: str) -> dict[str, object]:
         """Returns what it changes of a scenario, by dotted key."""
         return _merged(
             change.scenario
@@ -238,22 +214,13 @@ class Condition:
             if change.scenarios is None or name in change.scenarios
         )
 
-    def of_settings(self, variant: str) -> dict[str, object]:
-        """Returns what it changes of the settings of a variant, by dotted key."""
-        return _merged(change.of_settings(variant) for change in self.changes)
+    def has(self, learner: "Learner") -> bool:
+        """Returns whether a learner is named among those that run under it."""
+        return not {learner.name, learner.variant}.isdisjoint(self.learners)
 
 
 def _merged(tables: Iterable[Mapping[str, object]]) -> dict[str, object]:
     return {key: value for table in tables for key, value in table.items()}
-
-
-def _points(
-    axes: Mapping[str, Mapping[str, Change]], learners: tuple[str, ...] = ()
-) -> Iterator[Condition]:
-    """Yields the product of axes."""
-    for values in product(*axes.values()):
-        point = dict(zip(axes, values, strict=True))
-        yield Condition(point, tuple(axes[axis][value] for axis, value in point.items()), learners)
 
 
 class Declaration(Table):
@@ -274,9 +241,9 @@ class Declaration(Table):
     """Names of shipped scenarios, or paths of TOML files."""
     horizon: Annotated[int, Field(ge=1, le=10_000)]
     """Steps after which an evaluated episode is truncated."""
-    evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
+    evaluation_every: Count
     """Steps from one evaluation of the policy to the next, in units of the budget."""
-    map_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    map_every: Count | None = None
     """Steps from one record of all values to the next: a multiple of `evaluation_every`, by default
     equal to it. With `solved`, values are not recorded."""
     settings: dict[str, object] = Field(default_factory=dict)
@@ -295,77 +262,59 @@ class Declaration(Table):
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
         self._check_tables()
-        self._check_names()
         self._check_schedules()
-        self._check_search()
+        self._check_variants()
+        self._check_changes()
         return self
 
     def _check_tables(self) -> None:
         given = [name for name in _VARIATIONS if getattr(self, name)]
         varied = [name for name in given if name != "solved"]
         require(len(varied) < 2, " and ".join(varied), "one of readings, grids and search")
-        kind = (self.report or {}).get("kind")
-        if isinstance(kind, str) and kind in _READ:
-            for name in given:
-                accepted = f"{' and '.join(_READ[kind]) or 'none of them'}, which its report reads"
-                require(name in _READ[kind], f"{name} in a {kind}", accepted)
         is_named = not self.readings or DEFAULT_CONDITION in self.readings
         require(is_named, "readings", f"one named {DEFAULT_CONDITION} among them")
+        kind = str((self.report or {}).get("kind"))
+        for name in given:
+            read = _READ.get(kind, _VARIATIONS)
+            require(name in read, f"{name} in a {kind}", " and ".join(read) or "no such table")
 
-    def _check_names(self) -> None:
-        names = tuple(Path(name).stem for name in self.scenarios)
-        inputs.distinct(names, "scenarios: ")
-        learners = {*self.algorithms, *self._learners}
-        for name, grid in self.grids.items():
-            require("grid" not in grid.axes, f"grids.{name}.axes.grid", "any other name")
-            for learner in grid.learners:
-                accepted = ", ".join(f'"{each}"' for each in sorted(learners))
-                require(learner in learners, f"grids.{name}.learners: {learner}", accepted)
-        for condition in {} if self.search else self.conditions.values():
+    def _check_schedules(self) -> None:
+        inputs.distinct(self._names, "scenarios: ")
+        if self.map_every is not None:
+            found, every = f"map_every = {self.map_every}", self.evaluation_every
+            require(self.solved is None, found, "no such key, as solved records no values")
+            accepted = f"a multiple of evaluation_every = {every}"
+            require(self.map_every % every == 0, found, accepted)
+
+    def _check_variants(self) -> None:
+        efforts = set()
+        for name, variant in self.algorithms.items():
+            where = f"algorithms.{name}"
+            is_seen = bool(variant.observations or variant.reference_for)
+            require(is_seen, f"{where}.observations", "at least one form")
+            if self.search is None:
+                require(not variant.search, f"{where}.search", "a table [search] beside it")
+                continue
+            require(bool(variant.search), where, "a table search, as the experiment has one")
+            require("budget" not in variant.search, f"{where}.search.budget", "other settings")
+            _check_apart(variant.numbered(), self.search.fresh, f"{where}.first_seed")
+            efforts.add((variant.seeds, str((self.settings | variant.settings).get("budget"))))
+        require(len(efforts) < 2, "algorithms", "the same seeds and budget for all in a search")
+
+    def _check_changes(self) -> None:
+        for condition in [] if self.search else self.conditions:
             for change in condition.changes:
-                is_used = change.scenarios is None or change.scenario
-                where = f"{condition.name}: scenarios"
-                require(bool(is_used), where, "changes in a table scenario beside it")
                 for name in change.scenarios or ():
-                    require(name in names, f"{where}: {name}", ", ".join(names))
+                    where = f"{condition.name}: scenarios: {name}"
+                    require(name in self._names, where, ", ".join(self._names))
             for kind in ("scenario", "settings"):
                 keys = [key for change in condition.changes for key in getattr(change, kind)]
                 inputs.distinct(tuple(keys), f"{condition.name}: {kind}.")
 
-    def _check_schedules(self) -> None:
-        if self.map_every is not None:
-            found = f"map_every = {self.map_every}"
-            require(self.solved is None, found, "no such key, since solved records no values")
-            accepted = f"a multiple of evaluation_every = {self.evaluation_every}"
-            require(self.map_every % self.evaluation_every == 0, found, accepted)
-
-    def _check_search(self) -> None:
-        for name, variant in self.algorithms.items():
-            where = f"algorithms.{name}"
-            if self.search is None:
-                require(not variant.search, f"{where}.search", "a table [search] beside it")
-            else:
-                self._check_searched(where, variant, self.search)
-
-    def _check_searched(self, where: str, variant: Variant, search: Search) -> None:
-        require(not variant.reference_for, f"{where}.reference_for", "no such key in a search")
-        require(bool(variant.search), where, "a table search, as the experiment has one")
-        require("budget" not in variant.search, f"{where}.search.budget", "other settings")
-        found = f"{where}.first_seed = {variant.first_seed}"
-        fresh = search.fresh
-        accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its finalists use"
-        require(not overlap(variant.all_seeds, fresh), found, accepted)
-        efforts = {
-            (each.seeds, str((self.settings | each.settings).get("budget")))
-            for each in self.algorithms.values()
-        }
-        require(len(efforts) == 1, "algorithms", "the same seeds and budget for all in a search")
-
     @property
-    def _learners(self) -> dict[str, str]:
-        """The variant of every learner."""
-        variants = self.algorithms.items()
-        return {f"{name}, {form}": name for name, each in variants for form in each.observations}
+    def _names(self) -> tuple[str, ...]:
+        """The names of scenarios."""
+        return tuple(Path(name).stem for name in self.scenarios)
 
     @property
     def is_miniature(self) -> bool:
@@ -390,38 +339,37 @@ class Declaration(Table):
         changed = {"algorithms": variants, "readings": readings, "search": search, "note": note}
         return self.model_copy(update=changed | {"name": f"{self.name}{_MINIATURE}"})
 
-    def seeds_of(self, variant: str, condition: Condition) -> range:
-        """Returns the seeds of a variant's runs under a condition."""
-        declared, reading = self.algorithms[variant], self.readings.get(condition.name)
-        n_seeds = (reading and reading.seeds) or declared.seeds
-        return range(declared.first_seed, declared.first_seed + n_seeds)
-
     @cached_property
-    def conditions(self) -> dict[str, Condition]:
-        """All conditions by name: readings, the default one first, points of grids, or trials."""
-        if self.readings:
-            readings = {DEFAULT_CONDITION: self.readings[DEFAULT_CONDITION]} | self.readings
-            made = _points({"reading": readings})
-        elif self.search is not None:
-            made = _points({"trial": self._trials(self.search)})
-        else:
-            made = self._points_of_grids() if self.grids else _points({})
-        return {condition.name: condition for condition in made}
-
-    def _points_of_grids(self) -> Iterator[Condition]:
-        named = {name for grid in self.grids.values() for name in grid.learners}
-        unnamed = [name for name, of in self._learners.items() if named.isdisjoint((name, of))]
+    def conditions(self) -> list[Condition]:
+        """Readings, the default one first, points of grids, or trials of each variant in turn."""
+        if self.search is not None:
+            return self._trials(self.search)
+        readings = sorted(self.readings.items(), key=lambda pair: pair[0] != DEFAULT_CONDITION)
+        made = [Condition({"reading": name}, (each,), seeds=each.seeds) for name, each in readings]
         for name, grid in self.grids.items():
-            learners = grid.learners and (*grid.learners, *unnamed)
-            yield from _points({"grid": {name: grid}, **grid.axes}, learners)
+            for values in product(*(axis.items() for axis in grid.axes.values())):
+                point = [
+                    f"{axis} {value}" for axis, (value, _) in zip(grid.axes, values, strict=True)
+                ]
+                changes = grid, *(change for _, change in values)
+                keys = {"grid": name, "point": ", ".join(point)}
+                made.append(Condition(keys, changes, grid.learners))
+        return made or [Condition({})]
 
-    def _trials(self, search: Search) -> dict[str, Trial]:
-        drawn = {
-            name: trials(name, variant.search, search.trials, search.parts)
-            for name, variant in self.algorithms.items()
-        }
-        names = range(search.trials + 1)
-        return {str(t): Trial(drawn={name: drawn[name][t] for name in drawn}) for t in names}
+    def _trials(self, search: Search) -> list[Condition]:
+        n, parts = search.trials, search.parts
+        drawn = {name: trials(name, it.search, n, parts) for name, it in self.algorithms.items()}
+        return [
+            Condition({"trial": trial}, (Change(settings=drawn[name][trial]),), (name,))
+            for trial, name in product(range(n + 1), drawn)
+        ]
+
+
+def _check_apart(own: range, taken: range, where: str) -> None:
+    """Refuses seeds that a search uses."""
+    found = f"{where}: a search uses the seeds {taken.start} to {taken.stop - 1}"
+    accepted = f"seeds other than {own.start} to {own.stop - 1}"
+    require(own.start not in taken and taken.start not in own, found, accepted)
 
 
 class Extension(Table):
@@ -434,11 +382,6 @@ class Extension(Table):
     changes: dict[str, object]
     """New values, by dotted key. The base's `note` and `report.question` are dropped, and with a new
     table `solved` its `map_every`, too."""
-
-
-def overlap(a: range, b: range) -> bool:
-    """Returns whether two ranges of seeds have one in common."""
-    return max(a.start, b.start) < min(a.stop, b.stop)
 
 
 def experiment_names() -> list[str]:
@@ -457,10 +400,10 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     if any(fnmatchcase(path.stem, name) for name in _RESERVED):
         accepted = f"any name but {', '.join(_RESERVED)}"
         raise InputError(f"{path}: results are named after the file; accepted: {accepted}.")
-    data = _with_references(_read(path), str(path))
-    declared = parse(Declaration, data, str(path), name=path.stem)
+    declared = parse(Declaration, _read(path), str(path), name=path.stem)
     scenarios = tuple(_beside(path, name) for name in declared.scenarios)
-    return declared.model_copy(update={"scenarios": scenarios}), path
+    completed = {"scenarios": scenarios, "algorithms": _with_references(declared, path)}
+    return declared.model_copy(update=completed), path
 
 
 def _beside(path: Path, name: str) -> str:
@@ -471,16 +414,15 @@ def _beside(path: Path, name: str) -> str:
 
 def _path(experiment: str | Path) -> Path:
     path, names = Path(experiment), experiment_names()
-    shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
-    if path.suffix == ".toml":
-        if path.stem in names and path.resolve() != shipped.resolve():
-            reason = f"results are named after the file, and {path.stem} is a shipped experiment"
-            raise InputError(f"{path}: {reason}; rename it.")
-        return path
-    if str(experiment) not in names:
-        other = "the path of a .toml file"
-        unknown_name("experiments", "experiment", str(experiment), names, other)
-    return shipped
+    if path.suffix != ".toml":
+        if str(experiment) not in names:
+            other = "the path of a .toml file"
+            unknown_name("experiments", "experiment", str(experiment), names, other)
+        return EXPERIMENT_DIRECTORY / f"{experiment}.toml"
+    if path.stem in names and path.resolve().parent != EXPERIMENT_DIRECTORY:
+        reason = f"results are named after the file, and {path.stem} is a shipped experiment"
+        raise InputError(f"{path}: {reason}; rename it.")
+    return path
 
 
 def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
@@ -492,7 +434,18 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
     if path.parent != EXPERIMENT_DIRECTORY:
         find_modules_in(str(path.parent.resolve()))
     if "extends" in data:
-        data = _extended(parse(Extension, data, str(path)), path, extended_by)
+        extension = parse(Extension, data, str(path))
+        base = _path(_beside(path, extension.extends))
+        if not base.exists() or base in (path, *extended_by):
+            found = f"extends = {json.dumps(extension.extends)}"
+            raise InputError(f"{path}: {found}: accepted: another experiment that exists.")
+        data = _read(base, (path, *extended_by))
+        # These may be false of this one.
+        texts = ["note", "report.question"] if "report" in data else ["note"]
+        changes = dict.fromkeys(texts, "") | {"description": extension.description}
+        if "solved" in extension.changes:
+            data.pop("map_every", None)
+        data = override(data, changes | extension.changes, str(path))
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
     elif "search" in data:
@@ -500,41 +453,44 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
     return data
 
 
-def _extended(extension: Extension, path: Path, extended_by: tuple[Path, ...]) -> dict[str, object]:
-    base = _path(_beside(path, extension.extends))
-    if not base.exists() or base in (path, *extended_by):
-        found = f"extends = {json.dumps(extension.extends)}"
-        raise InputError(f"{path}: {found}: accepted: another experiment that exists.")
-    data = _read(base, (path, *extended_by))
-    data.pop("note", None)  # which may be false of this one
-    if isinstance(report := data.get("report"), dict):
-        report.pop("question", None)
-    if "solved" in extension.changes and "solved" not in data:
-        data.pop("map_every", None)
-    return override(data | {"description": extension.description}, extension.changes, str(path))
-
-
-def _with_references(data: dict[str, object], source: str) -> dict[str, object]:
-    """Returns an experiment's tables, references with what they take from their variants."""
-    variants = data.get("algorithms")
-    if not isinstance(variants, dict) or not all(isinstance(v, dict) for v in variants.values()):
-        return data  # is refused with the other tables
-    own = {name: each for name, each in variants.items() if not each.get("reference_for")}
-    complete = dict(variants)
-    for name in variants.keys() - own.keys():
-        where, of = f"{source}: algorithms.{name}", str(variants[name]["reference_for"])
-        if of not in own:
-            unknown_name(f"{where}: reference_for", "variant", of, own)
-        for key in _SHARED:
-            if key in variants[name]:
-                reason = f"a reference implementation takes it from {of}; remove it"
-                raise InputError(f"{where}.{key}: {reason}.")
-        taken = {*_SHARED, "observations"} - {"search"}
-        complete[name] = {key: own[of][key] for key in taken & own[of].keys()} | variants[name]
-    return data | {"algorithms": complete}
+def _with_references(declared: Declaration, path: Path) -> dict[str, Variant]:
+    """Returns all variants, references with what they take from theirs."""
+    variants = dict(declared.algorithms)
+    own = [name for name, variant in variants.items() if not variant.reference_for]
+    for name in variants.keys() - {*own}:
+        variant, where = variants[name], f"{path}: algorithms.{name}"
+        if variant.reference_for not in own:
+            unknown_name(f"{where}: reference_for", "variant", variant.reference_for, own)
+        of = variants[variant.reference_for]
+        taken = {key: getattr(of, key) for key in _SHARED}
+        for key in variant.model_fields_set.intersection(_SHARED):
+            reason = f"a reference implementation takes it from {variant.reference_for}"
+            raise InputError(f"{where}.{key}: {reason}; remove it.")
+        taken["observations"] = variant.observations or of.observations
+        variants[name] = variant.model_copy(update=taken)
+    return variants
 
 
 # What follows from it
+
+
+_OBSERVED: Final = {
+    "index": " on the cells' index",
+    "one_hot": " on one-hot cells",
+    "factored": " on one-hot rows and columns",
+    "tiles": " on tiles",
+    "coordinates": " on coordinates",
+    "centred": " on centred coordinates",
+    "offset": " on the offset's index",
+    "offset_one_hot": " on one-hot offsets",
+    "offset_factored": " on one-hot rows and columns of offsets",
+    "offset_tiles": " on tiles of offsets",
+    "offset_coordinates": " on offset coordinates",
+    "offset_centred": " on centred offset coordinates",
+    "planes": " on images of the room",
+}
+# A table has a row for each observation, in whatever form it is given.
+_ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -557,8 +513,11 @@ class Learner:
 
     @property
     def title(self) -> str:
-        """What readers call it, see `title_of`."""
-        return title_of(self.declared.title or self.variant, self.observation, self.family)
+        """What readers call it, for example "Q-learning table of offsets"."""
+        observed = _OBSERVED.get(self.observation, f" on {self.observation}")
+        if self.family == "tabular":
+            observed = _ROWS.get(self.observation.removesuffix("_one_hot"), observed)
+        return (self.declared.title or self.variant) + observed
 
     @property
     def policy(self) -> str:
@@ -568,46 +527,13 @@ class Learner:
     @property
     def search(self) -> str:
         """The search that its settings come from; empty if they are declared."""
-        return self.declared.source[0]
+        return self.declared.tuned_by.rpartition(":")[0]
 
     @property
     def reference_for(self) -> str:
         """The learner that it is the reference implementation of; empty if it is none."""
         of = self.declared.reference_for
         return f"{of}, {self.observation}" if of else ""
-
-
-_OBSERVED: Final = {
-    "index": " on the cells' index",
-    "one_hot": " on one-hot cells",
-    "factored": " on one-hot rows and columns",
-    "tiles": " on tiles",
-    "coordinates": " on coordinates",
-    "centred": " on centred coordinates",
-    "offset": " on the offset's index",
-    "offset_one_hot": " on one-hot offsets",
-    "offset_factored": " on one-hot rows and columns of offsets",
-    "offset_tiles": " on tiles of offsets",
-    "offset_coordinates": " on offset coordinates",
-    "offset_centred": " on centred offset coordinates",
-    "planes": " on images of the room",
-}
-# A table has a row for each observation, in whatever form it is given.
-_ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets"}
-
-
-def title_of(variant: str, observation: str, family: str) -> str:
-    """Returns what readers call a learner.
-
-    >>> title_of("Q-learning table", "offset", "tabular")
-    'Q-learning table of offsets'
-    >>> title_of("tile coding", "coordinates", "linear")
-    'tile coding on coordinates'
-    """
-    observed = _OBSERVED.get(observation, f" on {observation}")
-    if family == "tabular":
-        observed = _ROWS.get(observation.removesuffix("_one_hot"), observed)
-    return variant + observed
 
 
 @dataclass(frozen=True, eq=False)
@@ -672,17 +598,15 @@ class Experiment:
 
     def population(self, condition: str, scenario: str, learner: str) -> Population:
         """Returns a population by its names; the scenario may be any other, by name or path."""
-        alike = [
-            each
-            for each in self.populations
-            if (each.condition.name, each.learner.name) == (condition, learner)
-        ]
+        names = condition, learner
+        found = next(
+            each for each in self.populations if (each.condition.name, each.learner.name) == names
+        )
+        paths = {Path(name).stem: name for name in self.declared.scenarios}
         name = Path(scenario).stem
-        if name in self.scenarios:
-            return next(each for each in alike if each.scenario.name == name)
-        other = load_scenario(scenario, alike[0].condition.of_scenario(name))
-        firsts = tuple(replace(first, scenario=other) for first in alike[0].firsts)
-        return replace(alike[0], scenario=other, firsts=firsts)
+        other = load_scenario(paths.get(name, scenario), found.condition.scenario(name))
+        firsts = tuple(replace(first, scenario=other) for first in found.firsts)
+        return replace(found, scenario=other, firsts=firsts)
 
 
 def load_experiment(experiment: str | Path, *, smoke: bool = False) -> Experiment:
@@ -701,8 +625,9 @@ def _of_file(where: str) -> Iterator[None]:
     """Says to which part of a file mistakes belong."""
     try:
         yield
-    except InputError as error:
-        raise InputError(*(f"{where}: {line}" for line in error.args)) from error
+    except ValueError as error:
+        lines = (f"{where}: {str(line).removesuffix('.')}." for line in error.args)
+        raise InputError(*lines) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -711,59 +636,62 @@ class _Loading:
 
     declared: Declaration
     path: Path
+    scenarios: dict[str, Scenario] = field(default_factory=dict)
+    """Without any change, as the file names them."""
     searched: dict[str, str] = field(default_factory=dict)
     """What scenarios of searches are, by content."""
 
     def experiment(self) -> Experiment:
         """Returns the experiment, or raises an InputError."""
         declared, path = self.declared, self.path
+        with _of_file(str(path)):
+            self.scenarios.update({name: load_scenario(name) for name in declared.scenarios})
         learners = {each.name: each for name in declared.algorithms for each in self.learners(name)}
         if len({learner.title for learner in learners.values()}) < len(learners):
             raise InputError(f"{path}: algorithms: accepted: learners whose titles differ.")
-        with _of_file(str(path)):
-            scenarios = {Path(name).stem: load_scenario(name) for name in declared.scenarios}
+        conditions, known = declared.conditions, learners.keys() | declared.algorithms.keys()
+        named = {*chain(*(condition.learners for condition in conditions))}
+        for name in sorted(named - known):
+            unknown_name(f"{path}: grids: learners", "learner", name, known)
         populations = [
-            self.population(condition, scenario, learner)
-            for condition in declared.conditions.values()
-            for scenario in self.scenarios(condition)
-            for learner in learners.values()
-            if condition.has(learner.variant, learner.observation)
+            self.population(condition, scenario, each)
+            for condition in conditions
+            for scenario in self.changed(condition)
+            for each in learners.values()
+            if not condition.learners
+            or condition.has(each)
+            or named.isdisjoint((each.name, each.variant))
         ]
         n_runs = sum(len(population.seeds) for population in populations)
         if n_runs > MAX_RUNS:
             raise InputError(f"{path}: {n_runs:,} runs; accepted: at most {MAX_RUNS:,}.")
-        self.check_scenarios(populations)
         if not declared.is_miniature:  # whose budget hides changes
             self.check_settings(populations)
-            self.check_changes(populations)
+            if declared.readings or declared.grids:
+                self.check_changes(populations)
+        scenarios = {scenario.name: scenario for scenario in self.scenarios.values()}
         # A miniature has a file of chosen settings of its own.
         path = path.with_stem(declared.name)
         return Experiment(declared, path, learners, scenarios, populations)
 
-    def learners(self, name: str) -> list[Learner]:
-        """Returns the learners of a variant.
+    def learners(self, name: str) -> Iterator[Learner]:
+        """Yields the learners of a variant.
 
-        A variant counts as what its algorithm is, but a net without hidden layers is linear, or a
+        A learner counts as what its algorithm is, but a net without hidden layers is linear, or a
         table if it learns from one-hot observations alone: it has a row of weights for each
-        observation. If this differs between its forms of observation or its picks, the variant counts
-        as what its algorithm is.
+        observation. If picks of a search differ in this, it counts as what its algorithm is.
         """
         variant, where = self.declared.algorithms[name], f"{self.path}: algorithms.{name}"
         algorithm, chosen = load_algorithm(variant.algorithm, where), self.chosen(name)
-        of = self.declared.algorithms.get(variant.reference_for, variant)
+        of = self.declared.algorithms.get(variant.reference_for)
+        accepted = {*algorithm.observations} & {*(of or algorithm).observations}
         for form in variant.observations:
-            accepted = {*algorithm.observations} & {*of.observations}
-            if form not in algorithm.observations or form not in of.observations:
+            if form not in accepted:
                 unknown_name(where, f"observation for {variant.algorithm}", form, accepted)
-        learners = [
-            Learner(name, form, variant, algorithm, algorithm.family, chosen.get(form))
-            for form in variant.observations
-        ]
-        first = next(iter(self.declared.conditions.values()))
-        families = {_family(each, own) for each in learners for own in self.settings(each, first)}
-        if len(families) > 1:
-            return learners
-        return [replace(learner, family=family) for learner in learners for family in families]
+            learner = Learner(name, form, variant, algorithm, algorithm.family, chosen.get(form))
+            settings = self.settings(learner, self.declared.conditions[0])
+            families = {_family(learner, each) for each in settings}
+            yield replace(learner, family=families.pop()) if len(families) == 1 else learner
 
     def chosen(self, name: str) -> dict[str, Chosen]:
         """Returns what a search has chosen for the learners of a variant, by observation.
@@ -774,58 +702,56 @@ class _Loading:
         if not variant.tuned_by:
             return {}
         where = f"{self.path}: algorithms.{name}.tuned_by = {variant.tuned_by}"
-        name_of_search, searched = variant.source
-        if not name_of_search:
-            raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
-        declared, path = read_experiment(name_of_search)
-        if declared.search is None:
-            raise InputError(f"{where}: {path} has no table [search]; accepted: one that has.")
+        source, _, searched = variant.tuned_by.rpartition(":")
+        declared, path = read_experiment(source or searched)
+        if declared.search is None or not source:
+            raise InputError(f"{where}: accepted: SEARCH:VARIANT of one with a table [search].")
         if searched not in declared.algorithms:
-            unknown_name(where, f"variant of {path}", searched, declared.algorithms)
-        for condition in self.declared.conditions.values():
-            own = self.declared.seeds_of(name, condition)
-            for taken in (declared.algorithms[searched].all_seeds, declared.search.fresh):
-                if overlap(own, taken):
-                    used = f"the search has used the seeds {taken.start} to {taken.stop - 1}"
-                    accepted = f"seeds other than {own.start} to {own.stop - 1}"
-                    raise InputError(f"{where}: {used}; accepted: {accepted}.")
+            unknown_name(where, f"variant of {source}", searched, declared.algorithms)
+        with _of_file(where):
+            for condition in self.declared.conditions:
+                own = variant.numbered(condition.seeds)
+                _check_apart(own, declared.algorithms[searched].numbered(), "seeds")
+                _check_apart(own, declared.search.fresh, "seeds")
         for scenario in map(load_scenario, declared.scenarios):
-            reason = f"{scenario.name}, a scenario of the search {name_of_search}"
+            reason = f"{scenario.name}, a scenario of the search {source}"
             self.searched[_content(scenario)] = reason
         made = read_chosen(path, where)
         if made.search != digest_of_search(declared):
-            problem = f"{path} was made by another version of the search"
-            raise InputError(f"{where}: {problem}; run it again, with --report.")
-        names = {form: f"{searched}, {form}" for form in variant.observations}
-        for learner in names.values():
+            raise InputError(f"{where}: {path} has changed since; run it again, with --report.")
+        found = {}
+        for form in variant.observations:
+            learner = f"{searched}, {form}"
             if learner not in made.learners:
                 unknown_name(where, "learner of the search", learner, made.learners)
-        return {form: made.learners[learner] for form, learner in names.items()}
+            found[form] = made.learners[learner]
+        return found
 
-    def scenarios(self, condition: Condition) -> Iterator[Scenario]:
-        """Yields the scenarios as they are under a condition."""
+    def changed(self, condition: Condition) -> Iterator[Scenario]:
+        """Yields the scenarios as they are under a condition; none may be that of a search."""
         with _of_file(f"{self.path}: {condition.name}"):
-            for name in self.declared.scenarios:
-                yield load_scenario(name, condition.of_scenario(Path(name).stem))
+            for name, scenario in self.scenarios.items():
+                changes = condition.scenario(scenario.name)
+                changed = load_scenario(name, changes) if changes else scenario
+                if self.searched and (reason := self.searched.get(_content(changed))):
+                    raise InputError(f"{changed.name} is {reason}; accepted: other scenarios.")
+                yield changed
 
-    def layers(self, learner: Learner, condition: Condition) -> Iterator[list[dict[str, object]]]:
-        """Yields a learner's settings with each of its picks, by dotted key: later ones count.
+    def layers(self, learner: Learner, condition: Condition) -> list[list[dict[str, object]]]:
+        """Returns a learner's settings with each pick: shared ones, the pick, its own, changes.
 
-        They are those of all variants, the pick, those of the variant and those of the condition.
+        Of equal keys, which are dotted, the later ones count.
         """
-        found, shared = learner.chosen, _flat(self.declared.settings)
-        own = _flat(learner.declared.settings)
-        changed = _flat(condition.of_settings(learner.variant))
-        for pick in [{}] if found is None else [each.settings for each in found.picks or (found,)]:
-            yield [shared, _flat(pick), own, changed]
+        shared, own = _flat(self.declared.settings), _flat(learner.declared.settings)
+        changes, found = _flat(condition.settings), learner.chosen
+        picks = [{}] if found is None else [pick.settings for pick in found.picks or (found,)]
+        return [[shared, _flat(pick), own, changes] for pick in picks]
 
     def settings(self, learner: Learner, condition: Condition) -> list[LearnerSettings]:
-        """Returns a learner's settings under a condition, checked; several if there are several picks."""
-        cls, where = (
-            learner.algorithm.settings,
-            f"{self.path}: algorithms.{learner.variant}.settings",
-        )
-        if condition.name != DEFAULT_CONDITION:
+        """Returns a learner's settings with each pick, checked."""
+        cls = learner.algorithm.settings
+        where = f"{self.path}: algorithms.{learner.variant}.settings"
+        if condition.keys:
             where += f" ({condition.name})"
         given = [override({}, _merged(each), where) for each in self.layers(learner, condition)]
         if self.declared.is_miniature:
@@ -833,98 +759,78 @@ class _Loading:
         return [parse(cls, each, where) for each in given]
 
     def population(self, condition: Condition, scenario: Scenario, learner: Learner) -> Population:
-        """Returns the runs of a learner."""
+        """Returns the runs of a learner in a scenario, which is as it is under the condition."""
         declared, variant = self.declared, learner.declared
-        picks = self.settings(learner, condition)
+        settings = self.settings(learner, condition)
         evaluation_every = declared.evaluation_every
         map_every = declared.map_every or evaluation_every
         if declared.is_miniature:
-            evaluation_every = max(picks[0].budget // 4, 1)
+            evaluation_every = max(settings[0].budget // 4, 1)
             map_every = 2 * evaluation_every
         solved = None
         if declared.solved is not None:  # the version is that of what is recorded
-            solved = declared.solved.model_dump(mode="json")
-            solved |= {"policy": variant.policy, "version": 2}
-        versions = {
-            "algorithm": learner.algorithm.version,
-            "evaluation": dynamic_programming.VERSION,
-            "model": model.VERSION,
-        }
-        seeds = declared.seeds_of(learner.variant, condition)
-        beside = declared.seeds_of(variant.reference_for or learner.variant, condition)
-        firsts = tuple(
-            RunSpecification(
-                stream=declared.stream or declared.name,
-                condition=condition.name,
-                scenario=scenario,
-                variant=learner.variant,
-                algorithm=variant.algorithm,
-                versions=versions,
-                observation=learner.observation,
-                settings=settings,
-                horizon=declared.horizon,
-                evaluation_every=evaluation_every,
-                map_every=map_every,
-                seed=seeds[0],
-                solved=solved,
-            )
-            for settings in picks
+            solved = declared.solved.model_dump() | {"policy": variant.policy, "version": 2}
+        of = declared.algorithms.get(variant.reference_for, variant)
+        seeds, beside = variant.numbered(condition.seeds), of.numbered(condition.seeds)
+        first = RunSpecification(
+            stream=declared.stream or declared.name,
+            condition=condition.name,
+            scenario=scenario,
+            variant=learner.variant,
+            algorithm=variant.algorithm,
+            versions={
+                "algorithm": learner.algorithm.version,
+                "evaluation": dynamic_programming.VERSION,
+                "model": model.VERSION,
+            },
+            observation=learner.observation,
+            settings=settings[0],
+            horizon=declared.horizon,
+            evaluation_every=evaluation_every,
+            map_every=map_every,
+            seed=seeds[0],
+            solved=solved,
         )
+        firsts = tuple(replace(first, settings=each) for each in settings)
         return Population(condition, scenario, learner, firsts, seeds, beside)
 
-    def check_scenarios(self, populations: Iterable[Population]) -> None:
-        """Refuses scenarios of a search, under whatever name."""
-        for scenario in {id(each.scenario): each.scenario for each in populations}.values():
-            if self.searched and (reason := self.searched.get(_content(scenario))):
-                found = f"{self.path}: {scenario.name} is {reason}"
-                raise InputError(f"{found}; accepted: other scenarios.")
-
     def check_settings(self, populations: Iterable[Population]) -> None:
-        """Refuses settings that others replace in all runs."""
+        """Refuses settings that are replaced in all runs."""
         unused = {"settings": {*_flat(self.declared.settings)}}
         for each in populations:
             where = f"algorithms.{each.learner.variant}.settings"
-            for _, pick, own, changed in self.layers(each.learner, each.condition):
-                unused["settings"] &= pick.keys() | own.keys() | changed.keys()
-                unused[where] = unused.get(where, {*own}) & changed.keys()
+            for _, pick, own, changes in self.layers(each.learner, each.condition):
+                unused["settings"] &= pick.keys() | own.keys() | changes.keys()
+                unused[where] = unused.get(where, {*own}) & changes.keys()
         for where, keys in unused.items():
             for key in sorted(keys):
-                reason = "no run has it, since all replace it"
+                reason = "no run has it, since every learner or condition replaces it"
                 raise InputError(f"{self.path}: {where}.{key}: {reason}; remove it.")
 
     def check_changes(self, populations: Iterable[Population]) -> None:
-        """Refuses changes by a reading or a grid that change no run."""
-        has_effect: dict[str, bool] = {}
+        """Refuses what a reading or a grid changes if it changes no run."""
+        is_idle: dict[str, bool] = {}
         for each in populations:
-            for where, less in _less(each.condition):
-                if not has_effect.get(where):
-                    has_effect[where] = self.differs(each, less)
-        for where, found in has_effect.items():
-            if not found:
-                raise InputError(f"{self.path}: {where} changes no run; remove it.")
+            axis, value = next(iter(each.condition.keys.items()))
+            change, *others = each.condition.changes
+            for kind in ("scenario", "settings", "scenarios"):
+                where = f"{axis}s.{value}.{kind}"
+                if getattr(change, kind) and is_idle.get(where, True):
+                    less = change.model_copy(update={kind: getattr(Change(), kind)})
+                    without = replace(each.condition, changes=(less, *others))
+                    is_idle[where] = not self.differs(each, without)
+        for where in [key for key, is_so in is_idle.items() if is_so]:
+            raise InputError(f"{self.path}: {where} changes no run; remove it.")
 
     def differs(self, population: Population, condition: Condition) -> bool:
-        """Returns whether the runs of a population differ from those under another condition."""
+        """Returns whether the runs of a population would differ under another condition."""
+        settings = [run.settings for run in population.firsts]
         with suppress(InputError):
-            scenarios = {each.name: each for each in self.scenarios(condition)}
-            scenario = scenarios[population.scenario.name]
-            other = self.population(condition, scenario, population.learner)
-            runs = zip(population.firsts, other.firsts, strict=True)
-            return any(x.population != y.population for x, y in runs)
+            return (
+                population.scenario not in self.changed(condition)
+                or self.settings(population.learner, condition) != settings
+            )
         return True
-
-
-def _less(condition: Condition) -> Iterator[tuple[str, Condition]]:
-    """Yields the keys that a reading or a grid changes, and the condition without each."""
-    first, rest = condition.changes[:1], condition.changes[1:]
-    for (axis, value), change in zip(condition.axes.items(), first, strict=False):
-        for kind in ("scenario", "settings"):
-            changed: dict[str, object] = getattr(change, kind)
-            for key in changed:
-                others = {name: changed[name] for name in changed.keys() - {key}}
-                less = change.model_copy(update={kind: others})
-                where = f"{axis}s.{value}.{kind}.{key}"
-                yield where, replace(condition, changes=(less, *rest))
 
 
 def digest_of_search(search: Declaration) -> str:
@@ -932,12 +838,9 @@ def digest_of_search(search: Declaration) -> str:
     texts = {"description": True, "note": True, "report": True}
     excluded = texts | {"algorithms": {"__all__": {"title"}}}
     content = search.model_dump(mode="json", exclude=excluded)
-    content["scenarios"] = [
-        load_scenario(each).model_dump(mode="json") for each in search.scenarios
-    ]
-    algorithms = [
-        load_algorithm(variant.algorithm).version for variant in search.algorithms.values()
-    ]
+    scenarios = map(load_scenario, search.scenarios)
+    content["scenarios"] = [scenario.model_dump(mode="json") for scenario in scenarios]
+    algorithms = [load_algorithm(each.algorithm).version for each in search.algorithms.values()]
     content["versions"] = [*algorithms, dynamic_programming.VERSION]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -962,10 +865,10 @@ def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> di
     """Returns settings with a small budget, which rollouts and intervals of records divide."""
     whole = {key: value for key, value in settings.items() if isinstance(value, int)}
     declared = whole.get("budget", cls.model_fields["budget"].default)
-    budget = min(max(declared // 25, 1), 1000)
-    rollouts = whole.keys() & {"n_steps", "train_freq", "record_every"}
-    small = {key: math.gcd(whole[key], budget) for key in rollouts} | {"budget": budget}
-    return settings | small | dict.fromkeys(settings.keys() & {"n_envs"}, 1)
+    small = {"budget": min(max(declared // 25, 1), 1000)}
+    for key in whole.keys() & {"n_steps", "train_freq", "record_every"}:
+        small[key] = math.gcd(whole[key], small["budget"])
+    return settings | dict.fromkeys(settings.keys() & {"n_envs"}, 1) | small
 
 
 def _family(learner: Learner, settings: LearnerSettings) -> str:
@@ -980,24 +883,18 @@ def _family(learner: Learner, settings: LearnerSettings) -> str:
 def all_specifications(
     experiment: Experiment, seeds: Sequence[int] | None = None
 ) -> list[RunSpecification]:
-    """Lists every run of an experiment once; with stages, only those of the first.
-
-    Runs take turns: the first of each population, then the second of each, and so on.
-    """
-    populations = experiment.populations
-    return interleaved([(each, each.runs(each.taken(seeds))) for each in populations])
+    """Lists every run of an experiment once, see `interleaved`; of a search, those of trials."""
+    return interleaved(each.runs(each.taken(seeds)) for each in experiment.populations)
 
 
-def interleaved(
-    listed: Iterable[tuple[Population, Sequence[RunSpecification]]],
-) -> list[RunSpecification]:
+def interleaved(listed: Iterable[Sequence[RunSpecification]]) -> list[RunSpecification]:
     """Lists runs of populations once: the first run of each, then the second of each, and so on.
 
     An interrupted experiment therefore has runs of every population. A condition that changes nothing
     in a scenario has the same runs there as an earlier condition.
     """
     first: dict[str, RunSpecification] = {}
-    for run in chain.from_iterable(zip_longest(*(runs for _, runs in listed))):
+    for run in chain.from_iterable(zip_longest(*listed)):
         if run is not None:
             first.setdefault(run.digest, run)
     return [*first.values()]

@@ -68,7 +68,7 @@ def stages(experiment: Experiment, store: Store, seeds: range | None) -> Iterato
 
 def _runs(groups: Iterable[Group], log: Path | None) -> list[RunSpecification]:
     """Lists the runs of groups once, see `interleaved`, perhaps each with its folder for logs."""
-    runs = interleaved([(group.population, group.runs) for group in groups])
+    runs = interleaved(group.runs for group in groups)
     return [replace(run, log=str(log.absolute() / run.folder)) for run in runs] if log else runs
 
 

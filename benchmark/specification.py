@@ -7,7 +7,7 @@ import re
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +18,20 @@ from envs.observations import seen_as
 from envs.sources import digest_when_loaded
 
 DEFAULT_CONDITION: Final = "default"
+# What a run's result depends on, besides its seed and users' modules
+_IDENTITY: Final = (
+    "stream",
+    "scenario",
+    "variant",
+    "algorithm",
+    "versions",
+    "observation",
+    "settings",
+    "horizon",
+    "evaluation_every",
+    "map_every",
+    "solved",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,30 +61,15 @@ class RunSpecification:
     @cached_property
     def population(self) -> str:
         """The specification without its seed, as canonical JSON: runs that share it train together."""
-        content: dict[str, object] = {
-            "stream": self.stream,
-            "scenario": self.scenario.model_dump(mode="json"),
-            "variant": self.variant,
-            "algorithm": self.algorithm,
-            "versions": dict(self.versions),
-            "observation": self.observation,
-            "settings": self.settings.model_dump(mode="json"),
-            "horizon": self.horizon,
-            "evaluation_every": self.evaluation_every,
-            "map_every": self.map_every,
-            "solved": self.solved and dict(self.solved),
-        }
+        values = {name: getattr(self, name) for name in _IDENTITY}
+        as_json = partial(json.dumps, default=lambda table: table.model_dump(mode="json"))
+        text = as_json(values, ensure_ascii=False)
         # Users' modules that it names as `module:attribute`
-        named = {*re.findall(r'"([\w.]+):[\w.]+"', json.dumps(content, ensure_ascii=False))}
-        digests = {name: digest_when_loaded(name) for name in sorted(named)}
+        named = sorted({*re.findall(r'"([\w.]+):[\w.]+"', text)})
+        digests = {name: digest_when_loaded(name) for name in named}
         if code := {name: digest for name, digest in digests.items() if digest}:
-            content["code"] = code
-        return json.dumps(content, sort_keys=True, separators=(",", ":"))
-
-    @property
-    def code(self) -> dict[str, str]:
-        """The digests of users' modules that it depends on, by name, as they were loaded."""
-        return dict(json.loads(self.population).get("code", {}))
+            values["code"] = code
+        return as_json(values, sort_keys=True, separators=(",", ":"))
 
     def with_seed(self, seed: int) -> "RunSpecification":
         """Returns another run of the same population."""
@@ -97,24 +96,20 @@ class RunSpecification:
 
     @property
     def record_size(self) -> int:
-        """The approximate bytes of its record before compression."""
-        schedule = self.schedule
-        if self.solved is not None:
-            return 24 * len(schedule.evaluation_steps)
-        of_maps = 4 * len(ACTIONS) * len(schedule.map_steps)
-        n_observations = seen_as(self.scenario, self.observation).n_observations
-        return n_observations * (len(schedule.evaluation_steps) + of_maps)
+        """At most about how many bytes its record has before compression."""
+        schedule, seen = self.schedule, seen_as(self.scenario, self.observation)
+        n_values = 4 * len(ACTIONS) * len(schedule.map_steps)
+        return seen.n_observations * (len(schedule.evaluation_steps) + n_values)
 
     @property
     def schedule(self) -> Schedule:
         """When the learner's policy and values are recorded."""
-        budget, every, maps = self.settings.budget, self.evaluation_every, list[int]()
-        growth = 1.0
+        budget, growth, maps = self.settings.budget, 1.0, list[int]()
         if self.solved is None:
             maps = evaluation_steps(budget, self.map_every)
         else:
             growth = float(self.solved["growth"])
-        steps = evaluation_steps(budget, every, growth)
+        steps = evaluation_steps(budget, self.evaluation_every, growth)
         return Schedule(budget, tuple(steps), tuple(maps), log=self.log, keep=self.keep)
 
     @property
@@ -141,8 +136,6 @@ def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
     >>> evaluation_steps(600, 250), evaluation_steps(1600, 100, 1.5)
     ([0, 250, 500, 600], [0, 100, 200, 300, 500, 800, 1200, 1600])
     """
-    if growth == 1:
-        return [*range(0, budget, every), budget]
     steps = [0]
     while steps[-1] < budget:
         following = max(steps[-1] + every, math.ceil(steps[-1] * growth / every) * every)

@@ -22,6 +22,8 @@ from benchmark.folder import sealed, unsealed
 from envs import InputError
 from envs.inputs import Table, distinct, require
 
+Count = Annotated[int, Field(ge=1, le=10**9)]
+Seed = Annotated[int, Field(ge=0, le=900_000)]
 _DIGITS: Final = 3  # significant ones, of numbers that are drawn
 
 
@@ -88,11 +90,11 @@ class Search(Table):
 
     trials: Annotated[int, Field(ge=1, le=5000)]
     """Trials of each learner, besides trial 0."""
-    parts: Annotated[int, Field(ge=1, le=100)] = 1
+    parts: Count = 1
     """Parts of equal size into which trials fall, with trial 0. Each has its own pick."""
-    finalists: Annotated[int, Field(ge=1, le=100)] = 4
+    finalists: Count = 4
     """Trials of each part that are run again, with fresh seeds."""
-    first_seed: Annotated[int, Field(ge=0, le=900_000)]
+    first_seed: Seed
     """The first of the fresh seeds."""
     seeds: Annotated[int, Field(ge=2, le=10_000)] = 40
     """Fresh runs of each finalist per scenario."""
