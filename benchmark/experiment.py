@@ -1,7 +1,7 @@
 """Experiments: what a TOML file declares, and the populations of runs that follow.
 
-An experiment is a product: conditions x scenarios x learners x seeds. A learner is a variant, that is
-an algorithm with settings, together with one form of observation. A condition changes values of
+An experiment is a product: conditions x scenarios x learners x seeds. A learner is a variant, that
+is an algorithm with settings, together with one form of observation. A condition changes values of
 scenarios and settings: it is a reading of the paper, a point of a grid or a trial of a search.
 Nothing after `load_experiment` looks up a name again, or asks how a condition was declared.
 """
@@ -150,10 +150,8 @@ Axis = Annotated[dict[Value, Change], Field(min_length=1)]
 
 
 class Grid(Change):
-    """Conditions that are the product of axes, with changes at all its points. A map draws grids."""
+    """Conditions that are the product of axes, with changes at all its points: a map draws them."""
 
-    question: Label = ""
-    """What the grid is to answer, for readers."""
     learners: Names = ()
     """Names of learners, or of variants with all their observations; all by default. A learner that
     no grid names is in all grids."""
@@ -177,9 +175,9 @@ class Solved(Table):
     growth: Annotated[float, Field(ge=1.001, le=2)] = 1.15
     """Approximate ratio of the steps of one evaluation to those of the one before."""
     given_up_after: Annotated[float, Field(gt=0, lt=1)] | None = None
-    """Share of the budget after which a run is given up, at the next evaluation, if success has never
-    reached half of the level. From then on its curves stay constant, so it never learns; it ends
-    there if it can."""
+    """Share of the budget after which a run is given up, at the next evaluation, if success has
+    never reached half of the level. From then on its curves stay constant, so it never learns; it
+    ends there if it can."""
 
 
 @dataclass(frozen=True)
@@ -380,8 +378,8 @@ class Extension(Table):
     description: Text
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key. The base's `note` and `report.question` are dropped, and with a new
-    table `solved` its `map_every`, too."""
+    """New values, by dotted key. The base's `note` and `report.question` are dropped, and with a
+    new table `solved` its `map_every`, too."""
 
 
 def experiment_names() -> list[str]:
@@ -392,8 +390,8 @@ def experiment_names() -> list[str]:
 def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     """Reads an experiment's tables and checks their form, not yet what they name.
 
-    Returns also their file. Refuses, by an InputError, a file that cannot be read, and keys and values
-    that are not accepted.
+    Returns also their file. Refuses, by an InputError, a file that cannot be read, and keys and
+    values that are not accepted.
     """
     path = _path(experiment)
     inputs.check_file_name(path, "results are")
@@ -474,20 +472,21 @@ def _with_references(declared: Declaration, path: Path) -> dict[str, Variant]:
 # What follows from it
 
 
-_OBSERVED: Final = {
-    "index": " on the cells' index",
-    "one_hot": " on one-hot cells",
-    "factored": " on one-hot rows and columns",
-    "tiles": " on tiles",
-    "coordinates": " on coordinates",
-    "centred": " on centred coordinates",
-    "offset": " on the offset's index",
-    "offset_one_hot": " on one-hot offsets",
-    "offset_factored": " on one-hot rows and columns of offsets",
-    "offset_tiles": " on tiles of offsets",
-    "offset_coordinates": " on offset coordinates",
-    "offset_centred": " on centred offset coordinates",
-    "planes": " on images of the room",
+# What readers call forms of observation
+OBSERVED: Final = {
+    "index": "the cells' index",
+    "one_hot": "one-hot cells",
+    "factored": "one-hot rows and columns",
+    "tiles": "tiles",
+    "coordinates": "coordinates",
+    "centred": "centred coordinates",
+    "offset": "the offset's index",
+    "offset_one_hot": "one-hot offsets",
+    "offset_factored": "one-hot rows and columns of offsets",
+    "offset_tiles": "tiles of offsets",
+    "offset_coordinates": "offset coordinates",
+    "offset_centred": "centred offset coordinates",
+    "planes": "images of the room",
 }
 # A table has a row for each observation, in whatever form it is given.
 _ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets"}
@@ -514,7 +513,7 @@ class Learner:
     @property
     def title(self) -> str:
         """What readers call it, for example "Q-learning table of offsets"."""
-        observed = _OBSERVED.get(self.observation, f" on {self.observation}")
+        observed = f" on {OBSERVED.get(self.observation, self.observation)}"
         if self.family == "tabular":
             observed = _ROWS.get(self.observation.removesuffix("_one_hot"), observed)
         return (self.declared.title or self.variant) + observed
@@ -538,7 +537,7 @@ class Learner:
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """The runs of a learner in a scenario under a condition, which differ by seed and perhaps pick."""
+    """Runs of a learner in a scenario under a condition, which differ by seed and perhaps pick."""
 
     condition: Condition
     scenario: Scenario  # as it is under the condition
@@ -612,9 +611,9 @@ class Experiment:
 def load_experiment(experiment: str | Path, *, smoke: bool = False) -> Experiment:
     """Reads an experiment, and checks it together with the algorithms and scenarios that it names.
 
-    It is the name of a shipped experiment, or the path of a TOML file. With `smoke`, it is a miniature,
-    with two runs of each learner and a twenty-fifth of the budget, at most 1,000. A mistake is an
-    InputError with a sentence. Its report checks what it demands.
+    It is the name of a shipped experiment, or the path of a TOML file. With `smoke`, it is a
+    miniature, with two runs of each learner and a twenty-fifth of the budget, at most 1,000. A
+    mistake is an InputError with a sentence. What a report demands is checked by its study.
     """
     declared, path = read_experiment(experiment)
     return _Loading(declared.miniature() if smoke else declared, path).experiment()
@@ -890,8 +889,8 @@ def all_specifications(
 def interleaved(listed: Iterable[Sequence[RunSpecification]]) -> list[RunSpecification]:
     """Lists runs of populations once: the first run of each, then the second of each, and so on.
 
-    An interrupted experiment therefore has runs of every population. A condition that changes nothing
-    in a scenario has the same runs there as an earlier condition.
+    An interrupted experiment therefore has runs of every population. A condition that changes
+    nothing in a scenario has the same runs there as an earlier condition.
     """
     first: dict[str, RunSpecification] = {}
     for run in chain.from_iterable(zip_longest(*listed)):

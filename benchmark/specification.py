@@ -60,7 +60,7 @@ class RunSpecification:
 
     @cached_property
     def population(self) -> str:
-        """The specification without its seed, as canonical JSON: runs that share it train together."""
+        """All but its seed, as canonical JSON: runs that share it train together."""
         values = {name: getattr(self, name) for name in _IDENTITY}
         as_json = partial(json.dumps, default=lambda table: table.model_dump(mode="json"))
         text = as_json(values, ensure_ascii=False)
@@ -131,7 +131,8 @@ class RunSpecification:
 def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
     """Lists when policies are evaluated: from 0 to the budget, the end always included.
 
-    All but the budget are multiples of `every`. Each is about `growth` times as late as the one before.
+    All but the budget are multiples of `every`. Each is about `growth` times as late as the one
+    before.
 
     >>> evaluation_steps(600, 250), evaluation_steps(1600, 100, 1.5)
     ([0, 250, 500, 600], [0, 100, 200, 300, 500, 800, 1200, 1600])
@@ -146,10 +147,11 @@ def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
 def solved(
     success: Sequence[float], steps: Sequence[int], enough: float, until: float = 2.0
 ) -> tuple[int, bool]:
-    """Returns from which evaluation on success stays at or above a level, and whether that is final.
+    """Returns from which evaluation on success stays at or above a level, and if that is final.
 
-    It has to stay there until the first evaluation at or after `until` times as many steps, or to the end of
-    the curve so far. The result is an index into `steps`, or the curve's length if it never stays there.
+    It has to stay there until the first evaluation at or after `until` times as many steps, or to
+    the end of the curve so far. The result is an index into `steps`, or the curve's length if it
+    never stays there.
 
     >>> steps = [0, 100, 200, 300, 400, 500]
     >>> solved([0, 1, 0, 1, 1], steps, 0.9), solved([0, 1, 1, 0], steps, 0.9)

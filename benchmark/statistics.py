@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special, stats
 
-from benchmark.experiment import Population, title_of
+from benchmark.experiment import OBSERVED, Population
 
 RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
@@ -297,7 +297,7 @@ def _conditions(population: Population) -> dict[str, str]:
     return {
         "settings": f"searched ({learner.search})" if learner.search else "declared",
         "time limit": f"{settings.time_limit:,}" if settings.time_limit else "none",
-        "input": title_of("", form, "other").removeprefix(" on "),
+        "input": OBSERVED.get(form, form),
         "policy": learner.policy,
         "training steps": f"{settings.budget:,}",
     }

@@ -1,13 +1,13 @@
 """Trials of a search: what they draw, and the file of the settings that were chosen among them.
 
 Trial 0 has a learner's settings as they are. The others are points of a scrambled Sobol sequence
-(Sobol 1967, Owen 1998), one sequence per variant. So trial t depends neither on how many there are nor
-on who executes it.
+(Sobol 1967, Owen 1998), one sequence per variant. So trial t depends neither on how many there are
+nor on who executes it.
 
-A search can be repeated: its trials fall into parts, consecutive blocks of equal size, each with its
-own pick. Blocks of a Sobol sequence whose size is a power of two, and which begin at a multiple of it,
-are themselves evenly spread. With several parts, trial t is therefore point t, and trial 0 replaces
-point 0.
+A search can be repeated: its trials fall into parts, consecutive blocks of equal size, each with
+its own pick. Blocks of a Sobol sequence whose size is a power of two, and which begin at a multiple
+of it, are themselves evenly spread. With several parts, trial t is therefore point t, and trial 0
+replaces point 0.
 """
 
 import hashlib

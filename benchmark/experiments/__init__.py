@@ -9,6 +9,5 @@ from benchmark.experiment import all_specifications as all_specifications
 from benchmark.experiment import experiment_names as experiment_names
 from benchmark.experiment import interleaved as interleaved
 from benchmark.experiment import load_experiment as load_experiment
-from benchmark.experiment import title_of as title_of
 from benchmark.specification import DEFAULT_CONDITION as DEFAULT_CONDITION
 from benchmark.specification import RunSpecification as RunSpecification
