@@ -152,7 +152,7 @@ def certificate(folder: Path) -> str:
     if manifest is None:
         return ""
     there = {file.name: file.read_bytes() for file in folder.iterdir() if file.suffix != ".html"}
-    files = sorted({*there, *json.loads(manifest)["files"]})
+    files = sorted({*there, *json.loads(manifest)["files"], README})
     if different := [file for file in files if there.get(file) != committed(name, file)]:
         return f"{name}: different from the published results: {', '.join(different)}."
     return f"{name}: identical to the published results."

@@ -1,0 +1,155 @@
+"""Folders of results: nothing changed is read, and nothing is lost while files are written."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from pandas.testing import assert_frame_equal
+
+from benchmark.folder import (
+    MANIFEST,
+    Folder,
+    alone,
+    read_csv,
+    replaced,
+    sealed,
+    unsealed,
+    write_csv,
+    write_manifest,
+    write_text,
+)
+from envs import InputError
+from tests.support import ROOT
+
+TABLE = pd.DataFrame(
+    {
+        "text": ["NA", "", "a, b"],
+        "empty": [""] * 3,
+        "whole": [1, 2, 3],
+        "some": [0.5, float("nan"), float("inf")],
+        "none": [float("nan")] * 3,
+    }
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder of results with a table and a file that nobody made."""
+    folder = tmp_path / "results" / "mine"
+    folder.mkdir(parents=True)
+    write_csv(TABLE, folder / "a.csv")
+    write_manifest(folder, {"experiment": "mine"})
+    (folder / "other.txt").write_text("mine")
+    return folder
+
+
+def content(folder: Path) -> dict[str, str]:
+    return {str(p.relative_to(folder)): p.read_text() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_tables_are_read_as_they_were_written(folder: Path) -> None:
+    assert_frame_equal(Folder(folder).tables()["a"], TABLE)
+    old = pd.DataFrame({"n": [1], "variant": ["dqn"], "observation": ["one_hot"]})
+    write_csv(old, folder / "old.csv")
+    assert read_csv(folder / "old.csv").equals(old)
+    write_manifest(folder, {})
+    table = Folder(folder).tables()["old"]
+    assert table.to_dict("records") == [{"learner": "dqn, one_hot", "n": 1}]
+
+
+def change(folder: Path) -> None:
+    (folder / "a.csv").write_text("text\nchanged\n")
+
+
+def remove(folder: Path) -> None:
+    (folder / "a.csv").unlink()
+
+
+def reseal(folder: Path) -> None:
+    manifest = json.loads((folder / MANIFEST).read_text())
+    (folder / MANIFEST).write_text(json.dumps(manifest | {"experiment": "yours"}))
+
+
+def escape(folder: Path) -> None:
+    (folder / MANIFEST).write_text(sealed({"files": {"../secret": ""}}))
+
+
+@pytest.mark.parametrize(
+    ("damage", "fault"),
+    [
+        (change, r"a\.csv: damaged.*lists another digest"),
+        (remove, r"a\.csv: damaged.*it is missing"),
+        (reseal, r"manifest\.json: damaged.*not the digest"),
+        (escape, r"manifest\.json: damaged.*outside its folder"),
+    ],
+)
+def test_what_was_changed_is_refused(
+    folder: Path, damage: Callable[[Path], None], fault: str
+) -> None:
+    damage(folder)
+    with pytest.raises(InputError, match=fault):
+        Folder(folder).tables()
+
+
+def test_a_seal_shows_any_change() -> None:
+    text = sealed({"a": 1, "b": [2]})
+    assert unsealed(text.encode()) | {"sha256": ""} == {"a": 1, "b": [2], "sha256": ""}
+    with pytest.raises(ValueError, match="not the digest"):
+        unsealed(text.replace("2", "3", 1).encode())
+
+
+def test_new_files_replace_old_ones_and_others_stay(folder: Path) -> None:
+    (folder.parent / ".mine.making").mkdir()  # of a process that was killed
+    (folder.parent / ".mine.making" / "half.csv").touch()
+    with alone(folder.parent), replaced(folder, ["a.csv", MANIFEST]) as made:
+        write_text(made / "b.csv", "new")
+    assert content(folder) == {"b.csv": "new", "other.txt": "mine"}
+    assert [path.name for path in folder.parent.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError("disk full")])
+def test_failure_leaves_everything_as_it_was(folder: Path, error: BaseException) -> None:
+    def fail() -> None:
+        with alone(folder.parent), replaced(folder, ["a.csv"]) as made:
+            write_text(made / "a.csv", "new")
+            raise error
+
+    before = content(folder.parent)
+    with pytest.raises(type(error)):
+        fail()
+    assert content(folder.parent) == before
+
+
+def test_the_manifest_is_replaced_last(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So the manifest of a folder that was half replaced refuses its new files."""
+    order = list[str]()
+    with replaced(folder) as made:
+        for name in (MANIFEST, "z.csv", "a.csv"):
+            write_text(made / name, "new")
+        monkeypatch.setattr(Path, "replace", lambda path, _: order.append(path.name))
+    assert order == ["a.csv", "z.csv", MANIFEST]
+
+
+def start(folder: Path) -> subprocess.Popen[str]:
+    """Starts a process that has a folder alone until its input ends."""
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom benchmark.folder import alone\n"
+        "with alone(Path(sys.argv[1])): print('in', flush=True); sys.stdin.read()"
+    )
+    command, pipe = [sys.executable, "-c", code, str(folder)], subprocess.PIPE
+    return subprocess.Popen(command, cwd=ROOT, text=True, stdin=pipe, stdout=pipe, stderr=pipe)
+
+
+def test_one_process_at_a_time(folder: Path) -> None:
+    first = start(folder)
+    assert first.stdout is not None
+    assert first.stdout.readline() == "in\n"
+    second = start(folder)
+    assert second.stderr is not None
+    assert "waiting for another command that writes there" in second.stderr.readline()
+    assert first.communicate()[0] == ""
+    assert second.communicate()[0] == "in\n"

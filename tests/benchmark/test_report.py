@@ -1,0 +1,228 @@
+"""Reports: what a stranger's study needs, what a folder then has, and what mistakes are told."""
+
+import hashlib
+import json
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from benchmark import folder as folders
+from benchmark import report
+from benchmark.__main__ import main
+from benchmark.experiment import load_experiment
+from benchmark.folder import MANIFEST, README, Folder
+from benchmark.tables import CURVES, RUNS, read
+from envs import InputError
+from tests.support import git, small_experiment, variant
+
+STUDY = '''"""How much does success vary?"""
+
+import pandas as pd
+
+from benchmark.style import figure_of, look
+
+
+def spread(data):
+    """Success of every learner."""
+    groups = data.runs.groupby("learner", sort=False)["success"]
+    ends = {"success_low": groups.min(), "success_high": groups.max()}
+    return pd.DataFrame({"success": groups.mean(), **ends}).reset_index()
+
+
+def draw(data):
+    """A dot per learner."""
+    with figure_of(1, 1, (4, 2)) as (figure, axes):
+        for name, learner in data.experiment.learners.items():
+            axes[0, 0].plot(data.tables["spread"]["success"], **look(learner))
+    return figure
+
+
+def extra(data):
+    """Rows."""
+    return pd.DataFrame({"rows": [len(data.curves)], "remark": ["a | b"]})
+
+
+def nothing(data):
+    return None
+
+
+def wrong(data):
+    return 3
+
+
+def divides(data):
+    return 1 / 0
+
+
+TABLES = {"spread": spread, "nothing": nothing}
+FIGURES = {"spread": draw}
+SHOWN = {"spread": "learner success", "nothing": "x"}
+COLUMNS = {"success": "mean success"}
+
+
+def headline(data):
+    return f"{len(data.tables['spread'])} learners vary."
+'''
+ALGORITHMS = {"table": variant(seeds=3, title="my table"), "dqn": variant("watkins_q_lambda")}
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a stranger's experiment and study, and the published runs."""
+    path = tmp_path_factory.mktemp("stranger")
+    (path / "spread_study.py").write_text(STUDY, encoding="utf-8")
+    write_experiment(path, kind="spread_study")
+    assert main(["run", str(path / "mine.toml"), "--jobs", "1", "--results", str(path)]) == 0
+    return path
+
+
+@pytest.fixture
+def mine(trained: Path, tmp_path: Path) -> Iterator[Path]:
+    """A copy of it."""
+    path = shutil.copytree(trained, tmp_path / "copy")
+    yield path
+    sys.modules.pop("spread_study", None)
+    sys.path[:] = [each for each in sys.path if each != str(path)]
+
+
+def write_experiment(path: Path, **keys: object) -> None:
+    text = small_experiment(report=keys, algorithms=ALGORITHMS, note="By me.")
+    (path / "mine.toml").write_text(text, encoding="utf-8")
+
+
+def draw(path: Path) -> Path:
+    report.write(load_experiment(path / "mine.toml"), path / "mine")
+    return path / "mine"
+
+
+def test_a_study_is_one_file_and_its_folder_says_what_it_has(mine: Path) -> None:
+    write_experiment(mine, kind="spread_study", items=["spread_study:extra"])
+    folder = draw(mine)
+    manifest = Folder(folder).manifest
+    names = {"spread.csv", "spread.svg", "extra.csv", RUNS, CURVES, "agents.json.gz"}
+    assert {*manifest["files"]} == names
+    assert manifest["runs"] == 5
+    assert {path.name for path in folder.iterdir()} == {*names, MANIFEST, README, "columns.csv"}
+    runs, curves = read(folder)
+    means = [runs[runs["learner"] == name]["success"] for name in ("table, index", "dqn, index")]
+    text = (folder / README).read_text(encoding="utf-8")
+    assert text.startswith(
+        "# How much does success vary?\n\n2 learners vary.\n\n![spread](spread.svg)\n\n*A dot per"
+    )
+    cells = (f"{each.mean():.3g} [{each.min():.3g}, {each.max():.3g}]" for each in means)
+    assert f"| my table | {next(cells)} |\n| dqn | {next(cells)} |" in text
+    assert "By me." in text
+    assert Folder(folder).tables()["extra"].to_dict("records") == [
+        {"rows": len(curves), "remark": "a | b"}
+    ]
+    meanings = pd.read_csv(folder / "columns.csv", keep_default_na=False)
+    found = {(row.file, row.column): row.meaning for row in meanings.itertuples()}
+    assert found["spread.csv", "success"] == "mean success"
+    assert found["spread.csv", "success_low"] == "lower end of the 95 % interval of success"
+    assert found["extra.csv", "rows"] == ""  # nobody said
+    assert all(found[RUNS, column] for column in runs)
+    assert all(found[CURVES, column] for column in curves)
+
+
+def test_a_folder_follows_from_its_runs_alone(
+    mine: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path.name: path.read_bytes() for path in draw(mine).iterdir()}
+    (mine / "runs.db").unlink()
+    (mine / "mine" / "spread.svg").unlink()
+    (mine / "mine" / README).write_text("changed")
+    assert main(["report", str(mine / "mine.toml"), "--results", str(mine)]) == 0
+    assert {path.name: path.read_bytes() for path in (mine / "mine").iterdir()} == before | {
+        "index.html": (mine / "mine" / "index.html").read_bytes()
+    }
+    assert f"the page is {mine / 'mine' / 'index.html'}." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("keys", "fault"),
+    [
+        ({"kind": "comparision"}, r"unknown report\.kind comparision .did you mean comparison"),
+        ({"kind": "tests.support"}, "has no attribute 'TABLES'"),
+        ({"kind": "spread_study", "level": 1}, "report: unknown key level"),
+        ({"kind": "spread_study", "items": ["spread_study:draw_it"]}, "no attribute 'draw_it'"),
+        ({"kind": "spread_study", "items": ["spread_study:spread"]}, "each with a new name"),
+        ({"kind": "spread_study", "items": ["spread_study:wrong"]}, "wrong returns int; accepted"),
+        (
+            {"kind": "spread_study", "items": ["spread_study:divides"]},
+            r"spread_study\.py, line \d+: division by zero",
+        ),
+    ],
+)
+def test_mistakes_are_told_in_a_sentence_and_leave_the_folder(
+    mine: Path, keys: dict[str, object], fault: str
+) -> None:
+    before = {path.name: path.read_bytes() for path in draw(mine).iterdir()}
+    write_experiment(mine, **keys)
+    with pytest.raises(InputError, match=fault):
+        draw(mine)
+    assert {path.name: path.read_bytes() for path in (mine / "mine").iterdir()} == before
+
+
+def test_other_runs_than_those_declared_are_refused(mine: Path) -> None:
+    path = mine / "mine.toml"
+    path.write_text(path.read_text().replace("budget = 200", "budget = 400"), encoding="utf-8")
+    with pytest.raises(InputError, match="5 of 5 declared runs are missing"):
+        draw(mine)
+    single = small_experiment(report={"kind": "spread_study"}, algorithms={"a": variant(seeds=1)})
+    path.write_text(single, encoding="utf-8")
+    assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(mine)]) == 2
+
+
+def test_findings_assert_their_claims(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, start = mine / "mine.py", "def finding(tables):\n    n = len(tables['spread'])\n"
+    path.write_text(
+        f"{start}    assert n == 2, 'two'\n    return f'''There are\n{{n}}.\n\n**A.** b.'''\n"
+    )
+    text = (draw(mine) / README).read_text(encoding="utf-8")
+    assert "There are 2.\n\n![spread]" in text
+    assert "**A.** b." in text
+    path.write_text(f"{start}    assert n == 3, 'there are three'\n    return ''\n")
+    text = (draw(mine) / README).read_text(encoding="utf-8")
+    assert "2 learners vary." in text
+    assert "mine.py, line 3: there are three." in capsys.readouterr().err
+    path.write_text(f"{start}    return tables['none']\n")
+    with pytest.raises(InputError, match=r"mine\.py, line 3: 'none' is missing"):
+        draw(mine)
+    path.write_text(f"{start}    return n\n")
+    with pytest.raises(InputError, match="finding returns int; accepted: a text"):
+        draw(mine)
+
+
+def test_long_tables_are_left_out_of_readme(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report, "MAX_WORDS", 60)
+    text = (draw(mine) / README).read_text(encoding="utf-8")
+    assert "| my table |" not in text
+    assert "[spread.csv](spread.csv): Success of every learner." in text
+
+
+def test_a_certificate_compares_with_the_last_commit(
+    mine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    repository = mine / "repository"
+    made = shutil.copytree(draw(mine), repository / "results" / "mine")
+    git(repository, "init", "-q")
+    monkeypatch.setattr(folders, "REPOSITORY", repository)
+    assert report.certificate(made) == ""
+    git(repository, "add", ".")
+    git(repository, "commit", "-qm", "published")
+    assert report.certificate(made) == "mine: identical to the published results."
+    (made / "spread.csv").write_text("changed")
+    (made / README).unlink()
+    different = "README.md, spread.csv"
+    assert report.certificate(made) == f"mine: different from the published results: {different}."
+
+
+def test_the_digest_of_runs_is_that_of_their_sorted_names(mine: Path) -> None:
+    runs, _ = read(mine / "mine")
+    manifest = json.loads((draw(mine) / MANIFEST).read_text())
+    expected = hashlib.sha256("".join(sorted(runs["run"])).encode()).hexdigest()
+    assert manifest["digest"] == expected

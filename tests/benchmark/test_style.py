@@ -1,0 +1,119 @@
+"""Looks of learners, and figures as SVG."""
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from benchmark.experiment import experiment_names, load_experiment
+from benchmark.scenes import shipped
+from benchmark.style import WIDTH, figure_of, ink_on, look, name_lines, save, svg
+
+LOOKS = {
+    name: {key: look(each, learners.values()) for key, each in learners.items()}
+    for name in experiment_names()
+    for learners in [load_experiment(name).learners]
+}
+PERSONAL: Any = {  # what people set
+    "axes.grid": True,
+    "font.family": "fantasy",
+    "hatch.color": "red",
+    "image.cmap": "jet",
+    "lines.linewidth": 9,
+    "path.sketch": (1, 100, 2),
+    "savefig.bbox": "tight",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "mine",
+}
+
+
+@pytest.mark.parametrize("name", LOOKS)
+def test_no_two_learners_of_an_experiment_look_alike(name: str) -> None:
+    assert len({*map(str, LOOKS[name].values())}) == len(LOOKS[name])
+
+
+def test_a_learner_looks_the_same_in_every_experiment() -> None:
+    for found in LOOKS.values():
+        for learner, own in found.items():
+            others = [each[learner] for each in LOOKS.values() if learner in each]
+            assert others == [own] * len(others)
+
+
+def test_a_reference_implementation_is_hollow_and_has_its_learners_colour() -> None:
+    found = LOOKS["compare_deep"]
+    net, reference = found["dqn, one_hot"], found["sb3_dqn, one_hot"]
+    assert reference == net | {"mfc": "white", "ls": (0, (1, 1))}
+    assert LOOKS["sb3"]["sb3_dqn, one_hot"] == reference  # where there is nothing that it refers to
+
+
+def test_unknown_learners_differ_whoever_is_asked_first() -> None:
+    known = load_experiment("compare_deep").learners["dqn, one_hot"]
+    others = [replace(known, variant=f"mine_{i}") for i in range(40)]
+    looks = [look(each, others) for each in others]
+    assert len({(each["color"], each["marker"]) for each in looks}) == 40
+    assert [look(each, others[::-1]) for each in others] == looks
+    taken = {(each["color"], each["marker"]) for found in LOOKS.values() for each in found.values()}
+    assert taken.isdisjoint((each["color"], each["marker"]) for each in looks)
+
+
+@pytest.mark.parametrize("ends", [[0.0] * 6, [1.0] * 6, [0, 0.9, 0.2, 0.91, 0.05, 1]], ids=str)
+def test_names_of_lines_do_not_overlap_and_are_in_order(ends: list[float]) -> None:
+    titles = [f"learner {i} on coordinates" for i in range(len(ends))]
+    with figure_of(1, 1, (WIDTH, 2.6)) as (figure, axes):
+        axes[0, 0].set_ylim(0, 1)
+        style = LOOKS["sb3"]["sb3_ppo, one_hot"]
+        name_lines(axes[0, 0], {key: (end, style) for key, end in zip(titles, ends, strict=True)})
+    figure.draw_without_rendering()
+    texts = sorted(axes[0, 0].texts, key=lambda text: text.get_window_extent().y0)
+    boxes = [text.get_window_extent() for text in texts]
+    order = np.argsort(ends, kind="stable")
+    assert [text.get_text().replace("\n", " ") for text in texts] == [titles[i] for i in order]
+    assert all(below.y1 <= above.y0 for below, above in pairwise(boxes))
+    assert all(box.x0 > axes[0, 0].bbox.x1 and box.x1 < figure.bbox.x1 for box in boxes)
+
+
+def test_svg_does_not_depend_on_the_last_digits_of_a_machine() -> None:
+    drawn = []
+    for i in range(2):
+        with figure_of(1, 1, (4.0, 3.0)) as (figure, axes):
+            x = np.linspace(0, 1, 50) + i * 1e-13
+            axes[0, 0].plot(x, x**2, label='0.123456 x="0.123456"')
+            figure.legend()
+        drawn.append(svg(figure))
+    assert drawn[0] == drawn[1]
+    assert ElementTree.fromstring(drawn[0]).tag.endswith("svg")
+    assert not re.findall(r'<[^>]* (?:x|d|transform)="[^"]*\.\d{3,}', drawn[0])
+    assert '>0.123456 x="0.123456"<' in drawn[0]  # texts are not rounded
+    assert "date" not in drawn[0]
+
+
+@pytest.mark.parametrize("text", ["$x^2$", r"$\frac$"])
+def test_texts_are_no_mathematics(text: str, tmp_path: Path) -> None:
+    with figure_of(1, 1, (4.0, 3.0)) as (figure, axes):
+        axes[0, 0].plot([1, 1000], [0, 1])
+        axes[0, 0].set(title=text, xscale="log")
+    save(figure, tmp_path / "f.svg")
+    drawn = (tmp_path / "f.svg").read_text(encoding="utf-8")
+    assert f">{text}<" in drawn
+    assert not re.search(r">\$", drawn.replace(text, ""))  # but ticks are
+
+
+def test_figures_do_not_depend_on_the_users_settings() -> None:
+    plain = svg(shipped())
+    with mpl.rc_context(PERSONAL):
+        assert svg(shipped()) == plain
+
+
+def test_ink_can_be_read() -> None:
+    assert [ink_on(colour) for colour in ("black", "#0173b2", "#ece133", "white")] == [
+        "white",
+        "white",
+        "black",
+        "black",
+    ]
