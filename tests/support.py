@@ -13,8 +13,9 @@ from typing import Any, Final
 import pandas as pd
 from markdown_it import MarkdownIt
 
-from benchmark.experiments import Experiment, RunSpecification
+from benchmark.experiment import Experiment
 from benchmark.folder import MANIFEST, write_manifest
+from benchmark.specification import RunSpecification
 from envs import load_scenario
 
 ROOT: Final = Path(__file__).parents[1]
@@ -26,7 +27,12 @@ def variant(
     algorithm: str = "q_learning", *observations: str, seeds: int = 2, **keys: object
 ) -> dict[str, object]:
     """Returns a variant's table in an experiment: by default, Q-learning from cells."""
-    return {"algorithm": algorithm, "observations": [*observations] or ["index"], "seeds": seeds, **keys}
+    return {
+        "algorithm": algorithm,
+        "observations": [*observations] or ["index"],
+        "seeds": seeds,
+        **keys,
+    }
 
 
 def small_experiment(**changes: object) -> str:
@@ -95,7 +101,10 @@ def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """Runs make with this Python, which has all it needs, instead of one that make installs."""
     settings = [f"PY={sys.executable}", "BASE=", "DEEP=", "DEV=", "DOCS="]
     return subprocess.run(
-        ["make", "--no-print-directory", *arguments, *settings], cwd=cwd, capture_output=True, text=True
+        ["make", "--no-print-directory", *arguments, *settings],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
     )
 
 
@@ -134,4 +143,8 @@ def mistyped_columns(path: Path) -> list[str]:
     first = pd.read_csv(
         path, nrows=100, dtype_backend="numpy_nullable", keep_default_na=False, na_values=[""]
     )
-    return [str(name) for name in whole if first[name].isna().all() or whole[name].dtype != first[name].dtype]
+    return [
+        str(name)
+        for name in whole
+        if first[name].isna().all() or whole[name].dtype != first[name].dtype
+    ]
