@@ -20,7 +20,7 @@ from simulation.
 from collections.abc import Iterable, Mapping, Sequence
 from math import lcm, prod
 from textwrap import fill
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Final
 
 import numpy as np
 import pandas as pd
@@ -30,7 +30,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from benchmark import specification
 from benchmark.experiment import Experiment, Population
@@ -51,7 +51,7 @@ from benchmark.statistics import (
 from benchmark.study import Data, FigureFunction, Report, TableFunction
 from benchmark.style import WIDTH, figure_of, look, name_rows
 from envs import InputError
-from envs.inputs import Label, Names, Table, distinct, require, unknown_name
+from envs.inputs import Label, Names, Table, unknown_name
 
 Numbers = NDArray[np.float64]
 Key = tuple[str, str, str]
@@ -106,56 +106,39 @@ class Declared(Report):
     answer: Answer | None = None
     """What the figure of the answer shows; without it, there is no figure."""
 
-    @model_validator(mode="after")
-    def _is_consistent(self) -> Self:
-        for x, y in self.contrasts:
-            require(x != y, f"contrasts: {x} and {y}", "two different learners")
-        pairs = (" and ".join(sorted(contrast)) for contrast in self.contrasts)
-        distinct(tuple(pairs), "contrasts: ")
-        return self
-
 
 def check(experiment: Experiment, declared: Declared) -> None:
-    """Raises an InputError if grids, contrasts, seeds, budgets or figures do not fit a map."""
-    where, given, known = experiment.argument, experiment.declared, experiment.learners
+    """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
+    where, given, answer = experiment.argument, experiment.declared, declared.answer
     for key, value in {"[grids]": given.grids, "[solved]": given.solved}.items():
         if not value:
             raise InputError(f"{where}: {key} is missing; this report needs it.")
     if len(experiment.scenarios) > 1:
         raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
+    flat = [name for name, grid in given.grids.items() if len(grid.axes) == 1]
+    names = [("learner", name, experiment.learners) for pair in declared.contrasts for name in pair]
+    for panel in declared.panels:
+        names += [("learner", name, experiment.learners) for name in panel.learners]
+        names.append(("grid with one axis", panel.grid, flat))
+    if answer:
+        names += [("grid with one axis", answer.unseen, flat)] if answer.unseen else []
+        points = {key_of(p)[:2] for p in experiment.populations if p.scenario.issuer.unseen}
+        known = [", ".join(point) for point in points]
+        names.append(("point with unseen places", f"{answer.grid}, {answer.point}", known))
+    for kind, name, accepted in names:
+        if name not in accepted:
+            unknown_name(f"{where}: report", kind, name, accepted)
     for contrast in declared.contrasts:
-        key = f"{where}: report.contrasts"
-        for name in contrast:
-            if name not in known:
-                unknown_name(key, "learner", name, known)
         pairs = compared(experiment, [contrast])
-        if not pairs or any(_effort(x) != _effort(y) for x, y in pairs):
-            accepted = "two in one compared grid, with the same seeds and budget"
-            raise InputError(f"{key}: {' and '.join(contrast)}: accepted: {accepted}.")
-    _check_figures(experiment, declared)
+        if not pairs or any(x is y or _effort(x) != _effort(y) for x, y in pairs):
+            accepted = "two learners in one compared grid, with the same seeds and budget"
+            raise InputError(
+                f"{where}: report.contrasts: {' and '.join(contrast)}: accepted: {accepted}."
+            )
 
 
 def _effort(population: Population) -> tuple[range, int]:
     return population.seeds, population.first.settings.budget
-
-
-def _check_figures(experiment: Experiment, declared: Declared) -> None:
-    """Raises an InputError unless points and learners of figures are there."""
-    grids, answer, panels = experiment.declared.grids, declared.answer, declared.panels
-    flat = [name for name, grid in grids.items() if len(grid.axes) == 1]
-    ran = {key_of(each): each.scenario.issuer.unseen for each in experiment.populations}
-    points = [f"{grid}, {point}" for (grid, point, _), has_unseen in ran.items() if has_unseen]
-    shown = [("grid with one axis", panel.grid, flat) for panel in panels]
-    if answer:
-        shown.append(("point with unseen places", f"{answer.grid}, {answer.point}", points))
-        shown += [("grid with one axis", answer.unseen, flat)] if answer.unseen else []
-    for panel in panels:
-        used = {panel.grid, answer.grid if answer else ""}
-        known = [learner for grid, _, learner in ran if grid in used]
-        shown += [("learner of a panel", name, known) for name in panel.learners]
-    for kind, name, accepted in shown:
-        if name not in accepted:
-            unknown_name(f"{experiment.argument}: report", kind, name, {*accepted})
 
 
 # Populations
@@ -223,10 +206,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]
     first = np.array([specification.solved(row, [*steps], level)[0] for row in success.tolist()])
     table: dict[str, NDArray[Any]] = {"seed": curves["seed"].unique()}
     for name, spent in {"steps": steps + 0 * wrong_pings, "wrong_pings": wrong_pings}.items():
-        own, before = (
-            np.take_along_axis(spent, i.clip(0, last)[:, None], axis=1)[:, 0].astype(float)
-            for i in (first, first - 1)
-        )
+        own, before = (spent[range(len(spent)), at.clip(0, last)] for at in (first, first - 1))
         table |= {name: np.where(first > last, np.inf, own), f"{name}_before": before}
     is_after, is_lost = np.arange(last + 1) > first[:, None], (first < last) & ~is_there[:, last]
     for weight in (np.ones(last + 1), np.diff(steps, prepend=0)):  # of evaluations, and of steps
@@ -302,6 +282,10 @@ def contrasts(data: Data) -> pd.DataFrame:
             "y": y.learner.name,
         }
         row |= {"n": len(seeds), "differs": differences(x, y)}
+        row |= {
+            f"learned_{side}": int(np.isfinite(own).sum())
+            for side, own in zip("xy", steps, strict=True)
+        }
         row |= {"picks": len(shares), "picks_faster": sum(share > 0.5 for share in shares)}
         rows.append(row | with_ends("ratio", ratio(*steps, x.first.settings.budget)))
     table = pd.DataFrame(rows)
@@ -455,18 +439,16 @@ def answer(data: Data) -> Figure | None:
     with figure_of(1, 2, (WIDTH, 1 + 0.3 * len(lines))) as (figure, axes):
         left, right = axes[0]
         for axis, column in ((left, "steps"), (right, "unseen_budget")):
-            cells = _shown(data, declared.grid, column).set_index(["point", "learner"])
+            cells = _shown(data, declared.grid, column)
             names = [fill(titles.get(line, line), 34) for line in lines]
             name_rows(axis, names if axis is left else [""] * len(names))
             for y, line in enumerate(lines):
-                if line not in titles:
-                    continue
-                row, style = cells.loc[declared.point, line], _look(data, line)
-                axis.hlines(y, row["low"], row["high"], color=style["color"], lw=6, alpha=0.4)
-                filling = {"mfc": "white"} if row["text"] == _NEVER else {}
-                axis.plot(row["value"], y, **style | filling, ms=6.5, clip_on=False)
-                place = {"va": "center", "transform": axis.get_yaxis_transform()}
-                axis.text(1.05, y, row["text"], **place)
+                if line in titles:
+                    row = cells[(cells["learner"] == line) & (cells["point"] == declared.point)]
+                    _draw(data, axis, row, row["value"], 0 * row["value"] + y, axis.hlines)
+                    place = {"va": "center", "transform": axis.get_yaxis_transform()}
+                    axis.text(1.05, y, row["text"].iloc[0], **place)
+        left.set_title(f"{declared.point} ({declared.grid})", loc="left")
         left.set(xscale="log", xlabel="steps until it\nhas learned (← better)")
         _format_steps(left.xaxis)
         right.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="success in unseen\nplaces (better →)")
@@ -549,19 +531,23 @@ def _draw_panel(data: Data, axis: Axes, panel: Panel, column: str) -> dict[str, 
     cells["at"] = cells["point"].map(places)
     shown = [learner for learner in panel.learners if learner in {*cells["learner"]}]
     for learner, shift in zip(shown, np.linspace(-0.2, 0.2, len(shown)), strict=True):
-        rows, style = cells[cells["learner"] == learner].sort_values("at"), _look(data, learner)
-        at, is_never = rows["at"] + shift, rows["text"] == _NEVER
-        axis.vlines(at, rows["low"], rows["high"], color=style["color"], lw=2.5, alpha=0.35)
-        (line,) = axis.plot(at, rows["value"], **style, lw=1.5)
-        axis.plot(at[is_never], rows["value"][is_never], **style | {"mfc": "white", "ls": ""})
+        rows = cells[cells["learner"] == learner].sort_values("at")
+        line = _draw(data, axis, rows, rows["at"] + shift, rows["value"], axis.vlines)
         lines[data.experiment.learners[learner].title] = line
     axis.set_xticks(range(len(numbers)), numbers)
     axis.set(xlim=(-0.5, len(numbers) - 0.5), xlabel=name)
     return lines
 
 
-def _look(data: Data, learner: str) -> dict[str, Any]:
-    return look(data.experiment.learners[learner], data.experiment.learners.values())
+def _draw(data: Data, axis: Axes, rows: pd.DataFrame, x: Any, y: Any, draw_ends: Any) -> Line2D:
+    """Draws values of a learner with their intervals; those that are infinite are hollow."""
+    learners, is_never = data.experiment.learners, rows["text"] == _NEVER
+    style = look(learners[rows["learner"].iloc[0]], learners.values())
+    at = y if draw_ends == axis.hlines else x
+    draw_ends(at, rows["low"], rows["high"], color=style["color"], lw=4, alpha=0.35)
+    (line,) = axis.plot(x, y, **style, lw=1.5)
+    axis.plot(x[is_never], y[is_never], **style | {"mfc": "white", "ls": ""})
+    return line
 
 
 FIGURES: Final[dict[str, FigureFunction]] = {
@@ -585,6 +571,8 @@ COLUMNS: Final = {
     "fewer_failures": "probability that x fails less often in unseen places at the budget",
     "fewer_wrong_pings": "probability that x takes fewer wrong PINGs",
     "grid": "grid of the experiment",
+    "learned_x": "runs of x that learn",
+    "learned_y": "runs of y that learn",
     "lost": "whether success is below the level later: at the end, or for half of the time",
     "n": "runs; of contrasts, pairs of runs",
     "n_solved": "runs that learn",
@@ -620,15 +608,16 @@ def headline(data: Data) -> str:
     lines = []
     for (x, y), rows in table[table["grid"] == grid].fillna("").groupby(["x", "y"], sort=False):
         ends = [
-            f"{verdict} at {', '.join(own['point'])}" + (f" ({why})" if why else "")
-            for (verdict, why), own in rows.groupby(["verdict", "why_none"], sort=False)
+            f"{row['verdict']} at {row['point']} ({row['learned_x']} and {row['learned_y']} runs "
+            f"learn{'; ' if row['why_none'] else ''}{row['why_none']})"
+            for _, row in rows.iterrows()
         ]
         others = "; ".join(filter(None, rows["differs"].unique()))
         about = f"{rows['n'].min()} pairs of runs" + (
-            f"; they also differ: {others}" if others else ""
+            f"; also different: {others}" if others else ""
         )
         lines.append(
-            f"- {titles[x].title} compared with {titles[y].title} ({about}): {'; '.join(ends)}."
+            f"- {titles[x].title} compared with {titles[y].title} ({about}): {', '.join(ends)}."
         )
     text = "\n".join(lines)
     return f"""\
@@ -662,21 +651,19 @@ def reading(data: Data) -> str:
     return f"""\
 {_learned(data)}
 What happens later is measured only in runs that are trained to the budget, as where there are
-unseen places. A learner *never learns* if at least half of its runs do not; its marker is hollow,
-at the budget.
+unseen places. A learner *never learns* if at least half of its runs do not; its marker is hollow.
 
-Contrasts pair runs of the same seed, which have the same places. A run that never learns takes
-more than every run that does; two such runs are tied, and ties count as a half. *Faster* and
-*fewer* mean that x takes less, *slower* and *more* that y does: the probability of taking less
-differs from 1/2 significantly, and by {margins.probability:g} or more. The one that takes less has
-a median of steps or wrong PINGs at least {margins.ratio:g} times as small, or a success in unseen
-places that is higher by {margins.unseen:g} or more. It has learned in more than half of its runs
-and, for steps and wrong PINGs, has not lost the level in half of these: by the end, or for half of
-the evaluations or steps since. Otherwise there is *no verdict*, as where it would depend on runs
-whose evaluations are too far apart, that reach the level in the last evaluation only, or whose
-untrained policy reaches it. *{NEITHER.capitalize()}* is said only if no difference is significant.
+Contrasts pair runs of the same seed, which have the same places. A run that never learns takes more
+than every run that does; two such runs are tied, and ties count as a half. *Faster* and *fewer*
+mean that x takes less, *slower* and *more* that y does: the probability of taking less differs from
+1/2 significantly, and by {margins.probability:g} or more. The one that takes less has a median of
+steps or wrong PINGs at least {margins.ratio:g} times as small, or a success in unseen places that
+is higher by {margins.unseen:g} or more. It has learned in more than half of its runs and, but for
+unseen places, has not lost the level in half of these: at the end, or for half of the evaluations
+or steps since. Otherwise there is *no verdict*, as where it would depend on runs whose evaluations
+are too far apart, that reach the level in the last evaluation only, or untrained.
+*{NEITHER.capitalize()}* is said only if no difference is significant.
 
-By steps, by wrong PINGs and by failures in unseen places, the probability of any wrong verdict is
-at most 5 % each (Holm's method; if contrasts share runs, this is known from simulation). Intervals
-in `contrasts.csv` are those of its first step, and hold for all contrasts at once. Failures are
-those at the budget, whether runs have learned or not."""
+For steps, wrong PINGs, and failures in unseen places at the budget, the probability of any wrong
+verdict is at most 5 % each (Holm's method; if contrasts share runs, this is known from simulation).
+Intervals in `contrasts.csv` are those of its first step, and hold for all contrasts at once."""

@@ -151,8 +151,8 @@ def test_verdicts_and_ratios_by_hand(
     assert row["wrong_pings_verdict"] == words.get(verdict, verdict)  # a tenth of the steps
     headline = maps.headline(data)
     assert f"shared table of offsets compared with table ({N} pairs" in headline
-    assert f"{verdict} at places 4, places 16" in headline
-    assert why in headline
+    learned = f"{bool(shared) * N} and {bool(table) * N} runs learn"
+    assert f"{verdict} at places 4 ({learned}{why and f'; {why}'})" in headline
     assert "within 100,000 steps, in the grid `places`" in headline
 
 
@@ -307,8 +307,8 @@ def test_figures_by_hand(tmp_path: Path) -> None:
     assert [text.get_text() for text in left.texts] == ["7,000", "never learns"]
     assert [text.get_text() for text in right.texts] == ["0.50", "0.50"]
     dots = [line for line in left.lines if len(line.get_xdata()) == 1]
-    assert [float(*line.get_xdata()) for line in dots] == [7000, BUDGET]
-    assert [line.get_markerfacecolor() == "white" for line in dots] == [False, True]
+    assert [float(*line.get_xdata()) for line in dots] == [7000, BUDGET, BUDGET]
+    assert [line.get_markerfacecolor() == "white" for line in dots] == [False, False, True]
     (axis,) = axes_of("map", data)
     assert [label.get_text() for label in axis.get_xticklabels()] == ["4", "16"]
     lines = [line.get_ydata().tolist() for line in axis.lines if len(line.get_ydata()) == 2]
@@ -321,7 +321,7 @@ def test_figures_by_hand(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("solved = ", "# ", "[solved] is missing"),
-        (f"seeds = {N}", "seeds = 13", f"{SHARED} and {TABLE}: accepted: two in one compared grid"),
+        (f"seeds = {N}", "seeds = 13", f"{SHARED} and {TABLE}: accepted: two learners in one"),
         ('["Anywhere"]', '["Anywhere", "AnywhereHidden"]', "scenarios: 2: accepted: exactly one"),
         (
             '"offset"]',
@@ -330,9 +330,9 @@ def test_figures_by_hand(tmp_path: Path) -> None:
         ),
         ('grid = "places"', 'grid = "rooms"', "unknown grid with one axis rooms"),
         ("places 8", "places 9", "unknown point with unseen places new, places 9"),
-        (f'"{TABLE}"] }}', '"net, index"] }', "unknown learner of a panel net, index"),
+        (f'"{TABLE}"] }}', '"net, index"] }', "unknown learner net, index"),
         (f'["{SHARED}", "{TABLE}"]]', f'["{SHARED}", "net, index"]]', "unknown learner net, index"),
-        (f'["{SHARED}", "{TABLE}"]]', f'["{TABLE}", "{TABLE}"]]', "two different learners"),
+        (f'["{SHARED}", "{TABLE}"]]', f'["{TABLE}", "{TABLE}"]]', "accepted: two learners"),
     ],
 )
 def test_mistakes_are_named(old: str, new: str, message: str, tmp_path: Path) -> None:
