@@ -5,7 +5,8 @@ contrast is the difference of two learners, x minus y, in one scenario or in the
 its verdict follows from a rule that is fixed before the runs, see `verdict`.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain, product
 from math import ceil
 from typing import Annotated, Any, Final, Literal
@@ -40,6 +41,7 @@ _MOST_NAMED: Final = 4  # contrasts without a decided difference in a text
 Margin = Annotated[float, Field(gt=0, le=0.2)]
 Pair = Annotated[tuple[str, str], AfterValidator(distinct)]
 Pairs = Annotated[tuple[Pair, ...], AfterValidator(distinct)]
+Row = Mapping[Any, Any]
 Case = tuple[Pair, Sequence[str]]  # x and y, and the scenarios in which they are compared
 
 
@@ -82,22 +84,17 @@ def check(experiment: Experiment, declared: Declared) -> None:
     if len(budgets) > 1 or budgets.pop()[1] != "steps":
         accepted = "the same number of steps for all learners"
         raise InputError(f"{source}: settings.budget: accepted in a comparison: {accepted}.")
-    named: dict[str, Iterable[str]] = {
-        "contrasts": chain(*declared.contrasts),
-        "later": chain(*declared.later),
-        "baseline": declared.baseline,
-        "curves": declared.curves,
-    }
-    for key, names in named.items():
-        for name in names:
+    for key in ("contrasts", "later", "baseline", "curves"):
+        for name in np.ravel(getattr(declared, key)):
             if name not in experiment.learners:
-                unknown_name(f"{source}: report.{key}", "learner", name, [*experiment.learners])
+                where = f"{source}: report.{key}"
+                unknown_name(where, "learner", str(name), [*experiment.learners])
 
 
 # Verdicts
 
 
-def verdict(test: Contrast, margin: float, row: Mapping[str, Any]) -> str:
+def verdict(test: Contrast, margin: float, row: Row) -> str:
     """Returns the verdict on x against y, before scenarios are looked at one by one.
 
     The row of the contrast has the number of runs, and whether x and y beat the random policy. A
@@ -120,9 +117,7 @@ def verdict(test: Contrast, margin: float, row: Mapping[str, Any]) -> str:
     return word if abs(test.difference) >= margin else f"slightly {word}"
 
 
-def decide(
-    test: Contrast, margin: float, row: Mapping[str, Any], x: Means, y: Means
-) -> tuple[str, list[int]]:
+def decide(test: Contrast, margin: float, row: Row, x: Means, y: Means) -> tuple[str, list[int]]:
     """Returns the verdict, and the indices of scenarios that contradict it or may do so.
 
     If the difference in one of them contradicts it by the margin or more, it is *mixed*, since
@@ -176,7 +171,7 @@ def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def means_of(cells: pd.DataFrame, column: str) -> Means:
+def means_of(cells: Any, column: str) -> Means:
     """Returns the means of a learner from its rows of the summary, one per scenario."""
     return Means(cells[column].tolist(), cells["n"].tolist())
 
@@ -204,8 +199,8 @@ def summary(data: Data) -> pd.DataFrame:
 def over_runs(frame: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
     """Returns means over runs of success and score with their intervals."""
     groups = frame.groupby(keys, sort=False)[[*ENDPOINTS]]
-    means, sizes = groups.mean(), groups.size().to_numpy()
-    found = {}
+    means, sizes = groups.mean(), np.array(groups.size())
+    found: dict[str, Any] = {}
     for name in ENDPOINTS:
         ends = statistics.proportion_interval(means[name].to_numpy(), sizes)
         found |= with_ends(name, Estimate(means[name], *ends))
@@ -228,7 +223,8 @@ def rliable(data: Data) -> pd.DataFrame:
     from rliable import metrics
 
     measures = [getattr(metrics, f"aggregate_{name}") for name in AGGREGATES]
-    rows, baseline, drawn = [], data.declared.baseline[:1], _drawn(data)
+    baseline = data.declared.baseline[:1]
+    rows, drawn = [], _drawn(data) - {*baseline}
     for endpoint, level in {"success": np.nan, "score": giving_up(data.experiment)}.items():
         scores = {  # (runs, scenarios)
             learner: runs.pivot(index="seed", columns="scenario", values=endpoint).to_numpy()
@@ -239,7 +235,7 @@ def rliable(data: Data) -> pd.DataFrame:
             found = _bootstrap(own, lambda x: np.array([measure(x) for measure in measures]))
             for name, *ends in zip(AGGREGATES, *found, strict=True):
                 row |= with_ends(name, Estimate(*ends))
-            if baseline and learner in drawn - {*baseline}:
+            if baseline and learner in drawn:
                 found = _bootstrap((own, scores[baseline[0]]), _improvement)
                 row |= with_ends("p_improvement", Estimate(*(each[0] for each in found)))
             rows.append(row)
@@ -297,7 +293,7 @@ def draw_contrasts(data: Data) -> Figure | None:
     """
     if "contrasts" not in data.tables:
         return None
-    rows: list[tuple[str, dict[str, Any]]] = []
+    rows: list[tuple[str, Row]] = []
     for y, against in data.tables["contrasts"].groupby("y", sort=False):
         rows.append((f"against {_title(data, y)}", {}))
         rows += [(_row_name(data, row), row) for row in against.to_dict("records")]
@@ -316,7 +312,7 @@ def draw_contrasts(data: Data) -> Figure | None:
         style.name_rows(axis, [name for name, _ in rows])
         for label, (_, row) in zip(axis.get_yticklabels(), rows, strict=True):
             label.set(fontsize="small", fontweight="normal" if row else "bold")
-        figure.supxlabel("difference in success", fontsize="small")
+        axis.set(xlabel="difference in success")
     return figure
 
 
@@ -325,8 +321,7 @@ def draw_curves(data: Data) -> Figure:
     shown = data.declared.curves or _drawn(data)
     table = data.tables["curves"]
     panels = [*table[table["learner"].isin(shown)].groupby("scenario", sort=False)]
-    n_columns = min(len(panels), _COLUMNS)
-    n_rows = ceil(len(panels) / n_columns)
+    n_rows, n_columns = ceil(len(panels) / _COLUMNS), min(len(panels), _COLUMNS)
     with style.figure_of(n_rows, n_columns, (style.WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
         for axis, (scenario, rows) in zip(axes.flat, panels, strict=False):
             ends = {}
@@ -336,12 +331,11 @@ def draw_curves(data: Data) -> Figure:
                 shade = {"color": look["color"], "alpha": 0.1, "lw": 0}
                 axis.fill_between(step, curve["success_low"], curve["success_high"], **shade)
                 ends[_title(data, learner)] = curve["success"].iloc[-1], look
-            axis.set_title(scenario, fontsize="small")
-            axis.set(xlim=(0, rows["step"].max()), ylim=(-0.03, 1.03))
+            axis.set(title=scenario, xlim=(0, rows["step"].max()), ylim=(-0.03, 1.03))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))
         style.name_lines(axis, ends)
-        figure.supxlabel("environment step", fontsize="medium")
-        figure.supylabel("success", fontsize="medium")
+        figure.supxlabel("environment step")
+        figure.supylabel("success")
     return figure
 
 
@@ -359,15 +353,15 @@ def draw_rliable(data: Data) -> Figure:
             for y, row in enumerate(table.to_dict("records")):
                 _draw_estimate(axis, y, row, measure, _look(data, row["learner"]))
             style.name_rows(axis, names if axis is axes[0, 0] else [""] * len(names))
-            axis.set_title(_MEASURES[measure], fontsize="small")
+            axis.set(title=_MEASURES[measure])
             axis.locator_params(axis="x", nbins=2)
             axis.margins(x=0.15)
     return figure
 
 
-def _draw_estimate(axis: Axes, y: int, row: Mapping[str, Any], name: str, look: Any) -> None:
+def _draw_estimate(axis: Axes, y: int, row: Row, name: str, look: Any) -> None:
     """Draws a number of a row and its interval at a height."""
-    axis.plot([row[f"{name}_low"], row[f"{name}_high"]], [y, y], color=look["color"], lw=2)
+    axis.hlines(y, row[f"{name}_low"], row[f"{name}_high"], color=look["color"], lw=2)
     axis.plot(row[name], y, **look | {"ls": ""})
 
 
@@ -387,7 +381,7 @@ def _title(data: Data, learner: object) -> str:
     return data.experiment.learners[str(learner)].title
 
 
-def _row_name(data: Data, row: Mapping[str, Any]) -> str:
+def _row_name(data: Data, row: Row) -> str:
     """Returns what is compared in a row, its scenario, and whether it was declared later."""
     when = ["declared later"] if row.get("declared") == "later" else []
     return ", ".join([_title(data, row["x"]), *filter(None, [row["scenario"]]), *when])
@@ -401,8 +395,8 @@ def headline(data: Data) -> str:
     if "contrasts" not in data.tables:
         return "No contrasts were declared, so there are no verdicts."
     table, scenarios = data.tables["contrasts"].fillna(""), data.experiment.scenarios
-    counts = table["success_verdict"].value_counts(sort=False)
-    found = ", ".join(f"*{decided}* ({n})" for decided, n in counts.items())
+    counts = Counter(table["success_verdict"]).items()
+    found = ", ".join(f"*{decided}* ({n})" for decided, n in counts)
     is_mean = data.declared.pool == "scenarios" and len(scenarios) > 1
     where = (
         f"the mean over {listed(scenarios)}, or in one that is named,"
@@ -411,8 +405,8 @@ def headline(data: Data) -> str:
     )
     text = f"""\
 After {data.runs["budget"].iloc[0]:,} steps of training, the verdicts on success in {where}
-are {found}. The margin is {data.declared.margins.success:g}, the level 5 %, and every learner has at least
-{table["n"].min()} runs in each scenario.
+are {found}. The margin is {data.declared.margins.success:g}, the level 5 %, and every learner has
+at least {table["n"].min()} runs in each scenario.
 
 """
     for decided, rows in table.groupby("success_verdict", sort=False):
@@ -423,7 +417,7 @@ are {found}. The margin is {data.declared.margins.success:g}, the level 5 %, and
     return text
 
 
-def _sentence(data: Data, row: Mapping[str, Any]) -> str:
+def _sentence(data: Data, row: Row) -> str:
     """Says what the verdict on a pair of learners is, and what else differs between them."""
     decided, apart = row["success_verdict"], row.get("success_except")
     numbers = f"{row['success_x']:.2f} against {row['success_y']:.2f}"

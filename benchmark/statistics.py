@@ -211,12 +211,6 @@ class Means(NamedTuple):
         return Estimate(self.mean, *combined(self.weights, *self))
 
 
-def mean_over_scenarios(values: Sequence[Floats]) -> Estimate:
-    """Returns the mean over scenarios of the mean of each one's numbers in [0, 1]."""
-    means = [float(numbers.mean()) for numbers in values]
-    return Means(means, [*map(len, values)]).estimate
-
-
 class Contrast(NamedTuple):
     """A difference, x - y, with the p-values of no difference, and of one as large as a margin."""
 

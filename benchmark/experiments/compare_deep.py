@@ -37,8 +37,8 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
             assert verdicts[x, y] == verdict, f"{x} against {y} is {verdict}"
     later = contrasts[is_later].set_index(["x", "scenario"])
     for endpoint, expected in LATER.items():
-        decided = later[f"{endpoint}_verdict"]
-        decided = decided[decided != "undecided"].to_dict()
+        found = later[f"{endpoint}_verdict"]
+        decided = found[found != "undecided"].to_dict()
         assert decided == expected, f"by {endpoint}, only these differ from the paper's table"
     assert (contrasts["success_margin"] == 0.1).all(), "the margin is 0.1"
     assert (summary["budget"] == 10_000).all(), "there are 10,000 steps"

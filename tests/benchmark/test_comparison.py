@@ -74,8 +74,12 @@ def made(
         for i, scenario in enumerate(scenarios):
             success = np.asarray(own[i] if np.ndim(own[0]) else own, dtype=float)
             score = success if scores is None else np.asarray(scores[name], dtype=float)
-            keys = {"scenario": scenario, "learner": names[name], "seed": range(len(success))}
-            final = {"success": success, "score": score, "unbounded_score": score}
+            keys: dict[str, Any] = {
+                "scenario": scenario,
+                "learner": names[name],
+                "seed": range(len(success)),
+            }
+            final: dict[str, Any] = {"success": success, "score": score, "unbounded_score": score}
             others = ("steps", "wrong_pings", "uncomfortable_steps", "greedy_success", "updates")
             final |= dict.fromkeys((*others, "parameters", "peak_memory_mb"), 1.0)
             final |= {"policy": "greedy", "budget": 400, "random_success": RANDOM}
@@ -84,7 +88,7 @@ def made(
             for step in (0, 400):
                 values = {"step": step, "success": success * (step > 0), "score": score}
                 curves.append(pd.DataFrame(keys | values))
-    declared = parse(Declared, experiment.declared.report, "made.toml")
+    declared = parse(Declared, experiment.declared.report or {}, "made.toml")
     comparison.check(experiment, declared)
     return Data(experiment, declared, pd.concat(runs), pd.concat(curves))
 
@@ -105,7 +109,12 @@ def contrasts(data: Data) -> pd.DataFrame:
 def only(data: Data) -> dict[str, Any]:
     """Returns the only contrast."""
     (row,) = contrasts(data).to_dict("records")
-    return row
+    return {str(key): value for key, value in row.items()}
+
+
+def at(table: Any, *key: object) -> Any:
+    """Returns the row with a key."""
+    return table.loc[key]
 
 
 # Verdicts
@@ -221,7 +230,7 @@ def test_later_contrasts_are_adjusted_alone_over_all_scenarios_and_in_each(tmp_p
 def test_summary_and_aggregate_by_hand(tmp_path: Path) -> None:
     data = made(tmp_path, {"x": [share(0.5, 4), share(1, 4)], "y": share(1, 4)})
     table = comparison.summary(data).set_index(["learner", "scenario"])
-    row = table.loc["x, index", "S1"]
+    row = at(table, "x, index", "S1")
     ends = stats.binomtest(2, 4).proportion_ci(method="exact")
     assert [*row[["success", "success_low", "success_high"]]] == pytest.approx([0.5, *ends])
     # Wrong PINGs are 0, 1, 2, 3 in 400 steps: 3.75 per 1,000; t with 3 degrees of freedom is 3.182.
@@ -238,9 +247,9 @@ def test_summary_and_aggregate_by_hand(tmp_path: Path) -> None:
 def test_curves_and_cost_by_hand(tmp_path: Path) -> None:
     data = made(tmp_path, {"slow": share(0.75, 8), "y": share(1, 8)})
     table = comparison.curves(data).set_index(["learner", "step"])
-    assert [*table.loc["slow, index"]["success"]] == [0, 0.75]
+    assert [*at(table, "slow, index")["success"]] == [0, 0.75]
     ends = stats.binomtest(6, 8).proportion_ci(method="exact")
-    assert [*table.loc["slow, index", 400][["success_low", "success_high"]]] == pytest.approx(
+    assert [*at(table, "slow, index", 400)[["success_low", "success_high"]]] == pytest.approx(
         [*ends]
     )
     assert [*comparison.cost(data)["learner"]] == ["y, index", "slow, index"]
@@ -254,15 +263,15 @@ def test_usual_measures_are_rliables_and_the_same_every_time(tmp_path: Path) -> 
     pd.testing.assert_frame_equal(table, comparison.rliable(data))
     rows = table.set_index(["endpoint", "learner"])
     x, y = (np.array(drawn[name]).T for name in ("x", "y"))
-    row = rows.loc["success", "x, index"]
+    row = at(rows, "success", "x, index")
     for name in comparison.AGGREGATES:
         expected = getattr(metrics, f"aggregate_{name}")(x)
         assert row[name] == pytest.approx(expected)
         assert row[f"{name}_low"] < expected < row[f"{name}_high"]
     assert row["p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
-    assert np.isnan(rows.loc["success", "y, index"]["p_improvement"])
+    assert np.isnan(at(rows, "success", "y, index")["p_improvement"])
     # Five wrong PINGs in a corner, as an independent walk found.
-    assert rows.loc["score", "x, index"]["giving_up"] == pytest.approx(0.43, abs=0.005)
+    assert at(rows, "score", "x, index")["giving_up"] == pytest.approx(0.43, abs=0.005)
 
 
 # Texts and figures
@@ -333,9 +342,10 @@ def test_figures_show_what_tables_have(tmp_path: Path) -> None:
     report = 'baseline = ["y, index"]\n' + pair() + pair("y, index", "x, index", "later")
     data = made(tmp_path, {"x": share(0.75, 12), "y": share(0.25, 12), "z": share(1, 12)}, report)
     for name, function in comparison.TABLES.items():
-        data.tables[name] = function(data)
-    figures = {name: function(data) for name, function in comparison.FIGURES.items()}
-    assert all(figures.values())
+        table = function(data)
+        assert table is not None
+        data.tables[name] = table
+    figures: dict[str, Any] = {name: draw(data) for name, draw in comparison.FIGURES.items()}
     (axis,) = figures["contrasts"].axes
     names = [label.get_text() for label in axis.get_yticklabels()]
     assert names == ["against x", "y, S1, declared later", "against y", "x, S1"]

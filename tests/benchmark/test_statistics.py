@@ -162,7 +162,7 @@ def test_wrong_claims_are_rare(n: int) -> None:
     def smallest(name: str, shift: float) -> float:
         drawn = [[rng.binomial(n, p) / n for p in (truth, truth - shift)] for _ in range(4)]
         pairs = [(Means([*x], [n, n]), Means([*y], [n, n])) for x, y in drawn]
-        return min(getattr(test, name) for test in contrasts(pairs, 0.1))
+        return min(float(getattr(test, name)) for test in contrasts(pairs, 0.1))
 
     # With a probability of 5 % each, more than 6 of 40 would come up one time in 300.
     assert sum(smallest("p_different", 0.0) <= 0.05 for _ in range(40)) <= 6
