@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from string import ascii_lowercase
 from textwrap import fill
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 from warnings import catch_warnings
 
 import numpy as np
@@ -29,11 +29,20 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from agents.policy import contains, greedy_masks
-from benchmark.execution.store import Store
 from benchmark.experiment import Experiment
 from benchmark.records import OPTIMUM_TOLERANCE, Records, anchors, load_records, optimal_values
 from benchmark.scenes import colour_bar, dots, heat, region_legend, triangles
-from benchmark.statistics import LEVEL, interval, proportion, resample, student, with_ends
+from benchmark.statistics import (
+    LEVEL,
+    Estimate,
+    Numbers,
+    interval,
+    proportion,
+    resample,
+    student,
+    with_ends,
+)
+from benchmark.store import Store
 from benchmark.study import Data, Report
 from benchmark.style import WIDTH, draw_cells, figure_of, norm_of
 from envs import ACTIONS, InputError, compile_scenario, load_scenario
@@ -86,7 +95,7 @@ def check(experiment: Experiment, _: Report) -> None:
 
 
 @lru_cache(maxsize=1)  # tables share them
-def load(data: Data) -> dict[str, Agents]:
+def load(data: Data) -> Mapping[str, Agents]:
     """Reads the records of all agents, by reading; the default one comes first."""
     if data.store is None:
         what = "action values are not published"
@@ -125,9 +134,9 @@ class Part(NamedTuple):
     """One number of a claim, with its 95 % interval; without a number, NaN."""
 
     part: str  # its name
-    value: float
-    low: float
-    high: float
+    value: Numbers
+    low: Numbers
+    high: Numbers
     note: str = ""
     drawn: float = math.nan  # what the paper's figure shows instead
 
@@ -200,12 +209,12 @@ def _valued_outside(_: str, agents: Records) -> Part:
     inside = signs[0, in_target].sum()
     counts = signs[:, ~in_target].sum(axis=1) if inside else [math.nan] * 3  # nothing was learned
     note = f"{inside} of {in_target.sum()} target cells have one"
-    return Part(agents.scenario, *map(float, counts), note)
+    return Part(agents.scenario, *Estimate(*map(float, counts)), note)
 
 
 def _missing_inside(_: str, agents: Records) -> Part:
     value, high, low = (~_signs(agents)[:, agents.in_target]).sum(axis=1)
-    return Part(agents.scenario, *map(float, (value, low, high)))
+    return Part(agents.scenario, float(value), float(low), float(high))
 
 
 def _reaches(_: str, agents: Records) -> Part:
@@ -217,12 +226,12 @@ def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> Floats:
     return np.asarray((cells & in_target).sum(axis=-1) / (cells | in_target).sum(axis=-1))
 
 
-def _overlap_of_mean(agents: Records, level: float = LEVEL) -> list[float]:
+def _overlap_of_mean(agents: Records, level: float = LEVEL) -> Estimate:
     """Returns the overlap of the mean map: as measured, the least and the greatest."""
     in_target, (measured, surely, possibly) = agents.in_target, _signs(agents, level)
     least = np.where(in_target, surely, possibly)
     greatest = np.where(in_target, possibly, surely)
-    return [float(overlap(cells, in_target)) for cells in (measured, least, greatest)]
+    return Estimate(*(float(overlap(cells, in_target)) for cells in (measured, least, greatest)))
 
 
 def _mean_map(_: str, agents: Records) -> Part:
@@ -257,23 +266,20 @@ CLAIMS: Final = (
     Claim(
         "variability-S2", "max Q varies most in S2", ">", 1.0, (("S2", "S1"), ("S2", "S3")),
         _VARIABILITY,
-        "standard deviation of max Q over agents, mean over steps, as a ratio; `drawn` is that of "
-        "the areas in the paper's figure, which grow with the number of agents",
+        "standard deviation of max Q over agents, mean over steps, as a ratio",
     ),
     Claim(
         "max-near-1", "max Q reaches about 1", ">", 0.95, (("S1",), ("S3",)), (_near_one,),
-        "level that an agent's max Q reaches at 1 % of the steps; no PING in S3 pays more than "
-        "1 - 2/14, so its part can only fail",
+        "level that an agent's max Q reaches at 1 % of steps; in S3 no PING pays more than 0.857",
     ),
     Claim(
         "variability-S3", "max Q varies least in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
-        _VARIABILITY, "as in the first claim",
+        _VARIABILITY, "the same",
     ),
     Claim(
         "moves-focused", "moves are most focused in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
         (partial(_ratio, _focus),),
-        "mean distance of cells to the target region, weighted by the positive mean Q of moves, "
-        "as a ratio",
+        "mean distance to the target region, weighted by positive mean Q of moves, as a ratio",
     ),
     Claim(
         "ping-S3", "S3: no cell outside valued", "<", 1.0, (("S3",),), (_valued_outside,),
@@ -281,7 +287,7 @@ CLAIMS: Final = (
     ),
     Claim(
         "ping-S3-inside", "S3: all target cells valued", "<", 1.0, (("S3",),), (_missing_inside,),
-        "target cells without one; a literal reading of the paper",
+        "target cells without one",
     ),
     Claim(
         "ping-S1", "S1: cells outside valued", ">", 0.0, (("S1",),), (_valued_outside,),
@@ -289,21 +295,21 @@ CLAIMS: Final = (
     ),
     Claim(
         "reaches", "S1: the target is reached", ">", 0.95, (("S1",),), (_reaches,),
-        "agents whose greedy policy after training PINGs in the target region more likely than not",
+        "agents whose greedy policy PINGs in the target region more likely than not",
     ),
     Claim(
         "random-helps", "random feedback helps", ">", 0.0, (("S2", "S1"),),
         (_mean_maps_differ, _own_maps_differ),
-        f"{_ITS_OVERLAP} (intersection over union), S2 minus S1, by mean Q and by each agent's",
+        f"{_ITS_OVERLAP} (intersection over union), S2 minus S1",
     ),
     Claim(
         "identifies", "S2, S3: region identified", ">", 0.9, (("S2",), ("S3",)),
         (_mean_map, _own_maps),
-        "the same overlap; without one of the 16 cells it is 0.94, with two more 0.89",
+        "the same overlap, by mean Q and by each agent's own",
     ),
     Claim(
         "identifies-S1", "S1: region identified", ">", 0.9, (("S1",),), (_mean_map, _own_maps),
-        "the same, without feedback",
+        "the same",
     ),
 )  # fmt: skip
 
@@ -354,13 +360,13 @@ def _curve_of(data: Data, reading: str) -> str:
 
 
 def claim_sets(data: Data) -> pd.DataFrame:
-    """Every part of every claim in each of the disjoint sets of agents, and the verdicts."""
+    """The parts of all claims in each of the disjoint sets of agents."""
     parts = [judge(agents, _curve_of(data, DEFAULT)) for agents in sets_of(data)]
     return pd.concat(parts, ignore_index=True)[_IN_SETS]
 
 
 def claims(data: Data) -> pd.DataFrame:
-    """Every part of every claim with its interval, state and verdict, by the number of agents."""
+    """The parts of all claims, with few agents and all."""
     parts = pd.concat(judge(agents, _curve_of(data, DEFAULT)) for agents in few_and_all(data))
     parts = pd.concat(parts[parts["claim"] == claim.id] for claim in CLAIMS)
     sets = data.tables["claim_sets"].drop_duplicates(["first_seed", "claim"])
@@ -371,14 +377,14 @@ def claims(data: Data) -> pd.DataFrame:
 
 
 def sensitivity(data: Data) -> pd.DataFrame:
-    """Every part of every claim, its state and the verdict, under every reading of the paper."""
-    few = load(data) | {DEFAULT: sets_of(data)[0]}
+    """The parts of all claims under every reading of the paper."""
+    few = {**load(data), DEFAULT: sets_of(data)[0]}
     parts = [judge(few[name], _curve_of(data, name)).assign(reading=name) for name in few]
     return pd.concat(parts, ignore_index=True)[["claim", "reading", *_JUDGED]]
 
 
 def max_q(data: Data) -> pd.DataFrame:
-    """Maximum Q over agents at every recorded step, of the visited cell and of the table."""
+    """Maximum Q over training: of the visited cell and of the table."""
     frames = []
     for name, agents in sets_of(data)[0].items():
         visited, table = (_over_agents(agents.arrays[key]) for key in _CURVES.values())
@@ -390,7 +396,7 @@ def max_q(data: Data) -> pd.DataFrame:
 
 
 def learning(data: Data) -> pd.DataFrame:
-    """Success, score of the greedy policy, and the share of optimal agents, over training."""
+    """What greedy policies reach over training."""
     frames = []
     for name, agents in sets_of(data)[0].items():
         scores = agents.unbounded_scores()
@@ -403,7 +409,7 @@ def learning(data: Data) -> pd.DataFrame:
 
 
 def optimal(data: Data) -> pd.DataFrame:
-    """The exact optimum, what was learned, success and regret, by the number of agents."""
+    """What greedy policies reach after training, with few agents and all."""
     groups = few_and_all(data)
     return pd.DataFrame(_reached(agents) for some in groups for agents in some.values())
 
@@ -428,7 +434,7 @@ def _reached(agents: Records) -> dict[str, object]:
 
 
 def q_values(data: Data) -> pd.DataFrame:
-    """Final Q over agents and Q* of every cell and action, and where policies differ."""
+    """Final Q and Q* of every cell and action."""
     frames = []
     for name, agents in sets_of(data)[0].items():
         best, q = optimal_values(agents), agents.arrays["q"]
@@ -487,7 +493,10 @@ def figure(data: Data) -> Figure:
         for row, norm in zip(axes[1:], norms, strict=True):
             colour_bar(figure, row, norm, "mean over agents")
         arrow = {"marker": ">", "mfc": "0.7", "mec": "none", "ms": 7}
-        marks = {"the move that way": arrow, "mean Q of PING > 0": {"marker": "o", "ms": 3}}
+        marks: dict[str, dict[str, Any]] = {
+            "the move that way": arrow,
+            "mean Q of PING > 0": {"marker": "o", "ms": 3},
+        }
         handles = [Line2D([], [], c="black", ls="", label=k, **mark) for k, mark in marks.items()]
         handles += axes[0, 0].get_legend_handles_labels()[0]
         region_legend(figure, [scene_of(model) for model in models], *handles, columns=3)
@@ -532,37 +541,45 @@ TABLES: Final = {
     "q_values": q_values,
 }
 FIGURES: Final = {"figure": figure, "sensitivity": sensitivity_figure}
-SHOWN: Final = {
-    "optimal": "scenario agents success optimal_share grid_return_learned cells_differing"
-}
+SHOWN: Final = {"optimal": "scenario agents success optimal_share"}
 COLUMNS: Final = {
+    "action": "action",
     "agents": "agents per scenario",
     "cells_differing": "share of cells in which a greedy action is not optimal, mean over agents",
+    "column": "column of the cell",
     "claim": "claim of the paper",
     "difference": "`mean` minus `optimal`",
     "differs": "share of agents whose greedy action in the cell is not optimal",
-    "drawn": "what the paper's figure shows instead of `value`",
+    "drawn": "`value` as the paper's figure shows it, with the range of agents or their mean",
     "first_seed": "seed of the first agent",
-    "high": "upper end of its 95 % interval",
+    "grid_return_*": """\
+sum of the grid's rewards of an episode, by the random, optimal or learned greedy policy; the regret
+is how much the latter falls short of the optimal one""",
+    "high": "upper end of its 95 % interval, see `low`",
     "is_optimal": "whether the action is optimal in the cell",
     "largest_learned": "largest Q in the cell, mean over agents",
     "last_seed": "seed of the last agent",
-    "low": "lower end of its 95 % interval",
+    "low": """\
+lower end of its 95 % interval: bootstrap percentiles for ratios and levels, Student's t for own
+maps, Welch's for differences, simultaneous intervals of all cells' means for counts of cells""",
     "max": "largest over agents",
     "mean": "mean over agents",
     "min": "smallest over agents",
     "note": "more about the part",
-    "optimal": "optimal action value, see Q* above",
+    "optimal": "Q* of an agent that knows how many PINGs were wrong, with none so far",
     "optimal_share": "share of agents whose greedy policy is optimal from the start cell",
     "part": "number of the claim",
     "reading": "reading of the paper",
+    "row": "row of the cell",
     "right_side": "side of the threshold on which the part must lie",
+    "scenario_return_*": "the same, with the person's rewards",
     "sets": "disjoint sets of agents, each of as many as the paper has",
     "sets_agreeing": "sets with the same verdict on the claim",
     "start_value_learned": "largest Q in the start cell, mean over agents",
     "start_value_optimal": "optimal value of the start cell",
     "state": "whether the part passes, fails or is undecided",
     "std": "sample standard deviation over agents",
+    "table_*": "the same, of the largest Q in the table",
     "threshold": "threshold",
     "value": "the number",
     "verdict": "verdict on the claim",
@@ -596,26 +613,19 @@ def reading(data: Data) -> str:
         for name, title, *_, about in CLAIMS
     )
     readings = "\n".join(
-        f"- {each.title or name} (`{name}`): {each.answer}."
+        f"- {each.title or name}: {each.answer}."
         for name, each in data.experiment.declared.readings.items()
+        if name != DEFAULT
     )
     return f"""\
 A part of a claim passes if its 95 % interval lies on the right side of the threshold, and fails if
-it lies on the wrong side. A claim holds if all its parts pass, does not hold if one fails, and is
+it lies on the wrong side. A claim holds if all parts pass, does not hold if one fails, and is
 undecided otherwise. Of all thresholds, only "around 1" is the paper's. Figures show {few:,} agents
-per scenario. Below are the verdicts with {all_agents:,}, and in how many of the disjoint sets of
-{few:,} they are the same.
+per scenario. Verdicts below are with {all_agents:,}; the numbers say in how many of the disjoint
+sets of {few:,} they are the same.
 
 {claims_of}
 
-Readings of the paper, and controls:
+Other readings of the paper, and controls:
 
-{readings}
-
-**Terms.** A score is the undiscounted sum of the grid's rewards, with 0 for the random policy and 1
-for the optimum within {data.experiment.declared.horizon:,} steps, clipped to [0, 1] unless it is
-called unbounded. Q* belongs to an agent that knows how many PINGs were wrong (none so far); this is
-hidden from the learner, so Q need not converge to Q*. Intervals of shares, success and scores are
-exact binomial ones, of ratios and levels bootstrap percentiles, of agents' own maps Student's, and
-Welch's for differences. What depends on the signs of many cells' means has simultaneous intervals
-of these means (Student's t with Bonferroni's correction)."""
+{readings}"""

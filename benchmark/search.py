@@ -58,6 +58,12 @@ def check(experiment: Experiment, _: Declared) -> None:
         )
 
 
+def search_of(experiment: Experiment) -> Search:
+    """Returns the declared search."""
+    assert experiment.declared.search is not None  # see `check`
+    return experiment.declared.search
+
+
 # What is found for each learner
 
 
@@ -93,14 +99,14 @@ class Outcome:
     @property
     def again(self) -> set[tuple[int, str]]:
         """The trials that run with fresh seeds, each with a scenario."""
-        everywhere = {0, *chain(*self.finalists)}
-        best = ((trial, name) for name, trial in self.best_by_scenario.items())
-        return {*product(everywhere, self.first), *best}
+        best = self.best_by_scenario
+        everywhere = product([0, *chain(*self.finalists)], best)
+        return {*everywhere, *zip(best.values(), best, strict=True)}
 
     def means(self, trial: int | None) -> Means:
         """Returns the fresh means of a trial; by default, of the best one in each scenario."""
         at = self.best_by_scenario
-        means = [float(self.fresh.loc[at[name] if trial is None else trial, name]) for name in at]
+        means = [self.fresh[name][at[name] if trial is None else trial] for name in at]
         return Means(means, [self.search.seeds] * len(means))
 
 
@@ -134,7 +140,7 @@ def measured(experiment: Experiment, curves: pd.DataFrame) -> pd.DataFrame:
 
 def outcomes(experiment: Experiment, curves: pd.DataFrame) -> list[Outcome]:
     """Returns what the search has found for every learner, by the curves of its runs."""
-    search, runs = experiment.declared.search, measured(experiment, curves)
+    search, runs = search_of(experiment), measured(experiment, curves)
     is_fresh, names = runs["seed"].isin(search.fresh), [*experiment.scenarios]
 
     def means(learner: str, stage: "pd.Series[bool]") -> pd.DataFrame:
@@ -156,7 +162,7 @@ def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     curves["success"] = curves["success"].map("{:.6g}".format).astype(float)
     again = {each.learner.name: each.again for each in outcomes(experiment, curves)}
     yield [
-        Group(each, each.runs(experiment.declared.search.fresh))
+        Group(each, each.runs(search_of(experiment).fresh))
         for each in experiment.populations
         if (each.keys["trial"], each.scenario.name) in again[each.learner.name]
     ]
@@ -194,7 +200,7 @@ def chosen_of(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> C
     counts = is_compared | ~runs["seed"].isin(search.fresh)
     tried = runs[counts & (runs["learner"] == learner.name)]
     return Chosen(
-        **dict(max(picks, key=lambda pick: pick.score)),
+        **max(picks, key=lambda pick: pick.score).model_dump(),
         picks=tuple(picks) if len(picks) > 1 else (),
         trials=search.trials,
         runs=len(tried),
@@ -261,7 +267,7 @@ def chosen(data: Data) -> pd.DataFrame:
         for part, trial in enumerate(picks, 1):
             best = outcome.means(trial)
             *gain, _, _, p, _ = contrast(best, default, margin) if trial else [0.0] * 5 + [1.0, 1.0]
-            row = {"learner": name} | ({"part": part} if len(picks) > 1 else {})
+            row: dict[str, object] = {"learner": name} | ({"part": part} if len(picks) > 1 else {})
             row |= {"trial": trial, "settings": texts[name, trial]}
             row |= with_ends("default", _estimate(default)) | with_ends("chosen", _estimate(best))
             row |= with_ends("gain", Estimate(*gain)) | {"p": min(1.0, p * _n_finalists(data))}
@@ -274,7 +280,7 @@ def chosen(data: Data) -> pd.DataFrame:
 
 def _n_finalists(data: Data) -> int:
     """Returns the number of finalists of all learners."""
-    search = data.experiment.declared.search
+    search = search_of(data.experiment)
     return search.finalists * search.parts * len(data.experiment.learners)
 
 
@@ -298,7 +304,7 @@ def effort(data: Data) -> pd.DataFrame | None:
     if data.experiment.declared.solved is None:
         return None
     runs, budget = measured(data.experiment, data.curves), int(data.curves["step"].max())
-    first = runs[~runs["seed"].isin(data.experiment.declared.search.fresh)]
+    first = runs[~runs["seed"].isin(search_of(data.experiment).fresh)]
     frames = []
     for name, own in first.groupby("learner", sort=False):
         by_scenario = pd.DataFrame(
@@ -366,15 +372,21 @@ def figure(data: Data) -> Figure:
             axis.plot(trials, [y] * len(trials), "|", ms=9, color="0.55", label="a trial")
             axis.plot(picks["default"], rows, "kx", ms=7, mew=2, label="trial 0, as declared")
             ends = picks[["chosen_low", "chosen_high"]].sub(picks["chosen"], axis=0).abs().T
-            mark = {"fmt": style["marker"], "color": style["color"], "ms": 7, "mec": "white", "mew": 0.5}
+            mark = {
+                "fmt": style["marker"],
+                "color": style["color"],
+                "ms": 7,
+                "mec": "white",
+                "mew": 0.5,
+            }
             line = {"ecolor": (style["color"], 0.5), "elinewidth": 3}
             label = "chosen settings, 95 % interval"
             axis.errorbar(picks["chosen"], rows, xerr=ends, **mark, **line, label=label)
         handles, labels = axis.get_legend_handles_labels()
         name_rows(axis, [learner.title for learner in learners.values()])
         axis.set(xlim=(-0.02, 1.0), xlabel=_MEASURES[measure])
-        place = {"loc": "outside upper center", "ncols": 3, "frameon": False}
-        figure.legend(handles=dict(zip(labels, handles, strict=True)).values(), **place)
+        shown = dict(zip(labels, handles, strict=True)).values()
+        figure.legend(handles=shown, loc="outside upper center", ncols=3, frameon=False)
     return figure
 
 
@@ -391,7 +403,7 @@ SHOWN: Final = {
 }
 COLUMNS: Final = {
     "area": "area under the curve of success, mean over scenarios and runs",
-    "fresh_*": "the same with fresh seeds; empty if the trial was not run again",
+    "fresh_*": "the same with fresh seeds; NaN if the trial was not run again",
     "earliness": "share of the logarithm of the budget that is saved, mean over scenarios and runs",
     "chosen": "mean of the chosen settings, with fresh seeds",
     "cpu_ms": "CPU milliseconds of training per run of the search",
@@ -416,7 +428,7 @@ COLUMNS: Final = {
 def headline(data: Data) -> str:
     """Says for which learners a gain is shown, and what is reached."""
     experiment, table = data.experiment, data.tables["chosen"]
-    search, settings = experiment.declared.search, experiment.populations[0].first.settings
+    search, settings = search_of(experiment), experiment.populations[0].first.settings
     titles = {name: learner.title for name, learner in experiment.learners.items()}
     best = table.loc[table.groupby("learner", sort=False)["chosen"].idxmax()]
     runs = f"{search.seeds} fresh seeds in each of {len(experiment.scenarios)} scenarios"
@@ -431,10 +443,10 @@ end of its {settings.budget:,} steps ({runs}). {_given_up(data)}"""
 Settings chosen among {search.trials:,} trials {"are" if gaining else "are not"} shown to raise
 {_MEASURES[measure_of(data)]} ({settings.budget:,} steps; {runs}) over that of the declared ones for
 {listed(gaining) or "any learner"}. A rise counts if it is above 0 at a level of 5 %, adjusted for
-all finalists, and estimated at {data.declared.margin:g} or more. The largest mean with chosen settings,
-{top["chosen"].iloc[0]:.3g}, is that of {listed(titles[name] for name in top["learner"])} (declared
-settings: {defaults}; random policy: {random_of(data):.3g}). Learners are not compared with each
-other."""
+all finalists, and estimated at {data.declared.margin:g} or more. With chosen settings, the largest
+mean, {top["chosen"].iloc[0]:.3g}, is that of {listed(titles[name] for name in top["learner"])}
+(declared settings: {defaults}; random policy: {random_of(data):.3g}). Learners are not compared
+with each other."""
 
 
 def _given_up(data: Data) -> str:
@@ -450,7 +462,7 @@ budget is given up and counts as one that never learns, even if it would learn l
 def reading(data: Data) -> str:
     """Says how trials are compared and chosen."""
     experiment, declared = data.experiment, data.experiment.declared
-    search, level, first = declared.search, declared.solved, experiment.populations[0].first
+    search, level, first = search_of(experiment), declared.solved, experiment.populations[0].first
     of = "all" if search.parts == 1 else f"each of {search.parts} equal parts of the trials"
     learners = experiment.learners.values()
     stochastic = listed(each.title for each in learners if each.policy == "stochastic")

@@ -75,7 +75,7 @@ def data_of(experiment: Experiment, first: Means, fresh: Means, random: float = 
     declared, rows = experiment.declared.search, []
     assert declared is not None
     for each in experiment.populations:
-        at = each.keys["trial"], [*experiment.scenarios].index(each.scenario.name)
+        at = int(each.keys["trial"]), [*experiment.scenarios].index(each.scenario.name)
         for means, seeds in ((first, each.seeds), (fresh, declared.fresh)):
             rows += [{**each.keys, "seed": seed, "success": means[at[0]][at[1]]} for seed in seeds]
     runs = pd.DataFrame(rows).assign(budget=400, cpu_time_s=0.5)
