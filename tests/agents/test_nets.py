@@ -31,7 +31,7 @@ from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from agents.tabular import learner
-from envs import Model, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import Model, compile_scenario, load_scenario
 from tests.agents import MOODS
 from tests.agents.words import uniform, xoshiro
 from tests.support import ROOT
@@ -108,11 +108,11 @@ def agent_of(name: str, observation: str, model: Model, kind: Any, seed: int = 0
 class Chance:
     """The random numbers of an agent of ours, as an agent of Stable-Baselines3 needs them."""
 
-    def __init__(self, seed: SeedSequence, env: ProxemicVectorEnv, limit: int | None) -> None:
+    def __init__(self, seed: SeedSequence, env: SB3VecEnv) -> None:
         acting, learning, _ = seed.generate_state(12, np.uint64).reshape(3, 4)
         self.acting = map(uniform, xoshiro([int(word) for word in acting]))
         self.learning = map(uniform, xoshiro([int(word) for word in learning]))
-        self.env, self.model, self.limit = env, env.model, limit or 2**62
+        self.env, self.model = env, env.model
         self.queue: deque[list[float]] = deque()
         if len(self.model.starts) > 1:
             self.queue.append([next(self.acting) for _ in range(env.num_envs)])
@@ -131,7 +131,7 @@ class Chance:
             actions.append(action)
             noise.append(next(self.acting) if self.model.issuer_noise[state, action] > 0 else 0.5)
             outcome.append(next(self.acting) if self.model.n_outcomes > 1 else np.nan)
-            ends = self.model.terminated[state, action] or self.env._steps[e] + 1 >= self.limit
+            ends = self.model.terminated[state, action] or self.env._steps[e] + 1 >= self.env._limit
             if ends and len(self.model.starts) > 1:
                 start.append(next(self.acting))
         self.queue.extend([noise] * self.model.is_noisy + [outcome] * (self.model.n_outcomes > 1))
@@ -150,10 +150,8 @@ class ExactVecEnv(SB3VecEnv):
 def stock_agent(name: str, settings: Any, observation: str, model: Model, seed: int) -> tuple[Any, Chance]:
     """Returns an agent of Stable-Baselines3 that computes in float64, and the random numbers of ours."""
     method = algorithms.DQN if name == "compiled_dqn" else algorithms.PPO
-    limit = settings.time_limit
-    env = ProxemicVectorEnv(settings.n_envs, model.scenario, observation, max_episode_steps=limit)
-    vec_env: Any = ExactVecEnv(env)
-    vec_env._generator = chance = Chance(sequences([seed])[0], env, limit)
+    vec_env: Any = ExactVecEnv(model, settings.n_envs, observation, settings.time_limit)
+    vec_env._generator = chance = Chance(sequences([seed])[0], vec_env)
     stock: Any = make_agent(method.load(), settings, vec_env)
     stock.policy.double()
     for module in stock.policy.modules():

@@ -210,7 +210,7 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
 
 
 def assert_env_agrees(model: Model, n_steps: int) -> None:
-    """Walks through the env, to which `test_vector_env` compares batches, and compares it with the arrays."""
+    """Walks through the env, and compares it with the arrays."""
     env, terminated = ProxemicEnv(model.scenario), True
     actions = np.random.default_rng(4)
     for step in range(n_steps):

@@ -1,13 +1,11 @@
 """What is observed of several people: by hand, and against its definition in plain Python."""
 
 import re
-import warnings
 from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium import spaces
-from stable_baselines3.common import env_checker
 
 from envs import OBSERVATIONS, InputError, ProxemicEnv, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_table, seen_as
@@ -91,15 +89,6 @@ def test_planes_by_hand(badge: bool) -> None:
     assert len(np.unique(table.reshape(len(table), -1), axis=0)) == len(table)
 
 
-def test_checker_of_sb3_accepts_planes() -> None:
-    env = ProxemicEnv("Moody", "planes", {"observe": ["agent", "phase", "wrong_pings"]})
-    assert env.observation_space == spaces.Box(0, 255, (6, 10, 12), np.uint8)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", message="The minimal resolution for an image is 36x36")
-        env_checker.check_env(env)
-
-
 @pytest.mark.parametrize(
     ("name", "changes", "expected"),
     [
@@ -111,11 +100,6 @@ def test_what_planes_cannot_show_is_refused(name: str, changes: dict[str, Any], 
     with pytest.raises(InputError, match=rf"observation planes: .*{expected}") as refusal:
         ProxemicEnv(name, "planes", changes)
     assert len(refusal.value.args) == 1
-
-
-def test_whoever_does_not_see_the_issuer_is_given_the_plain_form() -> None:
-    for name in ("S1", "AnywhereHidden", "Turning"):
-        assert compile_seen(load_scenario(name), "offset") is compile_scenario(load_scenario(name))
 
 
 @pytest.mark.parametrize("scenario", ["S1", "Anywhere", "Turning", "ThreeTalking"])

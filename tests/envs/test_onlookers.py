@@ -138,15 +138,6 @@ def test_structures_of_tiles_equal_a_plain_loop(parts: Parts, badge: bool) -> No
     assert sorted(tiles.values()) == [*range(int(found.tiles.max()) + 1)]
 
 
-def test_with_one_person_all_structures_are_the_same() -> None:
-    model = model_of(ROOM)
-    joint = tiles_of(model, 4, 3)
-    for parts in ("pairs", "agent_pairs"):
-        assert all(
-            (ours == theirs).all() for ours, theirs in zip(tiles_of(model, 4, 3, parts), joint, strict=True)
-        )
-
-
 @pytest.mark.parametrize(
     ("changes", "refusal"),
     [

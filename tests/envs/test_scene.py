@@ -24,17 +24,6 @@ def test_scene_of_the_paper_by_hand() -> None:
     assert [scene.zone.count(zone) for zone in ZONES] == [95, 16, 8, 1]
 
 
-def test_walls_belong_to_no_region() -> None:
-    """The room of S1 with walls in two corners of the target region."""
-    floor = [["."] * 12 for _ in range(10)]
-    floor[4][6] = floor[8][10] = "#"
-    scene = scene_of(compile_scenario(load_scenario("S1", {"grid.walls": "\n".join(map("".join, floor))})))
-    assert np.flatnonzero(scene.is_wall).tolist() == [4 * 12 + 6, 8 * 12 + 10]
-    (border,) = scene.outlines["target"]
-    assert set(border) == {(4, 7), (4, 11), (8, 11), (8, 10), (9, 10), (9, 6), (5, 6), (5, 7)}
-    assert np.flatnonzero(scene.is_over).tolist() == [4 * 12 + 6, 6 * 12 + 8, 8 * 12 + 10]
-
-
 def test_people_look_where_they_look_if_it_matters() -> None:
     assert [glyph.heading for glyph in scene_of(S1).glyphs] == [None, None]
     assert scene_of(S1).phase == ""
