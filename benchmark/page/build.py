@@ -100,7 +100,8 @@ class _Chapter:
         html = re.sub(
             "<table>.*?</table>", r'<div class="scroll" tabindex="0">\g<0></div>', html, flags=re.S
         )
-        return _FIGURE.sub(self._figure, html)
+        html = _FIGURE.sub(self._figure, html)
+        return html.replace('<img src="', '<img data-src="')  # of somebody else
 
     def _figure(self, image: re.Match[str]) -> str:
         drawn = self._folder.content(image[1]).decode()
