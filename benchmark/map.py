@@ -116,25 +116,25 @@ def check(experiment: Experiment, declared: Declared) -> None:
     if len(experiment.scenarios) > 1:
         raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
     flat = [name for name, grid in given.grids.items() if len(grid.axes) == 1]
-    names = [("learner", name, experiment.learners) for pair in declared.contrasts for name in pair]
+    known = [*experiment.learners]
+    names = [("learner", name, known) for pair in declared.contrasts for name in pair]
     for panel in declared.panels:
-        names += [("learner", name, experiment.learners) for name in panel.learners]
+        names += [("learner", name, known) for name in panel.learners]
         names.append(("grid with one axis", panel.grid, flat))
     if answer:
         names += [("grid with one axis", answer.unseen, flat)] if answer.unseen else []
         points = {key_of(p)[:2] for p in experiment.populations if p.scenario.issuer.unseen}
-        known = [", ".join(point) for point in points]
-        names.append(("point with unseen places", f"{answer.grid}, {answer.point}", known))
+        where_unseen = [", ".join(point) for point in points]
+        names.append(("point with unseen places", f"{answer.grid}, {answer.point}", where_unseen))
     for kind, name, accepted in names:
         if name not in accepted:
             unknown_name(f"{where}: report", kind, name, accepted)
     for contrast in declared.contrasts:
         pairs = compared(experiment, [contrast])
         if not pairs or any(x is y or _effort(x) != _effort(y) for x, y in pairs):
-            accepted = "two learners in one compared grid, with the same seeds and budget"
-            raise InputError(
-                f"{where}: report.contrasts: {' and '.join(contrast)}: accepted: {accepted}."
-            )
+            found = f"report.contrasts: {' and '.join(contrast)}"
+            rule = "two learners in one compared grid, with the same seeds and budget"
+            raise InputError(f"{where}: {found}: accepted: {rule}.")
 
 
 def _effort(population: Population) -> tuple[range, int]:

@@ -47,7 +47,6 @@ axes.room.6x7.scenario = {{ "grid.rows" = 6, "grid.columns" = 7 }}
 axes.places.4.scenario = {{ "issuer.places" = 4 }}
 
 [grids.new]
-question = "What of new places?"
 scenario = {{ "grid.rows" = 5, "grid.columns" = 6 }}
 axes.places.8.scenario = {{ "issuer.places" = 8, "issuer.unseen" = 13 }}
 
@@ -79,7 +78,7 @@ def made(
     declared = parse(maps.Declared, experiment.declared.report or {}, "hand")
     starts = {start for curve in (*shared, *table) for start in curve}
     ladder = [BUDGET / 1.2**i for i in range(38)]
-    steps = np.unique([0, BUDGET, *ladder, *starts, *(0.9 * start for start in starts)]).round()
+    steps = np.unique(np.round([0, *ladder, *starts, *(0.9 * start for start in starts)]))
     populations, runs, curves = [], [], []
     for population in experiment.populations:
         is_shared = population.learner.name == SHARED
