@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from benchmark.__main__ import main
-from tests.benchmark.studies.test_map import EXPERIMENT
+from tests.benchmark.test_map import EXPERIMENT
 
 MINE = """
 extends = "BASE"
@@ -35,8 +35,8 @@ def test_a_learner_and_an_axis_join_the_map(tmp_path: Path) -> None:
     path.write_text(MINE.replace("BASE", str(tmp_path / "base.toml")), encoding="utf-8")
     assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     cells = pd.read_csv(tmp_path / "mine" / "cells.csv")
-    mine = cells[cells["variant"] == "sarsa"]
-    assert {*mine["grid"]} == {"places", "rooms", "unseen", "pings"}
+    mine = cells[cells["learner"] == "sarsa, offset"]
+    assert {*mine["grid"]} == {"places", "rooms", "new", "pings"}
     assert {*mine["n"]} == {3}
     assert mine["solved"].mean() > 0.5
     contrasts = pd.read_csv(tmp_path / "mine" / "contrasts.csv")
