@@ -5,8 +5,9 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +17,8 @@ from markdown_it import MarkdownIt
 from benchmark.experiment import Experiment
 from benchmark.folder import MANIFEST, write_manifest
 from benchmark.specification import RunSpecification
-from envs import load_scenario
+from benchmark.store import Record, Store
+from envs import InputError, load_scenario
 
 ROOT: Final = Path(__file__).parents[1]
 _PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
@@ -36,7 +38,7 @@ def variant(
 
 
 def small_experiment(**changes: object) -> str:
-    """Returns the text of an experiment's file: a table in S1, with few short runs, and these changes."""
+    """Returns the text of an experiment's file: a table in S1, few short runs, and these changes."""
     keys: dict[str, object] = {
         "description": "A small experiment.",
         "scenarios": ["S1"],
@@ -46,6 +48,8 @@ def small_experiment(**changes: object) -> str:
         "settings": {"budget": 200},
         "algorithms": {"table": variant()},
     }
+    if "solved" in changes:  # records no maps
+        del keys["map_every"]
     return toml(keys | changes)
 
 
@@ -64,6 +68,41 @@ def _inline(value: object) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_inline, value))}]"
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else f"{value}".lower()
+
+
+PATIENCE_S: Final = 180  # on a loaded machine; nothing waits that long elsewhere
+# Eight jobs of a fifth of a second each, in plain Python
+SLOW_EXPERIMENT: Final = small_experiment(
+    evaluation_every=60000,
+    map_every=60000,
+    settings={"budget": 60000},
+    algorithms={"plain": variant("tests.agents.plain:Q_LEARNING", seeds=8)},
+)
+
+
+def until(is_true: Callable[[], object]) -> None:
+    """Waits until something is true."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not is_true():
+        assert time.monotonic() < deadline, "too slow"
+        time.sleep(0.05)
+
+
+def n_stored(results: Path) -> int:
+    """Returns how many runs are stored in a folder of results so far."""
+    try:
+        with Store(results / "runs.db", read_only=True) as store:
+            return len(store.statuses())
+    except InputError:
+        return 0  # not created yet
+
+
+def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, bytes]]:
+    """Returns the bytes of all arrays of records, by digest and name."""
+    return {
+        record.digest: {name: values.tobytes() for name, values in record.arrays.items()}
+        for record in records
+    }
 
 
 def specifications(

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmark.execution.driver import run
-from benchmark.execution.executors import Threads
-from benchmark.execution.store import Store
-from benchmark.experiments import RunSpecification, all_specifications, load_experiment
-from tests.benchmark.execution.test_processes import EXPERIMENT, arrays_of, n_stored, until
-from tests.support import ROOT
+from benchmark.executors import Threads
+from benchmark.experiment import all_specifications, load_experiment
+from benchmark.run import execute
+from benchmark.specification import RunSpecification
+from benchmark.store import Store
+from tests.support import ROOT, SLOW_EXPERIMENT, arrays_of, n_stored, until
 
 Arrays = dict[str, dict[str, bytes]]
 
@@ -26,7 +26,7 @@ Arrays = dict[str, dict[str, bytes]]
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("experiment") / "stopped.toml"
-    path.write_text(EXPERIMENT, encoding="utf-8")
+    path.write_text(SLOW_EXPERIMENT, encoding="utf-8")
     return path
 
 
@@ -39,7 +39,7 @@ def runs(experiment: Path) -> list[RunSpecification]:
 def expected(runs: list[RunSpecification], tmp_path_factory: pytest.TempPathFactory) -> Arrays:
     """The arrays of all its runs by digest, each executed in this process."""
     with Store(tmp_path_factory.mktemp("expected") / "runs.db") as store:
-        assert run(runs, store, 1, executor=Threads(1)) == []
+        assert execute(runs, store, 1, executor=Threads(1)) == []
         return arrays_of(store.get(sorted(store.ended())))
 
 
@@ -63,7 +63,7 @@ def resume(runs: list[RunSpecification], results: Path, expected: Arrays) -> int
     with Store(results / "runs.db") as store:
         stored = store.ended()
         assert arrays_of(store.get(sorted(stored))).items() <= expected.items()
-        assert run(runs, store, 1, lambda digests, _: done.extend(digests), Threads(1)) == []
+        assert execute(runs, store, 1, lambda digests, _: done.extend(digests), Threads(1)) == []
         assert sorted(done) == sorted(expected.keys() - stored)
         assert arrays_of(store.get(sorted(store.statuses()))) == expected
     return len(stored)
@@ -112,7 +112,7 @@ def test_full_disk_is_one_line_and_keeps_what_is_stored(
 ) -> None:
     """A file may not become larger than so many bytes: one that is too few for all runs."""
     with Store(tmp_path / "runs.db") as store:
-        assert run(runs[:3], store, 1, executor=Threads(1)) == []
+        assert execute(runs[:3], store, 1, executor=Threads(1)) == []
     limit = (tmp_path / "runs.db").stat().st_size + 2000
     limited = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
     process = start(experiment, tmp_path, preexec_fn=limited)

@@ -1,0 +1,79 @@
+"""What records say of the code, the machine and the packages that made them."""
+
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import pytest
+
+from benchmark import provenance
+from benchmark.experiment import load_experiment
+from benchmark.provenance import commit, environment, peak_memory_mb, reset_peak_memory
+from benchmark.run import execute
+from benchmark.store import Store
+from envs import InputError
+from envs.sources import digest_when_loaded
+from tests.support import ROOT, specifications
+
+COMPARED = load_experiment("compare_deep", smoke=True)
+
+
+def test_environment_has_the_code_of_algorithms_from_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "from_elsewhere.py"
+    file.write_text("from agents.tabular.learner import Q_LEARNING\n")
+    before = environment("from_elsewhere:Q_LEARNING")
+    file.write_text("from agents.tabular.learner import Q_LEARNING\nCHANGED = 1\n")
+    environment.cache_clear()
+    digest_when_loaded.cache_clear()
+    after = environment("from_elsewhere:Q_LEARNING")
+    assert {key for key in after if after[key] != before[key]} == {
+        "code of from_elsewhere:Q_LEARNING"
+    }
+    assert after.items() - environment("q_learning").items() == {
+        ("code of from_elsewhere:Q_LEARNING", after["code of from_elsewhere:Q_LEARNING"])
+    }
+
+
+def test_missing_packages_are_refused_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_torch(name: str) -> str:
+        if name == "torch":
+            raise PackageNotFoundError
+        return version(name)
+
+    monkeypatch.setattr(provenance, "version", without_torch)
+    tables = specifications(COMPARED, "default", "S1", "q_learning", "index", [0])
+    nets = specifications(COMPARED, "default", "S1", "sb3_dqn", "one_hot", [0, 1])
+    with Store(tmp_path / "runs.db") as store:
+        with pytest.raises(
+            InputError, match=r"^sb3_dqn needs the package torch, .*make \.venv/\.deep .*"
+        ):
+            execute([*tables, *nets], store, 1)
+        assert store.statuses() == {}
+        assert execute(tables, store, 1) == []
+        (record,) = store.get([tables[0].digest])
+    assert record.provenance["versions"]["numpy"] == version("numpy")
+    assert record.provenance["commit"] == commit(ROOT)
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="others do not say the peak")
+def test_peak_memory_is_that_of_this_process_since_the_last_reset() -> None:
+    """Unlike `ru_maxrss`, which a child inherits."""
+    reset_peak_memory()
+    before = peak_memory_mb() or 0
+    data = b"x" * (300 << 20)
+    during = peak_memory_mb() or 0
+    code = "from benchmark.provenance import peak_memory_mb; print(peak_memory_mb())"
+    child = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert 20 < float(child.stdout) < len(data) >> 20  # Python and NumPy take 20 MB
+    del data
+    reset_peak_memory()
+    assert during - before > 250
+    assert during - (peak_memory_mb() or 0) > 250

@@ -1,0 +1,74 @@
+"""Records: what they are read from, and what is computed of each."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmark.executors import Threads
+from benchmark.experiment import load_experiment
+from benchmark.records import anchors, check_scores, load_records, optimal_values
+from benchmark.run import execute
+from benchmark.store import Store
+from envs import InputError, load_scenario
+from envs.model import PING
+from tests.benchmark.populations import population
+from tests.support import specifications
+
+SMOKE = load_experiment("reproduce", smoke=True)
+
+
+def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
+    runs = specifications(SMOKE, "default", "S2", "q_learning", "index", range(6))
+    with Store(tmp_path / "runs.db") as store:
+        execute(runs[:2] + runs[3:], store, 1, executor=Threads(1))
+        with pytest.raises(
+            InputError, match=r"1 of 6 runs of q_learning in S2 .* \(the first is seed 2\)"
+        ):
+            load_records(runs, store)
+        execute(runs, store, 1, executor=Threads(1))
+        loaded = load_records(runs[::-1], store)
+        assert list(loaded.seeds) == [5, 4, 3, 2, 1, 0]
+        (record,) = store.get([runs[0].digest])
+    for name, values in record.arrays.items():
+        assert np.array_equal(loaded.arrays[name][5], values)
+
+
+def test_scores_lie_between_the_exact_anchors() -> None:
+    random, optimal = anchors(population().model, population().run.horizon)
+    assert optimal == pytest.approx(0.0, abs=1e-12)
+    returns = np.array([[optimal, random, (optimal + random) / 2, random - (optimal - random)]])
+    assert population(n=1, grid_return=returns).unbounded_scores()[0] == pytest.approx(
+        [1, 0, 0.5, -1]
+    )
+
+
+def test_ping_is_valued_where_its_value_is_positive() -> None:
+    q = np.full((2, 120, 5), 0.5)  # what the table of a run began with is no value of PING
+    q[:, 7:9, PING] = 0.4, -0.1
+    q[1] -= 0.2
+    made = population(n=2, q=q)
+    updates = [{"initial_value": 0.5}, {"initial_value": 0.3}]  # of two picks of a search
+    settings = [made.run.settings.model_copy(update=update) for update in updates]
+    made = replace(made, runs=[replace(made.run, settings=each) for each in settings])
+    assert [np.flatnonzero(valued).tolist() for valued in made.values_ping] == [[7], [7]]
+
+
+def test_optimal_values_by_hand() -> None:
+    # PING pays 1 in a target cell. The start is ten moves away; each costs 0.1. The discount is 0.9.
+    values = optimal_values(population())
+    assert values.shape == (120, 5)
+    assert values[4 * 12 + 6, PING] == pytest.approx(1.0)
+    assert values[0].max() == pytest.approx(2 * 0.9**10 - 1)
+
+
+def test_scenarios_in_which_nobody_can_succeed_are_refused() -> None:
+    """The target region of S1 is ten moves and a PING from the start."""
+    run = population().run
+    check_scores([replace(run, horizon=11)])
+    with pytest.raises(InputError, match=r"S1: no policy succeeds within horizon = 10; accepted: "):
+        check_scores([replace(run, horizon=10)])
+    free = load_scenario("S1", {"rewards.other": 0, "rewards.wrong_ping": 0})
+    with pytest.raises(InputError, match=r"S1: within 2 steps the random policy earns as much"):
+        check_scores([replace(run, horizon=2, scenario=free)])

@@ -1,0 +1,238 @@
+"""The command `run`: what is missing is executed once, stored, and published."""
+
+import fcntl
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import NoReturn, TextIO
+
+import pandas as pd
+import pytest
+
+from benchmark import executors
+from benchmark import job as execution
+from benchmark.__main__ import main
+from benchmark.executors import Threads
+from benchmark.experiment import all_specifications, load_experiment
+from benchmark.export import difference_of
+from benchmark.job import Job, execute_job
+from benchmark.run import execute, pending
+from benchmark.store import Record, Store
+from benchmark.tables import read
+from tests.support import ROOT, SLOW_EXPERIMENT, small_experiment
+
+SMALL = load_experiment("reproduce", smoke=True)
+
+
+def test_failed_runs_are_stored_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = all_specifications(SMALL)[:6]
+
+    def fail(*_: object) -> NoReturn:
+        raise FloatingPointError("diverged")
+
+    with Store(tmp_path / "runs.db") as store:
+        with monkeypatch.context() as patch:
+            patch.setattr(execution, "compile_seen", fail)
+            errors = execute(runs, store, jobs=1)
+        assert errors == ["FloatingPointError: diverged"] * 6
+        assert set(store.statuses().values()) == {"failed"}
+        assert {record.error for record in store.get([run.digest for run in runs])} == set(errors)
+        assert pending(runs, store) == runs
+        assert execute(runs, store, jobs=1) == []
+        assert pending(runs, store) == []
+
+
+def test_interrupt_keeps_the_jobs_that_are_running(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = all_specifications(SMALL)
+    executed: list[str] = []
+    execute_job = execution.execute_job
+    together = threading.Barrier(3, timeout=60)
+
+    def slow(job: Job) -> list[Record]:
+        records = execute_job(job)
+        executed.extend(run.digest for run in job)
+        if len(executed) <= 3 * len(job):  # the first three jobs end together
+            together.wait()
+        else:
+            time.sleep(0.2)  # so that the interrupt comes before the last of them
+        return records
+
+    calls: list[int] = []
+
+    def interrupt(ended: list[str], _: int) -> None:
+        calls.append(len(ended))
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(executors, "execute_job", slow)
+    with Store(tmp_path / "runs.db") as store:
+        with pytest.raises(KeyboardInterrupt):
+            execute(runs, store, 3, interrupt)
+        assert len(executed) >= 12
+        assert set(store.statuses()) == set(executed)
+        assert len(executed) < len(runs)
+
+
+def test_second_driver_waits_for_the_first_and_repeats_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first stores a run meanwhile, and is killed, which releases its lock."""
+    compiled = SLOW_EXPERIMENT.replace("tests.agents.plain:Q_LEARNING", "q_learning")  # in threads
+    (experiment := tmp_path / "compiled.toml").write_text(compiled, encoding="utf-8")
+    runs = all_specifications(load_experiment(experiment))
+    code = (
+        "import sys; from pathlib import Path; from benchmark.store import Store\n"
+        "with Store(Path(sys.argv[1])) as store, store.alone():\n"
+        "    print(flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "runs.db")]
+    first = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert first.stdout is not None
+    first.stdout.readline()
+
+    def lock(file: TextIO, operation: int) -> None:
+        if operation == fcntl.LOCK_EX:  # now the second has to wait
+            with Store(tmp_path / "runs.db") as store:
+                store.add(execute_job(runs[:1]))
+            first.kill()
+            first.communicate()
+        flock(file, operation)
+
+    flock = fcntl.flock
+    monkeypatch.setattr(fcntl, "flock", lock)
+    arguments = ["run", str(experiment), "--results", str(tmp_path), "--jobs", "1"]
+    assert main(arguments) == 0
+    said = capsys.readouterr()
+    assert said.err.count("runs.db: waiting for another command that trains runs ...") == 1
+    assert f"{len(runs) - 1} runs done, 1 were done already" in said.out
+
+
+def test_published_tables_stay_as_they_are_when_runs_are_repeated(tmp_path: Path) -> None:
+    """Only costs differ then. With other seeds, tables have a folder of their own."""
+    file = tmp_path / "mine.toml"
+    file.write_text(small_experiment(), encoding="utf-8")
+    command = ["run", str(file), "--results", str(tmp_path), "--jobs", "1"]
+    assert main(command) == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "mine").iterdir()}
+    assert before.keys() == {"runs.csv.gz", "curves.csv.gz", "agents.json.gz", "manifest.json"}
+    (tmp_path / "runs.db").unlink()
+    assert main(command) == 0
+    assert {path.name: path.read_bytes() for path in (tmp_path / "mine").iterdir()} == before
+    assert main([*command, "--seeds", "0-1"]) == 0
+    assert not (tmp_path / "mine_seeds_0-1").exists()  # these are the declared ones
+    assert main([*command, "--seeds", "5"]) == 0
+    assert read(tmp_path / "mine_seeds_5")[0]["seed"].tolist() == [5, 6][:1]
+
+
+def test_damaged_records_are_repeated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (file := tmp_path / "mine.toml").write_text(small_experiment(), encoding="utf-8")
+    command = ["run", str(file), "--results", str(tmp_path), "--jobs", "1"]
+    assert main(command) == 0
+    connection = sqlite3.connect(tmp_path / "runs.db", isolation_level=None)
+    connection.execute(
+        "UPDATE runs SET arrays = X'00' WHERE digest = (SELECT max(digest) FROM runs)"
+    )
+    connection.close()
+    capsys.readouterr()
+    assert main(command) == 0
+    said = capsys.readouterr()
+    assert "repeating runs whose records are damaged: 1." in said.err
+    assert "1 runs done, 1 were done already" in said.out
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--seeds", "9-7"], "--seeds 9-7: accepted: A-B with A at most B"),
+        (["--jobs", "0"], "--jobs 0: accepted: a whole number from 1"),
+    ],
+)
+def test_mistakes_in_options_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], problem: str
+) -> None:
+    command = ["run", "reproduce", "--smoke", "--results", str(tmp_path), *options]
+    assert main(command) == 2
+    assert problem in capsys.readouterr().err
+
+
+# Logs for TensorBoard
+
+LOGGED = """
+description = "A table, a compiled net, and nets of Stable-Baselines3."
+scenarios = ["S1"]
+horizon = 50
+evaluation_every = 50
+map_every = 100
+settings = { budget = 200, time_limit = 20 }
+[algorithms.table]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 2
+[algorithms.ppo]
+algorithm = "compiled_ppo"
+observations = ["one_hot"]
+seeds = 1
+settings = { n_steps = 100, batch_size = 50, n_epochs = 1 }
+[algorithms.sb3_ppo]
+reference_for = "ppo"
+algorithm = "sb3_ppo"
+seeds = 1
+[algorithms.sb3_dqn]
+algorithm = "sb3_dqn"
+observations = ["one_hot"]
+seeds = 1
+settings = { learning_starts = 50 }
+"""
+
+
+def test_logs_change_nothing_and_have_every_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, log = tmp_path / "mine.toml", tmp_path / "log"
+    file.write_text(LOGGED, encoding="utf-8")
+    command = ["run", str(file), "--jobs", "1", "--results"]
+    (tmp_path / "file").touch()
+    assert main([*command, str(tmp_path / "a"), "--log", str(tmp_path / "file")]) == 2
+    assert main([*command, "x", "--log", str(log), "--cluster", "tcp://localhost:1"]) == 2
+    assert [line[:7] for line in capsys.readouterr().err.splitlines()] == ["error: "] * 2
+    assert not (tmp_path / "a").exists()
+
+    assert main([*command, str(tmp_path / "a"), "--log", str(log)]) == 0
+    with Store(tmp_path / "a" / "runs.db") as logged, Store(tmp_path / "b" / "runs.db") as plain:
+        runs = all_specifications(load_experiment(file))
+        assert execute(runs, plain, 1, executor=Threads(1)) == []  # in this process, without logs
+        digests = sorted(logged.ended())
+        assert len(digests) == 5
+        assert digests == sorted(plain.ended())
+        for one, other in zip(logged.get(digests), plain.get(digests), strict=True):
+            assert difference_of(one, other) == ""
+
+    scene = log / "mine" / "S1"
+    for folder, trained in (
+        ("sb3_ppo_one_hot", "train/entropy_loss"),
+        ("sb3_dqn_one_hot", "train/loss"),
+    ):
+        progress = pd.read_csv(scene / folder / "seed_0" / "progress.csv")
+        assert progress["time/total_timesteps"].max() == 200
+        assert progress[trained].notna().any()
+        assert progress["rollout/ep_rew_mean"].notna().any()
+    main(
+        [*command, str(tmp_path / "b"), "--log", str(tmp_path / "again")]
+    )  # of runs that were done already
+    for table in (scene / "table_index", tmp_path / "again" / "mine" / "S1" / "table_index"):
+        curve = pd.read_csv(table / "seed_1" / "eval" / "progress.csv")
+        assert curve["time/total_timesteps"].tolist() == [0, 50, 100, 150, 200]
+        assert curve["eval/success"].between(0, 1).all()
+    assert len([*(tmp_path / "again").rglob("progress.csv")]) == 5
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    for path, name in ((".", "train/loss"), ("eval", "eval/success")):
+        events = accumulator.EventAccumulator(str(scene / "sb3_dqn_one_hot" / "seed_0" / path))
+        events.Reload()
+        assert events.Scalars(name)[-1].step == 200

@@ -1,0 +1,184 @@
+"""The store gives back what was put into it, whole, or says what is wrong with it."""
+
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmark.store import Arrays, Record, Store
+from envs import InputError
+
+
+def record(digest: str, status: str = "done", arrays: Arrays | None = None) -> Record:
+    error = "oh" if status == "failed" else None
+    return Record(digest, "{}", status, {"wall_time_s": 1.0}, arrays or {}, error)
+
+
+def content_of(record: Record) -> tuple[object, ...]:
+    arrays = {
+        name: (array.dtype, array.shape, array.tobytes()) for name, array in record.arrays.items()
+    }
+    return (
+        record.digest,
+        record.specification,
+        record.status,
+        record.error,
+        record.provenance,
+        arrays,
+    )
+
+
+def execute(path: Path, *statements: str, parameters: Sequence[object] = ()) -> list[Any]:
+    """Does something to the file that the store does not know of."""
+    connection = sqlite3.connect(path, isolation_level=None)
+    rows = [connection.execute(statement, parameters).fetchall() for statement in statements]
+    connection.close()
+    return rows[-1]
+
+
+def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
+    with Store(tmp_path / "deep" / "runs.db") as store:
+        store.add([record("x", arrays={"a": np.ones(3)}), record("y")])
+        store.add([record("x", "failed"), record("z", "failed")])  # for example by another driver
+    with Store(tmp_path / "deep" / "runs.db") as store:
+        assert store.statuses() == {"x": "done", "y": "done", "z": "failed"}
+        assert store.ended() == {"x", "y"}
+        second, first = store.get(["y", "x"])
+        assert (second.arrays, first.arrays["a"].tolist()) == ({}, [1, 1, 1])
+        with pytest.raises(InputError, match="the record of run other"):
+            store.get(["other"])
+
+
+NUMBERS = ["i1", ">u4", "<i8", "<f4", ">f8"]
+
+
+@pytest.mark.parametrize("shape", [(), (3, 0), (2, 3, 5)])
+def test_arrays_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    arrays: dict[str, NDArray[np.generic]] = {
+        # Arbitrary bits: some floats are denormal, or NaN with a payload.
+        name: np.frombuffer(rng.bytes(int(np.prod(shape)) * np.dtype(name).itemsize), name).reshape(
+            shape
+        )
+        for name in NUMBERS
+    }
+    arrays["bool"] = np.array(rng.random(shape) < 0.5)
+    arrays["text"] = np.full(shape, "PING")
+    arrays["transposed"] = np.arange(12.0).reshape(3, 4).T
+    arrays["NaN"] = np.array([0x7FF8000000000123, 0xFFF0000000000001], dtype=np.uint64).view(
+        np.float64
+    )
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x", arrays=arrays)])
+        assert content_of(store.get(["x"])[0]) == content_of(record("x", arrays=arrays))
+
+
+def test_records_are_added_all_or_none(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x")])
+        with pytest.raises(InputError):
+            store.add([record("x", "failed"), record("y"), record("z", "odd")])
+        assert store.statuses() == {"x": "done"}
+
+
+# Damage
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4, 0.95])
+def test_a_shortened_file_is_refused_and_left_alone(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "runs.db"
+    with Store(path) as store:
+        store.add(record(f"{i:064x}", arrays={"a": np.arange(500.0) + i}) for i in range(50))
+    content = path.read_bytes()[: int(share * path.stat().st_size)]
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"runs\.db.*move it away"), Store(path):
+        pass
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "arrays = substr(arrays, 1, length(arrays) - 1)",  # without its end
+        "provenance = CAST(X'7bff7d' AS TEXT)",  # no UTF-8
+        "specification = '{ }'",
+        "digest = CAST(X'FF61' AS TEXT)",
+        "head = NULL",
+    ],
+)
+def test_damaged_records_are_reported_and_removed(tmp_path: Path, damage: str) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add(
+            [record("0123456789abcdef", arrays={"q": np.zeros(5), "r": np.zeros(5)}), record("y")]
+        )
+    execute(tmp_path / "runs.db", f"UPDATE runs SET {damage} WHERE digest != 'y'")
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        (digest,) = store.statuses().keys() - {"y"}
+        if digest.isascii():
+            with pytest.raises(InputError, match=rf"runs\.db: the record of run {digest[:12]}\b"):
+                store.get([digest], arrays="arrays" in damage)  # of the others no array is read
+    with Store(tmp_path / "runs.db") as store:
+        assert store.damaged([digest, "y"]) == [digest]
+        if digest.isascii():
+            assert store.discard_damaged([digest, "y"]) == 1
+            assert store.statuses() == {"y": "done"}
+
+
+# What is not a store, or cannot be used
+
+
+def test_foreign_files_are_refused_and_left_alone(tmp_path: Path) -> None:
+    text, other, older = (tmp_path / f"{name}.db" for name in ("text", "other", "older"))
+    text.write_text("these are my notes, and no database at all\n" * 100)
+    execute(other, "CREATE TABLE cats (name TEXT)")
+    with Store(older):
+        pass
+    execute(older, "PRAGMA user_version = 3")
+    for path in (text, other, older):
+        before = path.read_bytes()
+        for read_only in (False, True):
+            with pytest.raises(InputError, match=rf"{path.name}.*move it away"):
+                Store(path, read_only=read_only)
+        assert path.read_bytes() == before
+    with pytest.raises(InputError, match=r"runs\.db: cannot be used as the store .*text"):
+        Store(text / "runs.db")
+
+
+def test_reading_needs_a_store_and_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "runs.db"
+    with pytest.raises(InputError, match=r"runs\.db: there are no runs yet"):
+        Store(path, read_only=True)
+    assert not path.exists()
+    with Store(path) as store:
+        store.add([record("x")])
+    before = path.read_bytes()
+    with Store(path, read_only=True) as store:
+        assert store.statuses() == {"x": "done"}
+        with pytest.raises(InputError):
+            store.add([record("y")])
+    assert path.read_bytes() == before
+
+
+def test_interrupted_write_is_put_right_by_whoever_opens_the_file(tmp_path: Path) -> None:
+    """A journal that a killed driver left holds what the file had before; it must not be moved away."""
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record(name, arrays={"q": np.zeros(5000)}) for name in "abc"])
+    code = (
+        "import os, sqlite3, sys\n"
+        "connection = sqlite3.connect(sys.argv[1], isolation_level=None)\n"
+        "connection.execute('PRAGMA cache_size = 1')\n"  # so that pages are written before the end
+        "connection.execute('BEGIN')\n"
+        "connection.execute('UPDATE runs SET arrays = randomblob(100000), provenance = 7')\n"
+        "os._exit(1)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, tmp_path / "runs.db"], check=False)
+    assert (tmp_path / "runs.db-journal").stat().st_size > 0
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert store.damaged("abc") == []
+        assert store.statuses() == dict.fromkeys("abc", "done")

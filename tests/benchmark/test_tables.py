@@ -1,0 +1,233 @@
+"""The published tables of runs: what they are made of, how they are written, and what is refused."""
+
+import gzip
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import benchmark
+from agents.dynamic_programming import evaluate
+from agents.policy import mask_policy
+from benchmark.executors import Threads
+from benchmark.experiment import Experiment, load_experiment
+from benchmark.folder import csv_text
+from benchmark.records import Records, anchors
+from benchmark.run import execute
+from benchmark.store import Record, Store
+from benchmark.tables import CURVES, RUNS, Group, check_declared, publish, read, tables
+from envs import ZONES, InputError
+from envs.observations import compile_seen
+from tests.benchmark.populations import population
+from tests.support import reseal, small_experiment, variant
+
+PPO = {"n_steps": 100, "batch_size": 50, "n_epochs": 1}
+TWO = small_experiment(
+    scenarios=["S1", "S3"],
+    horizon=100,
+    settings={"budget": 400, "time_limit": 100},
+    algorithms={
+        "table": variant(seeds=3),
+        "ppo": variant("compiled_ppo", "one_hot", policy="stochastic", settings=PPO),
+    },
+)
+MADE = {"cpu_time_s": [0.5, 2.0], "peak_memory_mb": None, "wall_time_s": 3.0, "commit": None}
+MADE |= {"started_at": "2026-01-01", "machine": "m", "processor": "p", "versions": {"b": 1, "a": 2}}
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
+    path = tmp_path_factory.mktemp("two") / "mine.toml"
+    path.write_text(TWO, encoding="utf-8")
+    return load_experiment(path)
+
+
+@pytest.fixture(scope="module")
+def results(two: Experiment) -> Path:
+    """The folder beside the experiment's file, with stored and published runs."""
+    groups = [Group(each, each.runs()) for each in two.populations]
+    with Store(two.path.parent / "runs.db") as store:
+        runs = [run for group in groups for run in group.runs]
+        assert execute(runs, store, 1, executor=Threads(1)) == []
+        publish(two.path.parent / "mine", *tables(groups, store))
+    return two.path.parent
+
+
+def test_tables_have_what_records_hold(two: Experiment, results: Path) -> None:
+    """Success by a second method: recorded policies, evaluated again; scores from the anchors."""
+    runs, curves = (
+        dict(iter(frame.groupby(["scenario", "learner"]))) for frame in read(results / "mine")
+    )
+    with Store(results / "runs.db") as store:
+        for each in two.populations:
+            own, curve = (frame[each.scenario.name, each.learner.name] for frame in (runs, curves))
+            records = [record.arrays for record in store.get([run.digest for run in each.runs()])]
+            assert own["seed"].tolist() == [run.seed for run in each.runs()]
+            assert own["run"].tolist() == [run.digest[:16] for run in each.runs()]
+            assert (own["budget"] == 400).all()
+            model = compile_seen(each.scenario, each.learner.observation)
+            final = [
+                arrays["stochastic"][-1]
+                if each.learner.policy == "stochastic"
+                else mask_policy(arrays["greedy"][-1])
+                for arrays in records
+            ]
+            found = evaluate(model, np.stack(final), 100)
+            random, best = anchors(model, 100)
+            expected = {
+                "success": found.success,
+                "steps": found.steps,
+                "unbounded_score": (found.grid_return - random) / (best - random),
+                "greedy_success": [arrays["success"][-1] for arrays in records],
+            }
+            for name, values in expected.items():
+                assert own[name].to_numpy() == pytest.approx(np.array(values), rel=1e-5, abs=1e-6)
+            assert (own["score"] == own["unbounded_score"].clip(0, 1)).all()
+            assert curve["step"].tolist() == [0, 100, 200, 300, 400] * len(own)
+            last = curve[curve["step"] == 400]
+            for name in ("success", "score", "training_wrong_pings"):
+                assert last[name].tolist() == own[name].tolist()
+
+
+def tabulated(made: Records, path: Path) -> dict[str, Any]:
+    """Returns the first row of the table of runs that are made by hand, and stored."""
+    agents = zip(made.runs, made.agents, strict=True)
+    fixed = {"updates": 7, "parameters": 600, "diverged_at": -1}
+    with Store(path / "runs.db") as store:
+        store.add(
+            Record(run.digest, run.content, "done", MADE, {**arrays, **each})
+            for run, arrays in agents
+            for each in [{name: np.array(value) for name, value in fixed.items()}]
+        )
+        group = Group(load_experiment("reproduce", smoke=True).populations[0], made.runs)
+        runs, _ = tables([group], store)
+    return dict(runs.iloc[0])
+
+
+def test_results_after_training_by_hand(tmp_path: Path) -> None:
+    zones = {"outside": 30.0, "target": 1.0, "uncomfortable": 4.0, "issuer": 0.5}
+    zone_steps = np.zeros((1, 4, 4))  # (N, T, zones)
+    zone_steps[:, -1] = [zones[zone] for zone in ZONES]
+    row = tabulated(population(n=1, zone_steps=zone_steps), tmp_path)
+    keys = {"scenario": "S1", "reading": "default", "learner": "q_learning, index", "seed": 0}
+    results = {"uncomfortable_steps": 4, "diverged_at": np.inf, "updates": 7, "cpu_time_s": 2.0}
+    made = {"versions": '{"a": 2, "b": 1}', "machine": "m", "commit": None}
+    assert {name: row[name] for name in keys | results | made} == keys | results | made
+    assert "cpu_learned_s" not in row
+
+
+def test_runs_until_solved_by_hand(tmp_path: Path) -> None:
+    """Success in unseen places when learned and at the budget, by the policy that counts and both."""
+    curve, unseen = np.array([[0.0, 1.0, 1.0, 0.95]]), np.array([[[0.1, 0.2], [0.3, 0.4]]])
+    made = population(n=1, success=curve, unseen_success=unseen)
+    solved = {"success": 0.9, "growth": 1.2}
+    made = replace(made, runs=[replace(run, solved=solved) for run in made.runs])
+    expected = {
+        **{"unseen_success": 0.1, "unseen_greedy": 0.1, "unseen_stochastic": 0.2},
+        **{"unseen_budget": 0.3, "unseen_budget_greedy": 0.3, "unseen_budget_stochastic": 0.4},
+        **{"success": 0.95, "cpu_time_s": 2.0, "cpu_learned_s": 2.0},
+    }
+    row = tabulated(made, tmp_path)
+    assert {name: row[name] for name in expected} == expected
+    assert "score" not in row
+
+
+def test_a_policy_that_is_not_learned_is_refused(two: Experiment, results: Path) -> None:
+    (table, *_), told = two.populations, "algorithms.table.policy = stochastic: .*accepted: greedy"
+    declared = table.learner.declared.model_copy(update={"policy": "stochastic"})
+    other = replace(table, learner=replace(table.learner, declared=declared))
+    with Store(results / "runs.db") as store, pytest.raises(InputError, match=told):
+        tables([Group(other, other.runs())], store)
+
+
+# Files
+
+
+def test_numbers_are_rounded_once(results: Path, tmp_path: Path) -> None:
+    """What is read and written again is the same to the last byte."""
+    runs, curves = read(results / "mine")
+    publish(tmp_path / "mine", runs, curves)
+    for name in (RUNS, CURVES):
+        assert (tmp_path / "mine" / name).read_bytes() == (results / "mine" / name).read_bytes()
+
+
+def test_files_stay_if_only_measured_columns_or_the_compression_differ(
+    results: Path, tmp_path: Path
+) -> None:
+    runs, curves = read(results / "mine")
+    publish(tmp_path / "mine", runs, curves)
+    content = gzip.compress(csv_text(runs).encode(), 1, mtime=7)
+    (tmp_path / "mine" / RUNS).write_bytes(content)
+    publish(tmp_path / "mine", runs.assign(wall_time_s=1e9, machine="another"), curves)
+    assert (tmp_path / "mine" / RUNS).read_bytes() == content
+    publish(tmp_path / "mine", runs.assign(success=0.5), curves)
+    assert (read(tmp_path / "mine")[0]["success"] == 0.5).all()
+
+
+def damaged(name: str, change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
+    def damage(folder: Path) -> None:
+        (folder / name).write_bytes(change((folder / name).read_bytes()))
+
+    return damage
+
+
+def replaced(name: str, old: str, new: str) -> Callable[[Path], object]:
+    """Changes a table, and the manifest with it."""
+
+    def damage(folder: Path) -> None:
+        text = gzip.decompress((folder / name).read_bytes()).decode()
+        assert old in text
+        (folder / name).write_bytes(gzip.compress(text.replace(old, new).encode()))
+        reseal(folder)
+
+    return damage
+
+
+@pytest.mark.parametrize(
+    ("damage", "problem"),
+    [
+        (lambda folder: (folder / CURVES).unlink(), "there are no runs yet"),
+        (damaged(RUNS, lambda content: content[:-9]), "manifest.json lists another digest"),
+        (damaged("manifest.json", lambda content: content[5:]), "manifest.json: damaged"),
+        (replaced(RUNS, ",success,", ",failure,"), "without success"),
+        (replaced(RUNS, ",400,", ",many,"), "budget, updates: no numbers"),
+        (replaced(CURVES, ",400,", ",400,7"), "success is no share"),
+        (replaced(CURVES, "S3,", "S2,"), "are about other runs"),
+    ],
+)
+def test_damaged_and_foreign_files_are_refused(
+    results: Path, tmp_path: Path, damage: Callable[[Path], object], problem: str
+) -> None:
+    publish(tmp_path / "mine", *read(results / "mine"))
+    damage(tmp_path / "mine")
+    with pytest.raises(InputError, match=problem):
+        read(tmp_path / "mine")
+
+
+def test_published_runs_are_those_that_are_declared(two: Experiment, results: Path) -> None:
+    runs, _ = read(results / "mine")
+    check_declared(two, runs)
+    what = "2 of 10 declared runs are missing, 0 are others"
+    with pytest.raises(InputError, match=rf"^mine: .*{what}; python -m benchmark run .*mine\.toml"):
+        check_declared(two, runs[2:])
+    with pytest.raises(InputError, match="5 of 10 declared runs are missing, 5 are others"):
+        check_declared(two, runs.replace({"scenario": {"S1": "S2"}}))
+    with pytest.raises(InputError, match="10 of 10 declared runs are missing"):
+        check_declared(two, runs.drop(columns="learner"))
+
+
+def test_users_get_the_published_tables(
+    two: Experiment, results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = read(results / "mine")
+    for found, table in zip((benchmark.runs, benchmark.curves), expected, strict=True):
+        pd.testing.assert_frame_equal(found(two.path, results), table)
+    monkeypatch.chdir(results)
+    (results / "results").symlink_to(results)
+    assert len(benchmark.runs("mine.toml")) == 10
+    with pytest.raises(InputError, match="there are no runs yet"):
+        benchmark.runs(two.path, results / "mine")
