@@ -702,7 +702,7 @@ class _Loading:
             return {}
         where = f"{self.path}: algorithms.{name}.tuned_by = {variant.tuned_by}"
         source, _, searched = variant.tuned_by.rpartition(":")
-        declared, path = read_experiment(source or searched)
+        declared, path = read_experiment(_beside(self.path, source or searched))
         if declared.search is None or not source:
             raise InputError(f"{where}: accepted: SEARCH:VARIANT of one with a table [search].")
         if searched not in declared.algorithms:

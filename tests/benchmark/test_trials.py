@@ -1,0 +1,120 @@
+"""What a search draws, and the file of what it has chosen."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmark.trials import (
+    Choice,
+    Choices,
+    Chosen,
+    Finalist,
+    Search,
+    Space,
+    Span,
+    chosen_file,
+    read_chosen,
+    trials,
+    write_choices,
+)
+from envs import InputError
+from envs.inputs import parse
+
+SPACE: Space = {
+    "learning_rate": Span(low=0.01, high=1, scale="log"),
+    "epsilon": Span(low=0, high=0.5),
+    "every": Span(low=10, high=1000, scale="log", whole=True),
+    "policy_kwargs.net_arch": Choice(values=([8], [8, 8])),
+}
+PICKS = tuple(Finalist(trial=t, settings={"epsilon": t / 10}, score=0.5) for t in (1, 6))
+BEST = Chosen(**dict(PICKS[1]), picks=PICKS, trials=7, runs=20, steps=4000, cpu_time_s=0.1)
+CHOICES = Choices(search="a" * 64, trials="b" * 64, learners={"dqn, one_hot": BEST})
+
+
+def test_trials_fill_the_space_evenly() -> None:
+    """Of 64 points of a Sobol sequence in each dimension, one is in every 64th of the range."""
+    first, *others = trials("dqn", SPACE, 64)
+    assert first == {}
+    assert others != trials("ppo", SPACE, 64)[1:]
+    drawn = pd.DataFrame(others)
+    for shares in (np.log10(drawn["learning_rate"]) / 2 + 1, drawn["epsilon"] / 0.5):
+        assert sorted(shares * 64 // 1) == pytest.approx(np.arange(64), abs=1)  # three digits
+    assert [*drawn["policy_kwargs.net_arch"]].count([8]) == 32
+    assert drawn["every"].dtype == int
+    assert drawn["every"].between(10, 1000).all()
+
+
+def test_parts_of_a_search_are_evenly_spread() -> None:
+    """Of 4 parts of 16 trials, each has a point in every 16th of a range; trial 0 is one of them."""
+    search = Search(trials=63, parts=4, finalists=2, first_seed=7, seeds=3)
+    assert search.blocks == [range(16), range(16, 32), range(32, 48), range(48, 64)]
+    assert [*search.fresh] == [7, 8, 9]
+    drawn = trials("dqn", SPACE, 63, 4)
+    assert drawn[1:] == trials("dqn", SPACE, 64)[2:]
+    for block in search.blocks[1:]:
+        shares = [float(str(drawn[trial]["epsilon"])) / 0.5 for trial in block]
+        assert sorted(share * 16 // 1 for share in shares) == pytest.approx(np.arange(16), abs=1)
+
+
+@pytest.mark.parametrize(
+    ("keys", "reason"),
+    [
+        ({"trials": 63, "parts": 3}, "parts = 3: accepted: a number that divides trials + 1 = 64"),
+        ({"trials": 63, "parts": 16, "finalists": 5}, "finalists = 5: accepted: at most 4"),
+        ({"trials": 3}, "finalists = 4: accepted: at most 3"),
+        ({"trials": 0}, "trials = 0: input should be greater than or equal to 1"),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused(keys: dict[str, object], reason: str) -> None:
+    with pytest.raises(InputError, match=re.escape(reason)):
+        parse(Search, {"first_seed": 0, **keys}, "mine.toml")
+
+
+@pytest.mark.parametrize(
+    ("keys", "reason"),
+    [
+        ({"low": 0.0, "high": 1.0, "scale": "log"}, "low = 0.0: accepted: above 0"),
+        ({"low": 1.0, "high": 1.0}, "low = 1.0: accepted: less than high = 1.0"),
+    ],
+)
+def test_an_empty_range_is_refused(keys: dict[str, object], reason: str) -> None:
+    with pytest.raises(InputError, match=re.escape(reason)):
+        parse(Span, keys, "mine.toml")
+
+
+def test_chosen_settings_are_read_as_they_were_written(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    write_choices(path, CHOICES)
+    found = read_chosen(path, "other.toml")
+    assert found.model_copy(update={"sha256": ""}) == CHOICES
+    assert chosen_file(path).name == "mine.chosen.json"
+    single = BEST.model_copy(update={"picks": ()})
+    write_choices(path, CHOICES.model_copy(update={"learners": {"dqn, one_hot": single}}))
+    assert "picks" not in chosen_file(path).read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        (".*", None, "is missing"),
+        (".*", "[]", "is damaged"),
+        (r'"epsilon": 0\.1', '"epsilon": 0.2', "is damaged"),
+    ],
+)
+def test_missing_and_changed_choices_are_refused(
+    tmp_path: Path, old: str, new: str | None, reason: str
+) -> None:
+    path = tmp_path / "mine.toml"
+    write_choices(path, CHOICES)
+    file = chosen_file(path)
+    text, count = re.subn(old, new or "", file.read_text(), count=1, flags=re.DOTALL)
+    assert count == 1
+    file.unlink() if new is None else file.write_text(text)
+    again = (
+        rf"other\.toml: mine\.chosen\.json {reason}; python -m benchmark run \S*mine\.toml --rep"
+    )
+    with pytest.raises(InputError, match=again):
+        read_chosen(path, "other.toml")
