@@ -18,8 +18,8 @@ import pandas as pd
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from benchmark import provenance
 from benchmark.folder import README, alone, replaced, write_csv, write_manifest
+from benchmark.provenance import provenance
 from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 
@@ -52,9 +52,9 @@ def main(options: argparse.Namespace) -> int:
     with alone(options.results), replaced(folder) as aside:
         frame = measured(all_rows(options.smoke))
         write_csv(frame, aside / "speed.csv")
-        about = {"machines": [provenance.machine()], "processors": [provenance.processor()]}
-        write_manifest(aside, {"experiment": "speed", "command": "make speed"} | about)
-        text = _readme(frame)
+        made = provenance("q_learning")
+        write_manifest(aside, {"experiment": "speed", "command": "make speed"} | made)
+        text = _readme(frame, str(made["machine"]))
         (aside / README).write_text(text, encoding="utf-8")
     print(f"{text}\nwritten to {folder}")
     return 0
@@ -81,7 +81,7 @@ def measured(rows: Iterable[Row]) -> pd.DataFrame:
     return pd.DataFrame(table, columns=["name", "per_second", "baseline", "ratio", "against"])
 
 
-def _readme(frame: pd.DataFrame) -> str:
+def _readme(frame: pd.DataFrame, machine: str) -> str:
     table = frame.to_string(index=False, float_format="{:,.1f}".format)
     return f"""# Speed against alternatives
 
@@ -93,7 +93,7 @@ numbers are in speed.csv. Rows named `net_` train with the settings of `speed_ne
 {table}
 ```
 
-Measured on: {provenance.machine()}. Machines differ and are noisy; ratios differ, too.
+Measured on: {machine}. Machines differ and are noisy; ratios differ, too.
 """
 
 

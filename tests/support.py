@@ -15,7 +15,6 @@ import pandas as pd
 from markdown_it import MarkdownIt
 
 from benchmark.experiment import Experiment
-from benchmark.folder import MANIFEST, write_manifest
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
 from envs import InputError, load_scenario
@@ -38,7 +37,7 @@ def variant(
 
 
 def small_experiment(**changes: object) -> str:
-    """Returns the text of an experiment's file: a table in S1, few short runs, and these changes."""
+    """Returns the text of an experiment's file: short runs of a table in S1, with changes."""
     keys: dict[str, object] = {
         "description": "A small experiment.",
         "scenarios": ["S1"],
@@ -118,15 +117,8 @@ def specifications(
 
 
 def few_places(name: str, n: int = 6) -> dict[str, Any]:
-    """Returns overrides with which a shipped scenario is small: a group stands in few of many ways."""
+    """Returns overrides with which a scenario is small: a group stands in few of many ways."""
     return {"issuer.places": n} if load_scenario(name).group else {}
-
-
-def reseal(folder: Path, **changes: object) -> None:
-    """Writes the manifest of a folder of results again, as if its files had been made as they are."""
-    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8")) | changes
-    gone = {key for key, value in changes.items() if value is None}
-    write_manifest(folder, {key: value for key, value in manifest.items() if key not in gone})
 
 
 def git(folder: Path, *arguments: str) -> str:
@@ -148,7 +140,7 @@ def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
 
 
 def copy_sources(folder: Path | None) -> set[str]:
-    """Returns the files of this repository, new ones, too, and copies them into a folder, if one is given."""
+    """Returns the files of this repository, new ones, too; copies them into a folder if given."""
     listed = git(ROOT, "ls-files", "-z", "--cached", "--others", "--exclude-standard").split("\0")
     names = {name for name in listed if name and (ROOT / name).is_file()}
     if folder is not None:
@@ -159,7 +151,7 @@ def copy_sources(folder: Path | None) -> set[str]:
 
 
 def copy_compiled(folder: Path) -> None:
-    """Copies what numba has compiled in this checkout into a copy of it, which then need not do it."""
+    """Copies what numba has compiled in this checkout into a copy of it."""
     for source in (ROOT / "agents").rglob("*"):
         target = folder / source.relative_to(ROOT)
         if source.suffix == ".nbc":
@@ -177,13 +169,8 @@ def markdown_parser() -> MarkdownIt:
 
 
 def mistyped_columns(path: Path) -> list[str]:
-    """Lists the columns of a CSV file whose type a reader cannot infer from its first hundred rows."""
-    whole = pd.read_csv(path, dtype_backend="numpy_nullable", keep_default_na=False, na_values=[""])
-    first = pd.read_csv(
-        path, nrows=100, dtype_backend="numpy_nullable", keep_default_na=False, na_values=[""]
-    )
-    return [
-        str(name)
-        for name in whole
-        if first[name].isna().all() or whole[name].dtype != first[name].dtype
-    ]
+    """Lists columns of a CSV file whose type cannot be inferred from its first hundred rows."""
+    types = {"dtype_backend": "numpy_nullable", "keep_default_na": False, "na_values": [""]}
+    whole, first = pd.read_csv(path, **types), pd.read_csv(path, nrows=100, **types)
+    is_known = first.notna().any() & (first.dtypes == whole.dtypes)
+    return [str(name) for name in whole if not is_known[name]]
