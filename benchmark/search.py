@@ -3,21 +3,19 @@
 First, every trial of every learner runs in all scenarios. Then trial 0, which has the declared
 settings, and the finalists, which are the best trials of each part of the search, run again with
 fresh seeds. The best of these is the pick of its part, so mere luck is not enough; trial 0 is a
-candidate in the first part. The best pick is chosen. In each scenario, the trial that is best there
-runs again, too.
+candidate in the first part. The best pick is chosen.
 
 Trials are compared by means over scenarios of a measure of each run: the area under its curve of
 success or, with `[solved]`, how early it has learned.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from itertools import chain, product
+from itertools import chain
 from math import inf
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,7 +29,7 @@ from benchmark.specification import solved
 from benchmark.statistics import ALPHA, Estimate, Means, combined, contrast, with_ends
 from benchmark.store import Store
 from benchmark.study import Data, Report
-from benchmark.style import WIDTH, figure_of, look, name_rows
+from benchmark.style import WIDTH, figure_of, name_rows
 from benchmark.tables import Group, read, tables
 from benchmark.trials import Choices, Chosen, Finalist, Search, trials, write_choices
 from envs import InputError
@@ -67,47 +65,14 @@ def search_of(experiment: Experiment) -> Search:
 # What is found for each learner
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(NamedTuple):
     """What a search has found for a learner."""
 
     learner: Learner
-    search: Search
-    first: pd.DataFrame
-    """Means of the first runs, (trials, scenarios)."""
-    fresh: pd.DataFrame
-    """Means of the runs with fresh seeds; of trials and scenarios without any, NaN."""
-
-    @property
-    def finalists(self) -> list[list[int]]:
-        """The best trials of every part by the first runs, the best one first."""
-        means, n = self.first.mean(axis=1), self.search.finalists
-        return [ranked(means[[*part]])[:n] for part in self.search.blocks]
-
-    @property
-    def picks(self) -> list[int]:
-        """The best trial of every part by fresh runs."""
-        means, (first, *others) = self.fresh.mean(axis=1), self.finalists
-        parts = [[*{0, *first}], *others]
-        return [ranked(means[part])[0] for part in parts]
-
-    @property
-    def best_by_scenario(self) -> dict[str, int]:
-        """The best trial of each scenario by the first runs."""
-        return {str(name): ranked(self.first[name])[0] for name in self.first}
-
-    @property
-    def again(self) -> set[tuple[int, str]]:
-        """The trials that run with fresh seeds, each with a scenario."""
-        best = self.best_by_scenario
-        everywhere = product([0, *chain(*self.finalists)], best)
-        return {*everywhere, *zip(best.values(), best, strict=True)}
-
-    def means(self, trial: int | None) -> Means:
-        """Returns the fresh means of a trial; by default, of the best one in each scenario."""
-        at = self.best_by_scenario
-        means = [self.fresh[name][at[name] if trial is None else trial] for name in at]
-        return Means(means, [self.search.seeds] * len(means))
+    first: pd.DataFrame  # means of the first runs, (trials, scenarios)
+    fresh: pd.DataFrame  # means of the runs with fresh seeds, (trials that have some, scenarios)
+    finalists: list[list[int]]  # the best trials of every part by the first runs
+    picks: list[int]  # the best of these by fresh runs; none before the second stage
 
 
 def ranked(means: "pd.Series[float]") -> list[int]:
@@ -138,19 +103,22 @@ def measured(experiment: Experiment, curves: pd.DataFrame) -> pd.DataFrame:
     return runs.assign(measure=earliness, steps=np.where(n_steps < budget, n_steps, inf))
 
 
-def outcomes(experiment: Experiment, curves: pd.DataFrame) -> list[Outcome]:
-    """Returns what the search has found for every learner, by the curves of its runs."""
+def outcomes(experiment: Experiment, curves: pd.DataFrame) -> Iterator[Outcome]:
+    """Yields what the search has found for every learner, by the curves of its runs."""
     search, runs = search_of(experiment), measured(experiment, curves)
-    is_fresh, names = runs["seed"].isin(search.fresh), [*experiment.scenarios]
-
-    def means(learner: str, stage: "pd.Series[bool]") -> pd.DataFrame:
-        own = runs[stage & (runs["learner"] == learner)]
-        return own.groupby(["trial", "scenario"])["measure"].mean().unstack().reindex(columns=names)
-
-    return [
-        Outcome(learner, search, means(name, ~is_fresh), means(name, is_fresh))
-        for name, learner in experiment.learners.items()
-    ]
+    keys = ["trial", "scenario"]
+    for name, learner in experiment.learners.items():
+        own = runs[runs["learner"] == name]
+        is_fresh = own["seed"].isin(search.fresh)
+        first, fresh = (
+            stage.groupby(keys)["measure"].mean().unstack().reindex(columns=[*experiment.scenarios])
+            for stage in (own[~is_fresh], own[is_fresh])
+        )
+        means, again = first.mean(axis=1), fresh.mean(axis=1, skipna=False)
+        finalists = [ranked(means[[*part]])[: search.finalists] for part in search.blocks]
+        candidates = [[*{0, *finalists[0]}], *finalists[1:]]
+        picks = [ranked(again[part])[0] for part in candidates] if len(again) else []
+        yield Outcome(learner, first, fresh, finalists, picks)
 
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
@@ -160,18 +128,19 @@ def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     curves = tables(first, store)[1]
     # As published, so that the report finds the same
     curves["success"] = curves["success"].map("{:.6g}".format).astype(float)
-    again = {each.learner.name: each.again for each in outcomes(experiment, curves)}
+    found = outcomes(experiment, curves)
+    again = {each.learner.name: {0, *chain(*each.finalists)} for each in found}
     yield [
         Group(each, each.runs(search_of(experiment).fresh))
         for each in experiment.populations
-        if (each.keys["trial"], each.scenario.name) in again[each.learner.name]
+        if each.keys["trial"] in again[each.learner.name]
     ]
 
 
 @lru_cache(maxsize=1)
 def found(data: Data) -> list[Outcome]:
     """Returns what the search has found for every learner."""
-    return outcomes(data.experiment, data.curves)
+    return [*outcomes(data.experiment, data.curves)]
 
 
 def measure_of(data: Data) -> str:
@@ -184,15 +153,14 @@ def measure_of(data: Data) -> str:
 
 def chosen_of(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Chosen:
     """Returns the best pick of a learner, all picks, and the effort of finding them."""
-    learner, search = outcome.learner, outcome.search
-    drawn = trials(learner.variant, learner.declared.search, search.trials, search.parts)
+    learner, search, drawn = outcome.learner, search_of(experiment), drawn_for(experiment, outcome)
     own = experiment.declared.settings | learner.declared.settings
     kept = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
     picks = [
         Finalist(
             trial=trial,
             settings=override(kept, drawn[trial], learner.name),
-            score=round(outcome.means(trial).mean, 6),
+            score=round(float(np.mean(outcome.fresh.loc[trial])), 6),
         )
         for trial in outcome.picks
     ]
@@ -207,6 +175,12 @@ def chosen_of(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> C
         steps=int(tried["budget"].sum()),
         cpu_time_s=round(float(tried["cpu_time_s"].sum()), 3),
     )
+
+
+def drawn_for(experiment: Experiment, outcome: Outcome) -> list[dict[str, object]]:
+    """Returns what each trial of a learner draws, by dotted key."""
+    search, variant = search_of(experiment), outcome.learner.declared
+    return trials(outcome.learner.variant, variant.search, search.trials, search.parts)
 
 
 def write_chosen(experiment: Experiment, folder: Path) -> None:
@@ -226,52 +200,43 @@ def write_chosen(experiment: Experiment, folder: Path) -> None:
 
 def trials_table(data: Data) -> pd.DataFrame:
     """Every trial of every learner: settings, and means by scenario."""
-    settings = {
-        (each.learner.name, each.keys["trial"]): each.first.settings.model_dump()
-        for each in data.experiment.populations
-    }
     frames, measure = [], measure_of(data)
     for outcome in found(data):
-        name, first, searched = outcome.learner.name, outcome.first, outcome.learner.declared.search
         columns = {
-            "learner": name,
-            "trial": first.index,
-            "settings": [text_of(settings[name, trial], searched) for trial in first.index],
-            measure: first.mean(axis=1),
-            f"fresh_{measure}": outcome.fresh.reindex(first.index).mean(axis=1, skipna=False),
+            "learner": outcome.learner.name,
+            "trial": outcome.first.index,
+            "settings": [text_of(each) for each in drawn_for(data.experiment, outcome)],
+            measure: outcome.first.mean(axis=1),
+            f"fresh_{measure}": outcome.fresh.mean(axis=1, skipna=False),
         }
-        frames.append(pd.DataFrame(columns).join(first))
+        frames.append(pd.DataFrame(columns).join(outcome.first))
     return pd.concat(frames, ignore_index=True)
 
 
-def text_of(settings: Mapping[str, object], keys: Iterable[str]) -> str:
-    """Returns settings with these dotted keys as JSON, without those that are not set."""
-    values = {key.split(".")[-1]: value_at(settings, key) for key in keys}
-    texts = [f"{key} {json.dumps(value)}" for key, value in values.items() if value is not None]
-    return ", ".join(texts) or "default"
-
-
-def value_at(settings: object, key: str) -> object:
-    """Returns the value of a dotted key; None if it is not set."""
-    for name in key.split("."):
-        settings = settings.get(name) if isinstance(settings, dict) else None
-    return settings
+def text_of(settings: Mapping[str, object]) -> str:
+    """Returns what a trial draws as JSON."""
+    texts = [f"{key.split('.')[-1]} {json.dumps(value)}" for key, value in settings.items()]
+    return ", ".join(texts) or "as declared"
 
 
 def chosen(data: Data) -> pd.DataFrame:
     """The chosen settings of each learner, and what it reaches with them on fresh seeds."""
     texts = data.tables["trials"].set_index(["learner", "trial"])["settings"]
-    margin, rows = data.declared.margin, list[dict[str, object]]()
+    margin, n_seeds = data.declared.margin, search_of(data.experiment).seeds
+    rows = []
     for outcome in found(data):
-        name, picks, default = outcome.learner.name, outcome.picks, outcome.means(0)
+        name, picks = outcome.learner.name, outcome.picks
         for part, trial in enumerate(picks, 1):
-            best = outcome.means(trial)
-            *gain, _, _, p, _ = contrast(best, default, margin) if trial else [0.0] * 5 + [1.0, 1.0]
+            x, y = (
+                Means([*outcome.fresh.loc[each]], [n_seeds] * outcome.fresh.shape[1])
+                for each in (trial, 0)
+            )
+            *gain, _, _, p, _ = contrast(x, y, margin) if trial else [0.0] * 5 + [1.0, 1.0]
             row: dict[str, object] = {"learner": name} | ({"part": part} if len(picks) > 1 else {})
             row |= {"trial": trial, "settings": texts[name, trial]}
-            row |= with_ends("default", _estimate(default)) | with_ends("chosen", _estimate(best))
+            row |= with_ends("default", _estimate(y)) | with_ends("chosen", _estimate(x))
             row |= with_ends("gain", Estimate(*gain)) | {"p": min(1.0, p * _n_finalists(data))}
-            rows.append(row | with_ends("per_scenario", _estimate(outcome.means(None))))
+            rows.append(row)
     table = pd.DataFrame(rows)
     has_learned = table["chosen_low"] > random_of(data)
     is_gain = has_learned & (table["p"] <= ALPHA) & (table["gain"] >= margin)
@@ -305,22 +270,15 @@ def effort(data: Data) -> pd.DataFrame | None:
         return None
     runs, budget = measured(data.experiment, data.curves), int(data.curves["step"].max())
     first = runs[~runs["seed"].isin(search_of(data.experiment).fresh)]
-    frames = []
-    for name, own in first.groupby("learner", sort=False):
-        by_scenario = pd.DataFrame(
-            {"scenario": scenario, "learner": name} | _expected(rows, budget)
-            for scenario, rows in own.groupby("scenario", sort=False)
-        )
-        how = {
-            "default": "mean",
-            "learned": "sum",
-            "trials": "sum",
-            "total": "mean",
-            "drawn": "mean",
-        }
-        total = by_scenario.agg(how).to_frame().T.astype({"learned": int, "trials": int})
-        frames += [total.assign(scenario=_ALL, learner=name), by_scenario]
-    return pd.concat(frames, ignore_index=True)[[*frames[1]]]
+    groups = first.groupby(["scenario", "learner"], sort=False)
+    table = pd.DataFrame(
+        {"scenario": scenario, "learner": learner} | _expected(rows, budget)
+        for (scenario, learner), rows in groups
+    )
+    sums = {"learned": "sum", "trials": "sum"}
+    how = {"default": "mean", **sums, "total": "mean", "drawn": "mean"}
+    over_all = table.groupby("learner", sort=False, as_index=False).agg(how)
+    return pd.concat([over_all.assign(scenario=_ALL), table], ignore_index=True)[[*table]]
 
 
 def _expected(runs: pd.DataFrame, budget: int) -> dict[str, float]:
@@ -361,32 +319,22 @@ def cost(data: Data) -> pd.DataFrame:
 def figure(data: Data) -> Figure:
     """What each trial of the search reached, and what the chosen settings reach in fresh runs."""
     measure, learners = measure_of(data), data.experiment.learners
-    reached, chosen = (
-        dict(iter(data.tables[key].groupby("learner"))) for key in ("trials", "chosen")
+    trials, chosen = (
+        data.tables[key].assign(y=lambda table: table["learner"].map([*learners].index))
+        for key in ("trials", "chosen")
     )
+    drawn = trials[trials["trial"] > 0]
+    ends = chosen[["chosen_low", "chosen_high"]].sub(chosen["chosen"], axis=0).abs().T
     with figure_of(1, 1, (WIDTH, 0.3 * len(learners) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
-        for y, (name, learner) in enumerate(learners.items()):
-            trials, picks = reached[name][measure][1:], chosen[name]
-            style, rows = look(learner, learners.values()), [y] * len(picks)
-            axis.plot(trials, [y] * len(trials), "|", ms=9, color="0.55", label="a trial")
-            axis.plot(picks["default"], rows, "kx", ms=7, mew=2, label="trial 0, as declared")
-            ends = picks[["chosen_low", "chosen_high"]].sub(picks["chosen"], axis=0).abs().T
-            mark = {
-                "fmt": style["marker"],
-                "color": style["color"],
-                "ms": 7,
-                "mec": "white",
-                "mew": 0.5,
-            }
-            line = {"ecolor": (style["color"], 0.5), "elinewidth": 3}
-            label = "chosen settings, 95 % interval"
-            axis.errorbar(picks["chosen"], rows, xerr=ends, **mark, **line, label=label)
-        handles, labels = axis.get_legend_handles_labels()
+        axis.plot(drawn[measure], drawn["y"], "|", ms=9, color="0.55", label="a trial")
+        axis.plot(chosen["default"], chosen["y"], "kx", ms=7, mew=2, label="trial 0, as declared")
+        style = {"color": "0.25", "ms": 7, "mec": "white", "elinewidth": 3, "ecolor": "0.7"}
+        label = "chosen settings, 95 % interval"
+        axis.errorbar("chosen", "y", xerr=ends, data=chosen, fmt="o", label=label, **style)
         name_rows(axis, [learner.title for learner in learners.values()])
         axis.set(xlim=(-0.02, 1.0), xlabel=_MEASURES[measure])
-        shown = dict(zip(labels, handles, strict=True)).values()
-        figure.legend(handles=shown, loc="outside upper center", ncols=3, frameon=False)
+        figure.legend(loc="outside upper center", ncols=3, frameon=False)
     return figure
 
 
@@ -397,7 +345,7 @@ FIGURES: Final = {"trials": figure}
 # Text
 
 SHOWN: Final = {
-    "chosen": "learner part trial default chosen gain p verdict per_scenario",
+    "chosen": "learner part trial default chosen gain p verdict",
     "effort": "scenario learner default learned trials total drawn",
     "cost": "learner trials runs steps cpu_time_s cpu_ms",
 }
@@ -414,7 +362,6 @@ COLUMNS: Final = {
     "learned": "first runs of the other trials that have learned",
     "p": "p-value of no gain, times the number of all finalists",
     "part": "part of the search",
-    "per_scenario": "mean with fresh seeds, if the best trial could be chosen in each scenario",
     "runs": "first runs of all trials, and fresh runs of finalists and picks",
     "settings": "values of the searched settings, as JSON",
     "steps": "budgets of all these runs",
