@@ -24,7 +24,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from benchmark.experiments import Experiment
+from benchmark.experiment import Experiment
 from envs.inputs import Label, Names, Table
 
 
