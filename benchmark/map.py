@@ -599,57 +599,64 @@ COLUMNS: Final = {
 
 
 def headline(data: Data) -> str:
-    """Says how the contrasts of the first grid ended."""
-    table, cells, margins = data.tables["contrasts"], data.tables["cells"], data.declared.margins
-    grid, titles = table["grid"].iloc[0], data.experiment.learners
-    budgets = " or ".join(
-        f"{budget:,}" for budget in cells[cells["grid"] == grid]["budget"].unique()
+    """Says how the contrasts of the first grid ended, by steps."""
+    table, margins, titles = (
+        data.tables["contrasts"],
+        data.declared.margins,
+        data.experiment.learners,
     )
-    lines = []
-    for (x, y), rows in table[table["grid"] == grid].fillna("").groupby(["x", "y"], sort=False):
-        ends = [
-            f"{row['verdict']} at {row['point']} ({row['learned_x']} and {row['learned_y']} runs "
-            f"learn{'; ' if row['why_none'] else ''}{row['why_none']})"
-            for _, row in rows.iterrows()
+    table = table[table["grid"] == table["grid"].iloc[0]].fillna("")
+    grid, cells = table["grid"].iloc[0], data.tables["cells"]
+    budgets = " or ".join(f"{n:,}" for n in cells[cells["grid"] == grid]["budget"].unique())
+    lines, undecided = [], []
+    for names, rows in table.groupby(["x", "y", "verdict", "why_none", "differs"], sort=False):
+        x, y, verdict, why, differs = map(str, names)
+        learned = rows[["point", "learned_x", "learned_y"]].itertuples(index=False)
+        points = ", ".join(f"{point} ({n} and {m} runs learn)" for point, n, m in learned)
+        sides = f"{titles[x].title} compared with {titles[y].title}"
+        if verdict == UNDECIDED:
+            undecided.append(f"{sides} at {', '.join(rows['point'])}")
+            continue
+        more = [
+            f"{rows['n'].min()} pairs of runs",
+            f"also different: {differs}" if differs else "",
+            why,
         ]
-        others = "; ".join(filter(None, rows["differs"].unique()))
-        about = f"{rows['n'].min()} pairs of runs" + (
-            f"; also different: {others}" if others else ""
-        )
-        lines.append(
-            f"- {titles[x].title} compared with {titles[y].title} ({about}): {', '.join(ends)}."
-        )
-    text = "\n".join(lines)
+        lines.append(f"- {sides}: {verdict} at {points}; {'; '.join(filter(None, more))}.")
+    lines += [f"- Undecided: {'; '.join(undecided)}."] if undecided else []
+    text, solved = "\n".join(lines), data.experiment.declared.solved
+    assert solved is not None
+    n_decided = table["verdict"].isin(UNITS["steps"][-1]).sum()
     return f"""\
-By the steps that runs need until they have learned, within {budgets} steps, in the grid `{grid}`:
+In the grid `{grid}`, one learner is faster in {n_decided} of {len(table)} contrasts: it needs fewer
+steps until success is at or above {solved.success:g} and stays there until twice as many steps, or
+to the end of all {budgets} steps. {_given_up(data)}
 
 {text}
 
 *Faster* or *slower* takes a significant difference, a probability of taking less that differs from
-1/2 by {margins.probability:g} or more, and a median at least {margins.ratio:g} times as small.
-{_learned(data)}"""
+1/2 by {margins.probability:g} or more, and a median at least {margins.ratio:g} times as small."""
 
 
-def _learned(data: Data) -> str:
-    """Says when a run has learned."""
+def _given_up(data: Data) -> str:
+    """Says which runs are given up; empty if none is."""
     solved = data.experiment.declared.solved
-    assert solved is not None
-    text = f"""\
-A run *has learned* after *s* steps if success is at or above {solved.success:g} at every evaluation
-from step *s* until the first one at or after step 2*s*, or until the last one if the budget ends
-before. Successive evaluations are at most about {solved.growth - 1:.0%} apart, but for the first
-ones."""
-    if solved.given_up_after:
-        text += f""" A run is given up, and counts as one that never learns, if its success has not
-reached half of this level by {solved.given_up_after:.0%} of the budget."""
-    return text
+    if solved is None or not solved.given_up_after:
+        return ""
+    return f"""\
+A run is given up, and counts as one that never learns, if its success has not reached half of this
+level by {solved.given_up_after:.0%} of the budget."""
 
 
 def reading(data: Data) -> str:
     """Explains learning, contrasts and unseen places."""
-    margins = data.declared.margins
+    margins, solved = data.declared.margins, data.experiment.declared.solved
+    assert solved is not None
     return f"""\
-{_learned(data)}
+A run *has learned* after *s* steps if success is at or above {solved.success:g} at every evaluation
+from step *s* until the first one at or after step 2*s*, or until the last one if the budget ends
+before. Successive evaluations are at most about {solved.growth - 1:.0%} apart, but for the first
+ones. {_given_up(data)}
 What happens later is measured only in runs that are trained to the budget, as where there are
 unseen places. A learner *never learns* if at least half of its runs do not; its marker is hollow.
 
