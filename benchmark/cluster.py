@@ -26,8 +26,8 @@ _WORKER_S: Final = 60  # to wait for the first worker
 class Cluster:
     """Executes jobs on the workers of a cluster, see `benchmark.executors.Executor`.
 
-    Dask executes a job again if its worker dies, unless it has already killed three workers. Workers
-    may join at any time, so each job checks its own.
+    Dask executes a job again if its worker dies, unless it has already killed three workers.
+    Workers may join at any time, so each job checks its own.
     """
 
     def __init__(self, address: str, algorithms: Collection[str]) -> None:
@@ -117,8 +117,8 @@ def execute(
 ) -> list[Record] | str:
     """Executes a job on the worker that this is called on, if that has the driver's `environment`.
 
-    Returns the records, or why the worker is refused: an exception might not reach the driver. The job
-    is pickled, since code that differs from the driver's may be unable to read it.
+    Returns the records, or why the worker is refused: an exception might not reach the driver. The
+    job is pickled, since code that differs from the driver's may be unable to read it.
     """
     reason = refusal({algorithm: expected}, get_worker(), folders)
     return execute_job(pickle.loads(packed)) if reason is None else reason

@@ -1,4 +1,4 @@
-"""Where jobs run: threads or worker processes, by the algorithm's placement; `cluster` has a third."""
+"""Where jobs run: threads or worker processes, by the algorithm's placement."""
 
 import ctypes
 import multiprocessing
@@ -38,7 +38,7 @@ class Executor(Protocol):
         """
 
     def cancel(self) -> None:
-        """Ends whatever is running, by waiting for it or by stopping it, and releases all resources.
+        """Ends whatever is running, by waiting or by stopping it, and releases all resources.
 
         Afterwards every future is done or cancelled, and nothing is submitted any more.
         """
@@ -66,13 +66,13 @@ class WorkerDiedError(Exception):
 class Processes:
     """Worker processes: for jobs that hold Python's global lock, as those of Stable-Baselines3 do.
 
-    Every thread of a pool has a worker of its own, which it starts when it first needs one, keeps for
-    its following jobs, and replaces when it has died.
+    Every thread of a pool has a worker of its own, which it starts when it first needs one, keeps
+    for its following jobs, and replaces when it has died.
     """
 
-    # A killed worker must cost only its own job. `ProcessPoolExecutor` waits forever for the rest of a
-    # result if a worker is killed while it writes one, as the driver, too, has the writing end of the
-    # pipe open.
+    # A killed worker must cost only its own job. `ProcessPoolExecutor` waits forever for the rest
+    # of a result if a worker is killed while it writes one, as the driver, too, has the writing end
+    # of the pipe open.
 
     def __init__(self, jobs: int) -> None:
         # Workers inherit the blocked SIGINT, since `cancel` ends them. The resource tracker, which

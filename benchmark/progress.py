@@ -81,7 +81,7 @@ def _seconds_per_step(published: Path) -> dict[str, float]:
     except InputError:
         return {}
     sums = runs.groupby("learner")[["wall_time_s", "budget"]].sum()
-    return dict((sums["wall_time_s"] / sums["budget"]).items())
+    return {str(name): row["wall_time_s"] / row["budget"] for name, row in sums.iterrows()}
 
 
 class Display:

@@ -87,8 +87,8 @@ def digest_of_code() -> str:
 def commit(root: Path) -> str | None:
     """Returns the commit of the repository that tracks this code, if one does.
 
-    It ends in `-changed` if the code differs. A copy that is installed inside another repository has
-    none.
+    It ends in `-changed` if the code differs. A copy that is installed inside another repository
+    has none.
     """
 
     def git(*arguments: str) -> str:

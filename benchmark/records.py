@@ -36,7 +36,7 @@ class Records:
 
     @property
     def run(self) -> RunSpecification:
-        """The first run; others have the same scenario, form of observation, budget and schedule."""
+        """The first run; others have the same scenario, observation, budget and schedule."""
         return self.runs[0]
 
     @cached_property

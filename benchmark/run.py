@@ -36,8 +36,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment = load_experiment(options.experiment, smoke=options.smoke)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
-    if experiment.declared.report:
-        study_of(experiment)  # refuses what does not fit, before any run
+    _check_report(experiment, seeds, is_drawn=options.report)
     check_scores(population.first for population in experiment.populations)
     if options.log is not None:
         _check_log(options)
@@ -54,6 +53,16 @@ def main(options: argparse.Namespace) -> int:
         publish(folder, *tables(groups, store), agents)
     print(f"{experiment.name}: the tables of all runs are in {folder}.")
     return report(options) if options.report else 0
+
+
+def _check_report(experiment: Experiment, seeds: range | None, *, is_drawn: bool) -> None:
+    """Refuses, before any run, what cannot be reported."""
+    if is_drawn or experiment.declared.report is not None:
+        study_of(experiment)
+    fewest = min(len(each.taken(seeds)) for each in experiment.populations)
+    if is_drawn and fewest < 2 and experiment.declared.search is None:
+        accepted = "accepted: at least two for every learner"
+        raise InputError(f"--report: one seed gives no interval; {accepted}.")
 
 
 def stages(experiment: Experiment, store: Store, seeds: range | None) -> Iterator[list[Group]]:

@@ -263,10 +263,11 @@ def check_declared(
     is_alike = {*keys} <= {*table}
     found = {*table[keys].itertuples(index=False, name=None)} if is_alike else set()
     others, search = found - declared, experiment.declared.search
-    for *names, seed, run in [*others] if search else []:
-        population = populations.get((*names,))
-        if population and seed in search.fresh and run == run_id(population.runs([seed])[0]):
-            others.remove((*names, seed, run))
+    if search is not None:
+        for *names, seed, run in [*others]:
+            population = populations.get((*names,))
+            if population and seed in search.fresh and run == run_id(population.runs([seed])[0]):
+                others.remove((*names, seed, run))
     missing = len(declared - found)
     if others or missing:
         what = f"{missing} of {len(declared)} declared runs are missing, {len(others)} are others"

@@ -1,4 +1,4 @@
-"""Whenever a command is killed or interrupted, or its disk is full: no run is lost, repeated or different."""
+"""Whenever a command is killed or interrupted, no run is lost, repeated or different."""
 
 import os
 import resource
@@ -44,7 +44,7 @@ def expected(runs: list[RunSpecification], tmp_path_factory: pytest.TempPathFact
 
 
 def start(experiment: Path, results: Path, **more: Any) -> subprocess.Popen[str]:
-    """Starts a driver in a session of its own, so that an interrupt reaches it as from a terminal."""
+    """Starts a driver in its own session, so that an interrupt reaches it as from a terminal."""
     options = ["--results", str(results), "--jobs", "1"]
     return subprocess.Popen(
         [sys.executable, "-m", "benchmark", "run", str(experiment), *options],
@@ -75,9 +75,15 @@ def children(pid: int) -> list[int]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_stopped_driver_loses_only_the_runs_in_flight(
-    experiment: Path, runs: list[RunSpecification], expected: Arrays, tmp_path: Path, number: signal.Signals
+    experiment: Path,
+    runs: list[RunSpecification],
+    expected: Arrays,
+    tmp_path: Path,
+    number: signal.Signals,
 ) -> None:
     process = start(experiment, tmp_path)
     until(lambda: n_stored(tmp_path) > 0)

@@ -1,4 +1,4 @@
-"""Worker processes: nothing is lost or repeated when they, or their driver, are killed or interrupted."""
+"""Worker processes: nothing is lost or repeated when they, or their driver, are killed."""
 
 import multiprocessing
 import os

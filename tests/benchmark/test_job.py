@@ -118,7 +118,7 @@ def test_a_run_that_is_given_up_never_learns(
     late = next((i for i, success in enumerate(whole["success"]) if success >= 0.45), 5)
     assert late > 1
     assert (solved(whole["success"].tolist(), steps, 0.9)[0] < len(steps)) == (learner == "table")
-    # At the evaluation before it reaches half of the level, it is given up; at that evaluation, no longer.
+    # Given up at the evaluation before it reaches half of the level
     given_up = trained(given_up_after=steps[late - 1] / steps[-1] - 1e-9)
     for name in ("success", "disagreements"):
         expected = [*whole[name][:late], *[whole[name][late - 1]] * (len(steps) - late)]

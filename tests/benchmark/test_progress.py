@@ -1,4 +1,4 @@
-"""How long runs take: forecasts by hand, from published times that are planted, and what is shown."""
+"""How long runs take: forecasts by hand, from planted times, and what is shown."""
 
 from pathlib import Path
 
@@ -51,7 +51,7 @@ def test_ended_jobs_say_how_long_the_others_take() -> None:
     forecast.start(0.0)
     assert forecast.seconds(100.0) == pytest.approx(3 * 180 - 100)
     forecast.end(0, 360.0)
-    # The second is late and ends at any moment; then two wait for two workers, and the last follows.
+    # The second is late, and two more wait for a worker; the last follows.
     assert forecast.seconds(360.0) == pytest.approx(2 * 360)
     forecast.end(1, 360.0)
     assert forecast.seconds(460.0) == pytest.approx(2 * 360 - 100)
@@ -78,7 +78,7 @@ def test_runs_are_counted(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     now = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
     monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal)
     jobs = NETS[:4]
     display = Display("mine", jobs, Forecast(jobs, tmp_path, 1), 1230)

@@ -56,7 +56,7 @@ def test_ping_is_valued_where_its_value_is_positive() -> None:
 
 
 def test_optimal_values_by_hand() -> None:
-    # PING pays 1 in a target cell. The start is ten moves away; each costs 0.1. The discount is 0.9.
+    # PING pays 1 in a target cell, ten moves from the start. A move costs 0.1; the discount is 0.9.
     values = optimal_values(population())
     assert values.shape == (120, 5)
     assert values[4 * 12 + 6, PING] == pytest.approx(1.0)

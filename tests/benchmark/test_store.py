@@ -166,7 +166,7 @@ def test_reading_needs_a_store_and_changes_nothing(tmp_path: Path) -> None:
 
 
 def test_interrupted_write_is_put_right_by_whoever_opens_the_file(tmp_path: Path) -> None:
-    """A journal that a killed driver left holds what the file had before; it must not be moved away."""
+    """A killed driver left a journal, which holds what the file had before."""
     with Store(tmp_path / "runs.db") as store:
         store.add([record(name, arrays={"q": np.zeros(5000)}) for name in "abc"])
     code = (

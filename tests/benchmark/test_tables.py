@@ -1,4 +1,4 @@
-"""The published tables of runs: what they are made of, how they are written, and what is refused."""
+"""The published tables of runs: what they are made of, and what is refused."""
 
 import gzip
 from collections.abc import Callable
@@ -35,7 +35,12 @@ TWO = small_experiment(
         "ppo": variant("compiled_ppo", "one_hot", policy="stochastic", settings=PPO),
     },
 )
-MADE = {"cpu_time_s": [0.5, 2.0], "peak_memory_mb": None, "wall_time_s": 3.0, "commit": None}
+MADE: dict[str, Any] = {
+    "cpu_time_s": [0.5, 2.0],
+    "peak_memory_mb": None,
+    "wall_time_s": 3.0,
+    "commit": None,
+}
 MADE |= {"started_at": "2026-01-01", "machine": "m", "processor": "p", "versions": {"b": 1, "a": 2}}
 
 
@@ -121,7 +126,7 @@ def test_results_after_training_by_hand(tmp_path: Path) -> None:
 
 
 def test_runs_until_solved_by_hand(tmp_path: Path) -> None:
-    """Success in unseen places when learned and at the budget, by the policy that counts and both."""
+    """Success in unseen places, when learned and at the budget, by each policy."""
     curve, unseen = np.array([[0.0, 1.0, 1.0, 0.95]]), np.array([[[0.1, 0.2], [0.3, 0.4]]])
     made = population(n=1, success=curve, unseen_success=unseen)
     solved = {"success": 0.9, "growth": 1.2}
