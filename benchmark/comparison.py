@@ -395,7 +395,7 @@ def headline(data: Data) -> str:
     if "contrasts" not in data.tables:
         return "No contrasts were declared, so there are no verdicts."
     table, scenarios = data.tables["contrasts"].fillna(""), data.experiment.scenarios
-    counts = Counter(table["success_verdict"]).items()
+    counts = Counter(map(str, table["success_verdict"])).items()
     found = ", ".join(f"*{decided}* ({n})" for decided, n in counts)
     is_mean = data.declared.pool == "scenarios" and len(scenarios) > 1
     where = (
@@ -411,7 +411,7 @@ at least {table["n"].min()} runs in each scenario.
 """
     for decided, rows in table.groupby("success_verdict", sort=False):
         if decided in OPEN and len(rows) > _MOST_NAMED:
-            text += f"- *{decided}*: {len(rows)} contrasts, see contrasts.csv\n"
+            text += f"- *{decided!s}*: {len(rows)} contrasts, see contrasts.csv\n"
         else:
             text += "".join(f"- {_sentence(data, row)}\n" for row in rows.to_dict("records"))
     return text
