@@ -220,9 +220,6 @@ def aggregate(data: Data) -> pd.DataFrame:
 
 def rliable(data: Data) -> pd.DataFrame:
     """The usual measures of deep RL (Agarwal et al. 2021), over runs and scenarios."""
-    from rliable import metrics
-
-    measures = [getattr(metrics, f"aggregate_{name}") for name in AGGREGATES]
     baseline = data.declared.baseline[:1]
     rows, drawn = [], _drawn(data) - {*baseline}
     for endpoint, level in {"success": np.nan, "score": giving_up(data.experiment)}.items():
@@ -232,11 +229,10 @@ def rliable(data: Data) -> pd.DataFrame:
         }
         for learner, own in scores.items():
             row = {"endpoint": endpoint, "learner": learner, "n": len(own), "giving_up": level}
-            found = _bootstrap(own, lambda x: np.array([measure(x) for measure in measures]))
-            for name, *ends in zip(AGGREGATES, *found, strict=True):
+            for name, *ends in zip(AGGREGATES, *_bootstrap(own, aggregates), strict=True):
                 row |= with_ends(name, Estimate(*ends))
             if baseline and learner in drawn:
-                found = _bootstrap((own, scores[baseline[0]]), _improvement)
+                found = _bootstrap((own, scores[baseline[0]]), improvement)
                 row |= with_ends("p_improvement", Estimate(*(each[0] for each in found)))
             rows.append(row)
     return pd.DataFrame(rows)
@@ -252,8 +248,18 @@ def giving_up(experiment: Experiment) -> float:
     return float(np.mean(scores))
 
 
-def _improvement(x: Floats, y: Floats) -> float:
-    """Returns what `rliable.metrics.probability_of_improvement` does, a hundred times as fast."""
+def aggregates(x: Floats) -> Floats:
+    """Returns interquartile mean, median, mean and optimality gap of scores, (runs, scenarios).
+
+    They are those of `rliable.metrics`, several times as fast; so is `improvement`.
+    """
+    ordered, cut = np.sort(x, axis=None), x.size // 4
+    iqm, median = ordered[cut : x.size - cut].mean(), np.median(x.mean(axis=0))
+    return np.array([iqm, median, x.mean(), 1 - x.mean()])
+
+
+def improvement(x: Floats, y: Floats) -> float:
+    """Returns the probability that a run of x has more than one of y; a tie counts half."""
     return float(np.mean(x[:, None] > y) + np.mean(x[:, None] == y) / 2)
 
 
