@@ -360,7 +360,7 @@ def draw_rliable(data: Data) -> Figure:
                 _draw_estimate(axis, y, row, measure, _look(data, row["learner"]))
             style.name_rows(axis, names if axis is axes[0, 0] else [""] * len(names))
             axis.set(title=_MEASURES[measure])
-            axis.locator_params(axis="x", nbins=2)
+            axis.locator_params(axis="x", nbins=2, min_n_ticks=1)
             axis.margins(x=0.15)
     return figure
 
@@ -411,8 +411,8 @@ def headline(data: Data) -> str:
     )
     text = f"""\
 After {data.runs["budget"].iloc[0]:,} steps of training, the verdicts on success in {where}
-are {found}. The margin is {data.declared.margins.success:g}, the level 5 %, and every learner has
-at least {table["n"].min()} runs in each scenario.
+are {found}. The margin is {data.declared.margins.success:g}, the level 5 %, and each of these
+learners has at least {table["n"].min()} runs in each scenario.
 
 """
     for decided, rows in table.groupby("success_verdict", sort=False):
@@ -427,8 +427,8 @@ def _sentence(data: Data, row: Row) -> str:
     """Says what the verdict on a pair of learners is, and what else differs between them."""
     decided, apart = row["success_verdict"], row.get("success_except")
     numbers = f"{row['success_x']:.2f} against {row['success_y']:.2f}"
-    alone = f"{'contradicted' if decided == 'mixed' else 'not shown'} in {apart}" if apart else ""
-    details = "; ".join(filter(None, [numbers, row.get("differs"), alone]))
+    where = f"{'contradicted' if decided == 'mixed' else 'not shown'} in {apart} alone"
+    details = "; ".join(filter(None, [numbers, row.get("differs"), apart and where]))
     return f"{_row_name(data, row)}, against {_title(data, row['y'])}: *{decided}* ({details})"
 
 
@@ -441,13 +441,14 @@ def reading(data: Data) -> str:
 steps ends with a correct PING, by the policy after training. An agent that gives up at once, with
 nothing but wrong PINGs, has a score of {level:.2f}.
 
-Contrasts compare x with y in {unit}. *Better* and *worse* take a significant difference of at least
-the margin, {declared.margins.success:g} of success and {declared.margins.score:g} of the score;
-with *slightly*, it is significant, but smaller. *Within margin* takes two one-sided tests; *but
-better* or *but worse* says that there is a difference nevertheless. *Mixed* means that a scenario
-contradicts the verdict by the margin or more. Who is not shown to succeed more often than the
-random policy is not better in anything (*neither learned*, *ahead without learning*). With fewer
-than {FEWEST_RUNS} runs there is *no verdict*.
+Contrasts compare x with y in {unit}. *Better* and *worse* take a significant difference whose
+estimate is at least the margin, {declared.margins.success:g} of success and
+{declared.margins.score:g} of the score; with *slightly*, it is smaller. *Within margin* means that
+two one-sided tests show a difference below the margin; *but better* and *but worse*, that it is
+significant nevertheless. *Mixed* means that a scenario contradicts the verdict by the margin or
+more. A learner that is not shown to succeed more often than the random policy is not better in
+anything (*neither learned*, *ahead without learning*). With fewer than {FEWEST_RUNS} runs there is
+*no verdict*.
 
 Tests are at the 5 % level. P-values are adjusted by Holm's method, separately for each endpoint,
 for differences and margins, and for contrasts that were declared when results were known (`later`);

@@ -21,6 +21,8 @@ def finding(tables: Mapping[str, pd.DataFrame]) -> str:
     by_score = contrasts.set_index("x")["score_verdict"].to_dict()
     assert by_score.pop(TRPO) == "worse", "TRPO is worse by score"
     assert {*by_score.values()} == {"undecided"}, "the others are undecided by score"
+    searched = contrasts["x"][contrasts["differs"].str.contains("searched")]
+    assert {*searched} == {*by_score}, "DQN, PPO and QR-DQN have searched settings, TRPO has not"
     return f"""
 With 10,000 steps and ten runs in each of the paper's three scenarios, it is undecided (margin 0.1,
 level 5 %) whether Stable-Baselines3's DQN and PPO, and sb3-contrib's QR-DQN and TRPO, succeed more

@@ -333,7 +333,7 @@ def test_without_contrasts_there_is_no_verdict(tmp_path: Path) -> None:
 
 def test_reading_has_the_numbers_of_the_declaration(tmp_path: Path) -> None:
     data = made(tmp_path, {"x": share(1), "y": share(0)}, "margins = { success = 0.15 }\n")
-    text = comparison.reading(reading_of(data))
+    text = " ".join(comparison.reading(reading_of(data)).split())
     assert "0.15 of success and 0.05 of the score" in text
     assert "score of 0.43" in text
 
@@ -396,6 +396,7 @@ def test_a_finding_asserts_what_it_says() -> None:
     summary = pd.DataFrame({"scenario": ["S1", "S2", "S3"], "n": 10, "budget": 10_000})
     table = pd.DataFrame({"x": learners[:4], "y": sb3.TABLE, "success_margin": 0.1})
     table["success_verdict"] = "undecided"
+    table["differs"] = ["settings searched (tuning) against declared"] * 3 + ["policy"]
     table["score_verdict"] = ["undecided"] * 3 + ["worse"]
     aggregate = pd.DataFrame({"learner": learners, "success": [0.5, 0.6, 0.7, 0.8, 0.9]})
     tables = {"summary": summary, "contrasts": table, "aggregate": aggregate}
