@@ -1,4 +1,4 @@
-"""An algorithm of another kind from outside, in this file: it plans, and has neither a kernel nor a net."""
+"""An algorithm of another kind from outside, in this file: it plans."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +11,7 @@ from numpy.random import SeedSequence
 from agents import LearnerSettings, Schedule, SequentialAlgorithm
 from agents.dynamic_programming import solve
 from agents.policy import greedy_masks
+from benchmark import runs
 from benchmark.__main__ import main
 from envs import Model
 from tests.support import small_experiment, variant
@@ -68,13 +69,17 @@ def test_it_is_compared_like_any_other(tmp_path: Path) -> None:
         scenarios=["S1", "S3"],
         horizon=200,
         map_every=100,
-        algorithms={"q_learning": variant(seeds=10), "planner": variant(f"{__name__}:DEEP", seeds=10)},
+        algorithms={
+            "q_learning": variant(seeds=10),
+            "planner": variant(f"{__name__}:DEEP", seeds=10),
+        },
     )
     file.write_text(text, encoding="utf-8")
     assert main(["run", str(file), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
-    scores = pd.read_csv(tmp_path / "mine" / "scores.csv.gz").query("variant == 'planner'")
+    scores = runs(file, tmp_path).query("learner == 'planner, index'")
     assert scores["score"].to_numpy() == pytest.approx(1)
+    (contrast,) = pd.read_csv(tmp_path / "mine" / "contrasts.csv").to_dict("records")
+    assert contrast["success_verdict"] == "better"
     readme = (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
-    assert "Verdicts on success: better (1 of 1)." in readme
     assert "plain Python" not in readme  # nobody knows what a planner is written in
     assert (tmp_path / "mine" / "index.html").exists()

@@ -8,8 +8,8 @@ import gymnasium
 import pandas as pd
 import pytest
 
-from benchmark.studies.explorer import FILE
-from tests.benchmark.studies.conftest import results_of
+from benchmark.__main__ import main
+from benchmark.tables import AGENTS
 from tests.support import small_experiment, variant
 
 RIGHT, PING = 3, 4
@@ -48,7 +48,9 @@ EXPERIMENT = small_experiment(
     report={"kind": "comparison", "pool": "none"},
     algorithms={"one": variant(seeds=3), "two": variant("sarsa", "index", "offset", seeds=3)},
 )
-OPTIMUM = 3 * -0.25 + 2.0  # three moves RIGHT to the nearest cell at distance 2 from the issuer, then PING
+OPTIMUM = (
+    3 * -0.25 + 2.0
+)  # three moves RIGHT to the nearest cell at distance 2 from the issuer, then PING
 
 
 @pytest.fixture
@@ -81,11 +83,11 @@ def test_a_scenario_beside_the_experiment_is_compared_like_any_other(
     corridor: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(corridor.parents[1])
-    folder = results_of(corridor.parent, EXPERIMENT)
-    summary = pd.read_csv(folder / "summary.csv").set_index(["scenario", "variant", "observation"])
-    assert 0.9 < summary["unbounded_score"]["corridor", "one", "index"] <= 1  # it has nearly the optimum
-    explorer = json.loads(gzip.decompress((folder / FILE).read_bytes()))
-    shown = {(agent["scenario"], agent["observation"]) for agent in explorer["agents"]}
-    assert shown == {
-        (name, form) for name in ("corridor", "S1", "Moody", "Anywhere") for form in ("index", "offset")
-    }
+    (corridor.parent / "mine.toml").write_text(EXPERIMENT, encoding="utf-8")
+    file, results = str(corridor.parent / "mine.toml"), corridor.parent
+    assert main(["run", file, "--report", "--results", str(results)]) == 0
+    table = pd.read_csv(results / "mine" / "summary.csv").set_index(["scenario", "learner"])
+    assert 0.9 < table["unbounded_score"]["corridor", "one, index"] <= 1  # nearly the optimum
+    explorer = json.loads(gzip.decompress((results / "mine" / AGENTS).read_bytes()))
+    shown = [agent["scenario"] for agent in explorer["agents"]]
+    assert shown == sorted(3 * ["corridor", "S1", "Moody", "Anywhere"], key=shown.index)

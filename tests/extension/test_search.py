@@ -1,6 +1,5 @@
 """A learner from outside joins a search by a few lines of TOML."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +7,12 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.experiments import load_experiment
+from benchmark.experiment import load_experiment
+from tests.benchmark.test_search import LEARNERS, TEXT
 from tests.support import small_experiment, variant
 
-MINE = f"""
-extends = "{Path(__file__).parents[1]}/benchmark/studies/small_search.toml"
+MINE = """
+extends = "BASE"
 description = "SARSA joins."
 
 [changes]
@@ -23,24 +23,23 @@ description = "SARSA joins."
 algorithm = "sarsa"
 observations = ["index"]
 seeds = 2
-search = {{ epsilon = {{ low = 0.01, high = 0.6, scale = "log" }} }}
+search = { epsilon = { low = 0.01, high = 0.6, scale = "log" } }
 """
 
 
 @pytest.mark.slow
 def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text(MINE)
+    (tmp_path / "base.toml").write_text(TEXT, encoding="utf-8")
+    path.write_text(MINE.replace("BASE", str(tmp_path / "base.toml")), encoding="utf-8")
     assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 0
-    assert "the chosen settings are in" in capsys.readouterr().out
     chosen = pd.read_csv(tmp_path / "results" / "mine" / "chosen.csv")
-    learners = ["q_learning, index", "q_learning, offset", "dqn, coordinates", "mine, index"]
-    assert [*(chosen["variant"] + ", " + chosen["observation"])] == [*np.repeat(learners, 2)]
-    assert chosen["part"].tolist() == [1, 2] * 4
+    assert [*chosen["learner"]] == [*np.repeat([*LEARNERS, "mine, index"], 2)]
+    assert chosen["part"].tolist() == [1, 2] * 3
     # Another experiment takes what was chosen for it: its two runs, one pick each.
     tuned = tmp_path / "tuned.toml"
     mine = variant("sarsa", first_seed=50, tuned_by=f"{path}:mine")
-    tuned.write_text(small_experiment(report="comparison", algorithms={"mine": mine}))
+    tuned.write_text(small_experiment(report={"kind": "comparison"}, algorithms={"mine": mine}))
     assert main(["run", str(tuned), "--results", str(tmp_path / "results"), "--report"]) == 0
     assert "2 runs done" in capsys.readouterr().out
     experiment = load_experiment(tuned)
@@ -49,5 +48,3 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert found is not None
     picks = [pick.settings.get("epsilon", 0.6) for pick in found.picks]
     assert [run.settings.model_dump()["epsilon"] for run in population.runs()] == picks
-    manifest = json.loads((tmp_path / "results" / "tuned" / "manifest.json").read_bytes())
-    assert manifest["algorithms"]["mine"]["runs"] == 2
