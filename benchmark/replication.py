@@ -14,8 +14,7 @@ The tables are made of stored records, since action values are not published.
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial
-from string import ascii_lowercase
+from functools import lru_cache, partial, wraps
 from textwrap import fill
 from typing import Any, Final, NamedTuple
 from warnings import catch_warnings
@@ -72,11 +71,11 @@ def check(experiment: Experiment, _: Report) -> None:
     first, *others = experiment.learners.values()
     is_table = not others and "record_every" in first.algorithm.settings.model_fields
     default = [each.scenario for each in experiment.populations if each.condition.name == DEFAULT]
-    paper = [*map(load_scenario, SCENARIOS)]
-    is_paper = sorted(default, key=str) == sorted(paper, key=str)
+    has_readings = bool(experiment.declared.readings)
+    is_paper = sorted(map(str, default)) == sorted(str(load_scenario(name)) for name in SCENARIOS)
     demands = {
         "algorithms: accepted in a replication: one, a table that records max Q": is_table,
-        "readings: accepted in a replication: at least one": bool(experiment.declared.readings),
+        "readings: accepted in a replication: at least one": has_readings,
         f"scenarios: accepted in a replication: the paper's, {listed(SCENARIOS)}": is_paper,
     }
     what = "one start, one phase, no walls, squares as regions, the cell observed"
@@ -383,29 +382,53 @@ def sensitivity(data: Data) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)[["claim", "reading", *_JUDGED]]
 
 
-def max_q(data: Data) -> pd.DataFrame:
+def by_scenario(columns: Callable[[Records], dict[str, Any]]) -> Callable[[Data], pd.DataFrame]:
+    """Makes a table of the agents that figures show, one scenario after the other."""
+
+    @wraps(columns)
+    def table(data: Data) -> pd.DataFrame:
+        few = sets_of(data)[0].items()
+        frames = [pd.DataFrame({"scenario": name} | columns(agents)) for name, agents in few]
+        return pd.concat(frames, ignore_index=True)
+
+    return table
+
+
+@by_scenario
+def max_q(agents: Records) -> dict[str, Any]:
     """Maximum Q over training: of the visited cell and of the table."""
-    frames = []
-    for name, agents in sets_of(data)[0].items():
-        visited, table = (_over_agents(agents.arrays[key]) for key in _CURVES.values())
-        every = agents.run.settings.model_dump()["record_every"]
-        columns = {"scenario": name, "step": np.arange(len(visited["mean"])) * every} | visited
-        columns |= {f"table_{key}": table[key] for key in ("mean", "min", "max")}
-        frames.append(pd.DataFrame(columns))
-    return pd.concat(frames, ignore_index=True)
+    visited, table = (_over_agents(agents.arrays[key]) for key in _CURVES.values())
+    steps = np.arange(len(visited["mean"])) * agents.run.settings.model_dump()["record_every"]
+    of_table = {f"table_{key}": table[key] for key in ("mean", "min", "max")}
+    return {"step": steps, **visited, **of_table}
 
 
-def learning(data: Data) -> pd.DataFrame:
+@by_scenario
+def learning(agents: Records) -> dict[str, Any]:
     """What greedy policies reach over training."""
-    frames = []
-    for name, agents in sets_of(data)[0].items():
-        scores = agents.unbounded_scores()
-        columns = {"scenario": name, "step": agents.evaluation_steps}
-        columns |= with_ends("success", proportion(agents.arrays["success"]))
-        columns |= with_ends("score", proportion(np.clip(scores, 0.0, 1.0)))
-        columns |= with_ends("optimal_share", proportion(scores >= _OPTIMUM))
-        frames.append(pd.DataFrame(columns | {"unbounded_score": scores.mean(axis=0)}))
-    return pd.concat(frames, ignore_index=True)
+    scores = agents.unbounded_scores()
+    return {
+        "step": agents.evaluation_steps,
+        **with_ends("success", proportion(agents.arrays["success"])),
+        **with_ends("score", proportion(np.clip(scores, 0.0, 1.0))),
+        **with_ends("optimal_share", proportion(scores >= _OPTIMUM)),
+        "unbounded_score": scores.mean(axis=0),
+    }
+
+
+@by_scenario
+def q_values(agents: Records) -> dict[str, Any]:
+    """Final Q and Q* of every cell and action."""
+    best, q, n_actions = optimal_values(agents), agents.arrays["q"], len(ACTIONS)
+    row, column = agents.model.position.repeat(n_actions, axis=0).T
+    values = _over_agents(q) | {"optimal": best, "difference": q.mean(axis=0) - best}
+    values["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
+    return {
+        **{"row": row, "column": column, "action": np.tile(ACTIONS, len(best))},
+        **{name: array.ravel() for name, array in values.items()},
+        "largest_learned": q.max(axis=-1).mean(axis=0).repeat(n_actions),
+        "differs": _differing(agents).repeat(n_actions),
+    }
 
 
 def optimal(data: Data) -> pd.DataFrame:
@@ -416,38 +439,21 @@ def optimal(data: Data) -> pd.DataFrame:
 
 def _reached(agents: Records) -> dict[str, object]:
     """Returns what the greedy policies reach after training, and the exact anchors."""
-    model, q, seeds = agents.model, agents.arrays["q"], agents.seeds
-    row: dict[str, object] = {"scenario": agents.scenario, "agents": len(seeds)}
+    model, seeds, arrays = agents.model, agents.seeds, agents.arrays
+    row = {"scenario": agents.scenario, "agents": len(seeds)}
     row |= {"first_seed": seeds[0], "last_seed": seeds[-1]}
-    row |= with_ends("success", proportion(agents.arrays["success"][:, -1]))
+    row |= with_ends("success", proportion(arrays["success"][:, -1]))
     row |= with_ends("optimal_share", proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM))
     for name in ("grid_return", "scenario_return"):
         random, best = anchors(model, agents.run.horizon, name)
-        learned = agents.arrays[name][:, -1].mean()
-        row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
-        row[f"{name}_regret"] = best - learned
+        found = {"random": random, "optimal": best, "learned": arrays[name][:, -1].mean()}
+        found["regret"] = best - found["learned"]
+        row |= {f"{name}_{key}": value for key, value in found.items()}
     start = model.observation[model.start]
-    row["start_value_optimal"] = optimal_values(agents).max(axis=1)[start]
-    row["start_value_learned"] = q.max(axis=-1).mean(axis=0)[start]
+    row["start_value_optimal"] = optimal_values(agents)[start].max()
+    row["start_value_learned"] = arrays["q"][:, start].max(axis=-1).mean()
     row["cells_differing"] = _differing(agents)[~model.is_over[model.fresh_state]].mean()
     return row
-
-
-def q_values(data: Data) -> pd.DataFrame:
-    """Final Q and Q* of every cell and action."""
-    frames = []
-    for name, agents in sets_of(data)[0].items():
-        best, q = optimal_values(agents), agents.arrays["q"]
-        row, column = agents.model.position.repeat(len(ACTIONS), axis=0).T
-        columns = {"scenario": name, "row": row, "column": column}
-        columns["action"] = np.tile(ACTIONS, len(best))
-        values = _over_agents(q) | {"optimal": best, "difference": q.mean(axis=0) - best}
-        values["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
-        columns |= {key: array.ravel() for key, array in values.items()}
-        columns["largest_learned"] = q.max(axis=-1).mean(axis=0).repeat(len(ACTIONS))
-        columns["differs"] = _differing(agents).repeat(len(ACTIONS))
-        frames.append(pd.DataFrame(columns))
-    return pd.concat(frames, ignore_index=True)
 
 
 def _over_agents(values: Floats) -> dict[str, Floats]:
@@ -471,47 +477,41 @@ _THINNED: Final = 5  # every so many records of a curve are drawn
 
 def figure(data: Data) -> Figure:
     """As in the paper's figure: max Q over training, final Q of the moves and of PING."""
-    curves, values = data.tables["max_q"], data.tables["q_values"]
+    values = data.tables["q_values"]
+    models = [compile_scenario(load_scenario(name)) for name in SCENARIOS]
     is_ping = values["action"] == "PING"
     norms = norm_of(values["mean"][~is_ping]), norm_of(values["mean"][is_ping])
-    models = [compile_scenario(data.experiment.scenarios[name]) for name in SCENARIOS]
     with figure_of(3, len(models), (WIDTH, 7.8)) as (figure, axes):
-        for column, model in enumerate(models):
+        for (top, moves, pings), model in zip(axes.T, models, strict=True):
             name, kind = model.scenario.name, model.scenario.issuer.feedback.kind
-            (top, moves, pings), own = axes[:, column], values["scenario"] == name
-            letters = ascii_lowercase[column:9:3]  # as the paper's
+            own, scene = values["scenario"] == name, scene_of(model)
             top.sharey(axes[0, 0])
-            _draw_curve(top, curves[curves["scenario"] == name], budget_of(data)[1])
-            top.set_title(f"{name}: {FEEDBACK.get(kind, kind)}\n({letters[0]}) max Q over training")
-            triangles(moves, scene_of(model), values[own & ~is_ping], norms[0])
-            moves.set_title(f"({letters[1]}) final Q of moves")
-            heat(pings, scene_of(model), values["mean"][own & is_ping].to_numpy(), norms[1])
-            pings.set_title(f"({letters[2]}) final Q of PING")
+            _draw_curve(top, data, name)
+            top.set_title(f"{name}: {FEEDBACK.get(kind, kind)}")
+            triangles(moves, scene, values[own & ~is_ping], norms[0])
+            heat(pings, scene, values["mean"][own & is_ping].to_numpy(), norms[1])
             learned = values[own & is_ping & (values["mean"] > 0)]
             dots(pings, learned["row"], learned["column"])
         axes[0, 0].set(ylabel="max Q of the visited cell")
-        for row, norm in zip(axes[1:], norms, strict=True):
-            colour_bar(figure, row, norm, "mean over agents")
-        arrow = {"marker": ">", "mfc": "0.7", "mec": "none", "ms": 7}
-        marks: dict[str, dict[str, Any]] = {
-            "the move that way": arrow,
-            "mean Q of PING > 0": {"marker": "o", "ms": 3},
-        }
-        handles = [Line2D([], [], c="black", ls="", label=k, **mark) for k, mark in marks.items()]
-        handles += axes[0, 0].get_legend_handles_labels()[0]
-        region_legend(figure, [scene_of(model) for model in models], *handles, columns=3)
+        for row, norm, of in zip(axes[1:], norms, ("moves", "PING"), strict=True):
+            colour_bar(figure, row, norm, f"final mean Q of {of}")
+        arrow = Line2D([], [], ls="", marker=">", color="0.7", label="the move that way")
+        dot = Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0")
+        lines, _ = axes[0, 0].get_legend_handles_labels()
+        region_legend(figure, [scene_of(models[0])], arrow, dot, *lines, columns=3)
     return figure
 
 
-def _draw_curve(axis: Axes, curve: pd.DataFrame, unit: str) -> None:
-    curve = curve[::_THINNED]
+def _draw_curve(axis: Axes, data: Data, scenario: str) -> None:
+    table = data.tables["max_q"]
+    curve = table[table["scenario"] == scenario][::_THINNED]
     steps = curve["step"]
     axis.plot(steps, curve["mean"], color="black", lw=0.9, label="mean over agents")
     axis.fill_between(
         steps, curve["min"], curve["max"], color="0.8", lw=0, label="range over agents"
     )
     axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="a correct PING in S1")
-    axis.set(xlabel=f"{unit} of training", xlim=(0, max(steps.max(), 1)))
+    axis.set(xlabel=f"{budget_of(data)[1]} of training", xlim=(0, steps.max()))
     axis.locator_params(axis="x", nbins=3)
 
 
