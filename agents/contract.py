@@ -6,17 +6,16 @@ Axis letters: N agents, T evaluation steps, V map steps, O observations, A actio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import ArrayLike
-from pydantic import Field
 
 from agents.policy import ALL_ACTIONS
 from envs import ACTIONS, Model
 from envs.arrays import Bools, Bytes, Floats, Ints, Singles
-from envs.inputs import Table
+from envs.inputs import Count, Table
 from envs.observations import INDICES
 
 Family = Literal["tabular", "linear", "deep", "other"]
@@ -25,9 +24,9 @@ Family = Literal["tabular", "linear", "deep", "other"]
 class LearnerSettings(Table):
     """The settings that every learner has."""
 
-    budget: Annotated[int, Field(ge=1, le=10**9)] = 10_000
+    budget: Count = 10_000
     """Environment steps of training, unless another setting gives another unit."""
-    time_limit: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    time_limit: Count | None = None
     """Steps until an episode is truncated; by default it is not."""
 
     @property

@@ -13,8 +13,8 @@ from functools import reduce
 from itertools import count
 from typing import Final, NamedTuple
 
-import numba
 import numpy as np
+from numba import njit
 
 from agents.compiled import compiled
 from agents.policy import Policy
@@ -53,12 +53,11 @@ def from_starts(model: Model, start: str = "start") -> Floats:
     """Returns the probabilities of states, (S,), to be an episode's first; they are all equal, or zero.
 
     `start` says which can be: "start", those of the model; "unseen", those with the issuer in an
-    unseen place; "every_cell", all in which the agent may be before any PING.
+    unseen place.
     """
-    fresh = model.fresh_state[~model.is_over[model.fresh_state]]
-    possible = {"start": model.starts, "unseen": model.unseen_starts, "every_cell": fresh.astype(np.int32)}
+    possible = model.unseen_starts if start == "unseen" else model.starts
     probability = np.zeros(len(model.observation))
-    probability[possible[start]] = 1 / len(possible[start])
+    probability[possible] = 1 / len(possible)
     return probability
 
 
@@ -135,7 +134,7 @@ def _sweep(
                         sums[n, 5 + zone[next_state[s, a, k]]] += p * outcome[s, a, k]
 
 
-@numba.njit
+@njit
 def _list_transitions(
     policy: Floats,
     dynamics: Dynamics,
@@ -168,7 +167,7 @@ def _list_transitions(
     return n_reached, n_transitions
 
 
-@numba.njit
+@njit
 def _count_visits(
     start_probability: Floats, ends: Indices, probability: Floats, horizon: int, visits: Floats
 ) -> None:

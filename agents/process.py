@@ -8,15 +8,15 @@ Axis letters: S states, O observations, A actions, K outcomes, B starts.
 
 from typing import Final, NamedTuple
 
-import numba
 import numpy as np
+from numba import njit
 
 from envs.arrays import Records, Unsigned
 from envs.model import ACTIONS, Model, draw_issuer_reward, kept_with_model
 
 U = np.uint64
 N_ACTIONS: Final = len(ACTIONS)
-Stream = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+Stream = tuple[U, U, U, U]
 
 # What follows an action. Outcomes hold changes of state and observation, which many states share. So their
 # table is small and stays in the nearest cache; with a row per state, the loop would wait for memory.
@@ -85,16 +85,16 @@ def _outcomes(model: Model, some: slice) -> Records:
     return outcomes
 
 
-@numba.njit(forceinline=True)
-def keep_step(kept: Records, i: np.uint64, o: np.uint64, a: np.uint64, reward: float) -> None:
+@njit(forceinline=True)
+def keep_step(kept: Records, i: U, o: U, a: U, reward: float) -> None:
     """Keeps step i of an episode, if there is room for steps."""
     if len(kept) > 0:
         step = kept[i]
         step.o, step.a, step.reward = o, a, reward
 
 
-@numba.njit
-def draw_word(stream: Stream) -> tuple[np.uint64, Stream]:
+@njit
+def draw_word(stream: Stream) -> tuple[U, Stream]:
     """Draws 64 random bits from xoshiro256++; returns them and the stream that follows."""
     s0, s1, s2, s3 = stream
     word = s0 + s3
@@ -109,26 +109,20 @@ def draw_word(stream: Stream) -> tuple[np.uint64, Stream]:
     return word, (s0, s1, s2, s3)
 
 
-@numba.njit
+@njit
 def draw_number(stream: Stream) -> tuple[float, Stream]:
     """Draws a number from [0, 1); returns it and the stream that follows."""
     word, stream = draw_word(stream)
     return (word >> U(11)) * 2.0**-53, stream
 
 
-_draw_issuer_reward = numba.njit(draw_issuer_reward)
+_draw_issuer_reward = njit(draw_issuer_reward)
 
 
-@numba.njit
+@njit
 def draw_step(
-    first: Unsigned,
-    outcomes: Records,
-    n_outcomes: int,
-    is_noisy: bool,
-    state: np.uint64,
-    action: np.uint64,
-    stream: Stream,
-) -> tuple[float, np.uint64, Stream]:
+    first: Unsigned, outcomes: Records, n_outcomes: int, is_noisy: bool, state: U, action: U, stream: Stream
+) -> tuple[float, U, Stream]:
     """Returns the reward of an action, the index of its outcome, and the stream that follows."""
     i = U(first[state]) + action * U(n_outcomes)
     reward = outcomes[i].reward
@@ -142,8 +136,8 @@ def draw_step(
     return reward, i, stream
 
 
-@numba.njit
-def draw_start(starts: Unsigned, stream: Stream) -> tuple[np.uint64, Stream]:
+@njit
+def draw_start(starts: Unsigned, stream: Stream) -> tuple[U, Stream]:
     """Returns a state to start in and the stream that follows."""
     i = U(0)
     if len(starts) > 1:

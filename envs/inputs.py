@@ -130,6 +130,8 @@ Name = Annotated[str, accepted_if(is_name, _NAME_RULE)]
 Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
 _IN_ONE_LINE: Final = accepted_if(str.isprintable, "text in one line, without control characters")
 Line = Annotated[str, _IN_ONE_LINE]
+Count = Annotated[int, Field(ge=1, le=10**9)]
+Share = Annotated[float, Field(ge=0, le=1)]
 # What readers see: something that labels, and paragraphs. Empty ones say that there is none.
 Label = Annotated[str, Field(max_length=200), _IN_ONE_LINE]
 Text = Annotated[

@@ -226,12 +226,12 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
     starts = np.ravel_multi_index((place, tick, 0, 0, cell), shape).astype(np.int32)
     is_seen = scenario.layout.is_seen[place]
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
-    values, sizes = zip(*((part.value, part.size) for part in reversed(components)), strict=True)
+    observed = [part.value for part in reversed(components)], [part.size for part in reversed(components)]
     model = Model(
         scenario=scenario,
         starts=starts[is_seen],
         unseen_starts=starts[~is_seen],
-        observation=np.ravel_multi_index(values, sizes).astype(np.int32),
+        observation=np.ravel_multi_index(*observed).astype(np.int32),
         components=components,
         **arrays,
     )
@@ -345,7 +345,7 @@ def _of_positions(
 
 def _farthest(scenario: Scenario) -> Ints:
     """Returns the last row and column, at least 1 each."""
-    return np.maximum(np.array(scenario.grid.size) - 1, 1)
+    return np.array([max(length - 1, 1) for length in scenario.grid.size])
 
 
 def _people(scenario: Scenario, context: Indices) -> Component:

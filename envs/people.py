@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from envs.arrays import Floats
-from envs.inputs import InputError, Label, Line, Table, require, shortened
+from envs.inputs import InputError, Label, Line, Share, Table, require, shortened
 from envs.packages import contained, imported
 from envs.regions import HEADINGS, Cell, Heading, Length, Place, Regions, Ring
 
@@ -164,7 +164,7 @@ class Issuer(Table):
     `group`, how many of the ways in which all of them may stand."""
     unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
     """Further places, drawn after these: part of the observations, but never used in training episodes."""
-    permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
+    permuted: Share = 0.0
     """Fraction of cells shown with another cell's coordinates."""
     feedback: Feedback
     """The reward that the person adds to every PING."""

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import Field, model_validator
 
 from envs import inputs
-from envs.inputs import Name, Table, require
+from envs.inputs import Count, Name, Table, require
 from envs.layout import Layout, draw_onlookers, draw_places, resolve, timeline, walkers
 from envs.people import MAX_STATES, Feedback, Group, Issuer, Onlookers, OwnFeedback, Person, Phase, Reward
 from envs.regions import Cell, Grid, Regions, Ring, listed
@@ -60,7 +60,7 @@ class Scenario(Table):
     grid: Grid
     issuer: Issuer
     regions: Regions
-    ping_limit: Annotated[int, Field(ge=1, le=10**9)]
+    ping_limit: Count
     """Which wrong PING ends the episode."""
     rewards: Rewards
     observe: tuple[Observed, ...] = ("agent",)
@@ -167,7 +167,7 @@ class Scenario(Table):
 
     @property
     def _feedback(self) -> list[Feedback]:
-        return [who.feedback for who in (self.issuer, *self.others) if who.feedback]
+        return [self.issuer.feedback, *(each.feedback for each in self.others if each.feedback)]
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:

@@ -6,8 +6,8 @@ An action value is the sum of a weight for each feature of the observation. Word
 Axis letters: N agents, O observations, A actions, T evaluation steps, V map steps.
 """
 
-import numba
 import numpy as np
+from numba import njit
 
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, STEP, Process, U, draw_start, draw_step, draw_word, keep_step
@@ -16,8 +16,8 @@ from envs.arrays import Floats, Ints, Records, Words
 from envs.tiles import Tiles
 
 
-@numba.njit
-def _add_up(weights: Floats, features: Tiles, o: np.uint64, q: Floats, row: int) -> None:
+@njit
+def _add_up(weights: Floats, features: Tiles, o: U, q: Floats, row: int) -> None:
     """Writes the action values of an observation into a row of q; sums are in the order of features."""
     q[row] = 0.0
     for i in features.rows[o]:
@@ -26,7 +26,7 @@ def _add_up(weights: Floats, features: Tiles, o: np.uint64, q: Floats, row: int)
                 q[row, a] += weights[U(feature), a]
 
 
-@numba.njit
+@njit
 def _tabulate(weights: Floats, features: Tiles, takes_lowest: bool, q: Floats, greedy: Ints) -> None:
     """Writes the action values (O, A) and masks of greedy actions (O,), 0 where values are not finite."""
     for o in range(len(features.rows)):
@@ -35,7 +35,7 @@ def _tabulate(weights: Floats, features: Tiles, takes_lowest: bool, q: Floats, g
         greedy[o] = mask if np.isfinite(q[o]).all() else 0
 
 
-@numba.njit
+@njit
 def _learn(
     weights: Floats,
     features: Tiles,
@@ -46,8 +46,8 @@ def _learn(
     step: int,
     decay: float,
     change: float,
-    o: np.uint64,
-    a: np.uint64,
+    o: U,
+    a: U,
 ) -> int:
     """Fades the traces, sets those of a pair to 1, and changes all traced weights; returns how many.
 
@@ -73,7 +73,7 @@ def _learn(
     return n_kept
 
 
-@numba.njit
+@njit
 def _pass_back(
     weights: Floats,
     features: Tiles,
@@ -81,7 +81,7 @@ def _pass_back(
     constants: Constants,
     is_on_policy: bool,
     learning_rate: float,
-    last: tuple[np.uint64, np.uint64, bool],  # o and a after the last step, and whether it terminated
+    last: tuple[U, U, bool],  # o and a after the last step, and whether it terminated
 ) -> None:
     """Updates the values of an episode's steps backwards, by Sarsa if on-policy, else by Q-learning."""
     q = np.empty((1, N_ACTIONS))

@@ -10,10 +10,9 @@ import math
 from collections.abc import Callable
 from typing import Any, Final
 
-import numba
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.core import cgutils, typing
 from numba.core.base import BaseContext
 from numba.extending import intrinsic
@@ -33,7 +32,7 @@ Matrix = tuple[Numbers, int, int, int]  # the same, and the distances from row t
 
 # For functions that compiled code calls. With Python's model of errors, a loop that divides has an exit for
 # zero, which keeps numba from vectorising it.
-inlined: Final = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inlined: Final = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def _block(n_rows: int) -> Callable[..., None]:

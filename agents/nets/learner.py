@@ -61,8 +61,9 @@ class Agent(ABC):
         for n in self.outputs:
             self.nets.append(net_of(inputs, [*hidden, n], end, n_rows, is_relu=is_relu))
             end = self.nets[-1].end
-        sums, n_steps = np.zeros(256, kind), np.zeros(1, np.int64)
-        self.parameters = Parameters(*np.zeros((4, end), kind), sums, np.ones(2), n_steps)
+        (values, gradient, first, second), sums = np.zeros((4, end), kind), np.zeros(256, kind)
+        adam = gradient, first, second, sums, np.ones(2), np.zeros(1, np.int64)
+        self.parameters = Parameters(values, *adam)
         self.state = self.begin(model, settings, kind)
 
     @abstractmethod

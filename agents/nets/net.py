@@ -79,7 +79,8 @@ def room_for_values(n_observations: int, kind: Kind) -> Values:
 
 def room_for_batch(n_rows: int, n_observations: int) -> Batch:
     """Returns room for a mini-batch."""
-    return Batch(*np.zeros((2, n_rows), np.int32), np.zeros(n_observations, np.int64))
+    observed, distinct = np.zeros((2, n_rows), np.int32)
+    return Batch(observed, distinct, np.zeros(n_observations, np.int64))
 
 
 Inputs = tuple[int, Indices, Numbers]  # how many, and the fields `ones` and `table` of `Net`

@@ -17,18 +17,9 @@ from numpy.random import SeedSequence
 from pydantic import ConfigDict, create_model, model_validator
 
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
-from agents.sb3.settings import (
-    OUR_SETTINGS,
-    BufferSize,
-    Count,
-    DqnSettings,
-    PpoSettings,
-    Sb3Settings,
-    Share,
-    StepCount,
-)
+from agents.sb3.settings import OUR_SETTINGS, BufferSize, DqnSettings, PpoSettings, Sb3Settings, StepCount
 from envs import Model
-from envs.inputs import InputError
+from envs.inputs import Count, InputError, Share
 from envs.observations import IMAGES, VECTORS
 from envs.packages import imported, needed_by
 

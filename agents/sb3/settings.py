@@ -10,15 +10,13 @@ from typing import Annotated, Any, ClassVar, Final, Self
 from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings
-from envs.inputs import InputError, Table, shortened
+from envs.inputs import Count, InputError, Share, Table, shortened
 from envs.packages import imported
 
-Count = Annotated[int, Field(ge=1, le=10**9)]
 Units = Annotated[int, Field(ge=1, le=4096)]
 BufferSize = Annotated[int, Field(ge=1, le=10_000_000)]
 StepCount = Annotated[int, Field(ge=1, le=1_000_000)]
 Positive = Annotated[float, Field(gt=0)]
-Share = Annotated[float, Field(ge=0, le=1)]
 
 OUR_SETTINGS: Final = {"budget", "time_limit", "n_envs"}  # they are not arguments of SB3's classes
 

@@ -20,8 +20,8 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-import numba
 import numpy as np
+from numba import njit
 
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
@@ -31,7 +31,7 @@ from envs.arrays import Bytes, Floats, Ints, Records, Singles, Words
 from envs.sources import digest_when_loaded
 
 N_CHOICES: Final = 60
-inlined: Final = numba.njit(forceinline=True)
+inlined: Final = njit(forceinline=True)
 MIN_TRACE: Final = 1e-3  # below this weight a trace is dropped
 
 # (32, 60). Row m lists the actions of mask m, each equally often, since 60 is divisible by every count.
@@ -82,9 +82,9 @@ class Turn(NamedTuple):
     """Where an agent is between two steps."""
 
     unit: int  # budget units so far
-    state: np.uint64
-    o: np.uint64
-    a: np.uint64  # the next action if the rule is on-policy; else meaningless
+    state: U
+    o: U
+    a: U  # the next action if the rule is on-policy; else meaningless
     begins: bool  # whether an episode begins
     episode_steps: int
     steps: int
@@ -109,8 +109,8 @@ class Table(NamedTuple):
 class Move(NamedTuple):
     """An update of the value of an action."""
 
-    o: np.uint64
-    a: np.uint64
+    o: U
+    a: U
     rate: float
     target: float
     begins: bool
@@ -122,8 +122,8 @@ class Move(NamedTuple):
 Kernel = Callable[[Process, Constants, Plan, Words, Results], None]
 
 
-@numba.njit
-def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.uint64:
+@njit
+def choose_action(word: U, explore_below: U, greedy: int) -> U:
     """Chooses an action epsilon-greedily by one word, given the mask of the greedy actions."""
     draw = word & U(0xFFFFFFFF)
     if (word >> U(32)) < explore_below:  # what CHOICES has for all actions, without waiting for the mask
@@ -131,8 +131,8 @@ def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.
     return U(CHOICES[U(greedy), (draw * U(N_CHOICES)) >> U(32)])
 
 
-@numba.njit
-def find_best(q: Floats, o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
+@njit
+def find_best(q: Floats, o: U, takes_lowest: bool) -> tuple[float, int]:
     """Returns the largest action value of an observation, and the mask of its greedy actions."""
     q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
     best = max(max(max(q0, q1), max(q2, q3)), q4)
@@ -141,7 +141,7 @@ def find_best(q: Floats, o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
     return best, mask & -mask if takes_lowest else mask
 
 
-@numba.njit
+@njit
 def record(results: Results, n: int, i: int, i_map: int, q: Floats, greedy: Ints, disagreements: int) -> None:
     """Writes what is recorded of an agent at an evaluation step, which may be a map step."""
     results.disagreements[n, i] = disagreements
@@ -150,7 +150,7 @@ def record(results: Results, n: int, i: int, i_map: int, q: Floats, greedy: Ints
         results.values[n, i_map] = q
 
 
-@numba.njit
+@njit
 def _new_tree(n_observations: int, value: float) -> Floats:
     """Returns a tree in which each inner node is the larger of its two children, the largest at node 1."""
     leaves = 1
@@ -163,7 +163,7 @@ def _new_tree(n_observations: int, value: float) -> Floats:
 
 
 @inlined
-def _update_tree(tree: Floats, o: np.uint64, best: float) -> None:
+def _update_tree(tree: Floats, o: U, best: float) -> None:
     node = len(tree) // 2 + int(o)
     tree[node] = best
     while node > 1:
@@ -174,7 +174,7 @@ def _update_tree(tree: Floats, o: np.uint64, best: float) -> None:
         tree[node] = winner
 
 
-@numba.njit
+@njit
 def _trace(traced: Ints, weights: Floats, n_traces: int, decay: float, pair: np.uint64) -> int:
     """Decays the traces, drops those below `MIN_TRACE`, sets that of a pair to 1; returns their number."""
     n_kept = 0
@@ -188,16 +188,16 @@ def _trace(traced: Ints, weights: Floats, n_traces: int, decay: float, pair: np.
 
 
 @inlined
-def _renew(q: Floats, highest: Floats, greedy: Ints, tree: Floats, o: np.uint64, takes_lowest: bool) -> None:
+def _renew(q: Floats, highest: Floats, greedy: Ints, tree: Floats, o: U, takes_lowest: bool) -> None:
     """Finds the best actions of an observation whose values have changed."""
     highest[o], greedy[o] = find_best(q, o, takes_lowest)
     if len(tree) > 2:
         _update_tree(tree, o, highest[o])
 
 
-@numba.njit
+@njit
 def _pass_back(
-    table: Table, constants: Constants, n_steps: int, rate: float, o_last: np.uint64, terminates: bool
+    table: Table, constants: Constants, n_steps: int, rate: float, o_last: U, terminates: bool
 ) -> None:
     """Updates the values of an episode's steps backwards, by Q-learning; the last step led to `o_last`."""
     q, highest, greedy, tree, _, _, kept = table
@@ -235,9 +235,9 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
     Variables around a function are constants when it is compiled, so what the rule does not need is left out
     of the compiled code instead of being skipped in each step.
     """
-    bootstrap, is_on_policy = numba.njit(update.bootstrap), update.is_on_policy
+    bootstrap, is_on_policy = njit(update.bootstrap), update.is_on_policy
 
-    @numba.njit
+    @njit
     def advance(
         process: Process,
         constants: Constants,

@@ -23,6 +23,7 @@ from agents.tabular import updates
 from agents.tabular.kernel import Constants, Plan, Results, compile_kernel
 from agents.tabular.updates import UpdateRule
 from envs.arrays import Floats, Ints
+from envs.inputs import Count, Share
 from envs.model import ACTIONS, Model
 
 # Part of every run's identity: raise it when a change alters what every update rule learns. A rule has
@@ -38,12 +39,12 @@ class ValueSettings(LearnerSettings):
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
     """How far an update moves a value towards its target, as a share of the difference."""
-    halved_after: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    halved_after: Count | None = None
     """Steps after which the learning rate is half as large; after k times as many, it is divided by k + 1. By
     default, it is constant."""
-    discount: Annotated[float, Field(ge=0, le=1)] = 0.9
+    discount: Share = 0.9
     """Discount of the action values."""
-    epsilon: Annotated[float, Field(ge=0, le=1)] = 0.6
+    epsilon: Share = 0.6
     """Probability of a uniformly random action."""
     ties: Literal["uniform", "lowest"] = "uniform"
     """Which of several best actions is greedy."""
@@ -76,7 +77,7 @@ class Settings(ValueSettings):
 
     budget_unit: Literal["steps", "episodes"] = "steps"
     """Unit of the budget."""
-    record_every: Annotated[int, Field(ge=1, le=10**9)] = 1
+    record_every: Count = 1
     """Budget units from one record of the largest action value to the next."""
 
     @model_validator(mode="after")
@@ -92,7 +93,7 @@ class Settings(ValueSettings):
 class TraceSettings(ValueSettings):
     """The settings of a learner with eligibility traces."""
 
-    trace_decay: Annotated[float, Field(ge=0, le=1)] = 0.9
+    trace_decay: Share = 0.9
     """Lambda: the share of a trace that remains after a step, besides the discount."""
     backward_passes: Annotated[int, Field(ge=0, le=100)] = 0
     """How often each episode, when it ends, is replayed from its last step to its first, by one-step updates
