@@ -244,12 +244,6 @@ def needed(cell: "pd.Series[Any]") -> str:
     return f"more than {cell['budget']:,.0f} ({n_learned})"
 
 
-def unseen(data: Data) -> pd.DataFrame | None:
-    """Every run with unseen places: success in them by both policies."""
-    runs = data.runs[data.runs["unseen_budget"].notna()].set_index([*KEYS, "seed"])
-    return runs.filter(like="unseen_").reset_index() if len(runs) else None
-
-
 def cpu(data: Data) -> pd.DataFrame:
     """Measured: median CPU seconds of training until a run has learned."""
     rows = []
@@ -271,23 +265,13 @@ def contrasts(data: Data) -> pd.DataFrame:
         seeds = own.index.intersection(other.index)
         pair = {"x": own.loc[seeds], "y": other.loc[seeds]}
         pairs[key := " ".join([*pair["x"]["run"], *pair["y"]["run"]])] = pair
-        steps = pair["x"]["steps"].to_numpy(), pair["y"]["steps"].to_numpy()
-        shares = [won.mean() for won in by_pick(wins(*steps), x, y)]
-        grid, point, name = key_of(x)
-        row: dict[str, Any] = {
-            "key": key,
-            "grid": grid,
-            "point": point,
-            "x": name,
-            "y": y.learner.name,
-        }
-        row |= {"n": len(seeds), "differs": differences(x, y)}
-        row |= {
-            f"learned_{side}": int(np.isfinite(own).sum())
-            for side, own in zip("xy", steps, strict=True)
-        }
+        of_x, of_y = (pair[side]["steps"].to_numpy() for side in "xy")
+        shares = [won.mean() for won in by_pick(wins(of_x, of_y), x, y)]
+        row: dict[str, Any] = dict(zip(("grid", "point", "x"), key_of(x), strict=True))
+        row |= {"y": y.learner.name, "key": key, "n": len(seeds), "differs": differences(x, y)}
+        row |= {"learned_x": np.isfinite(of_x).sum(), "learned_y": np.isfinite(of_y).sum()}
         row |= {"picks": len(shares), "picks_faster": sum(share > 0.5 for share in shares)}
-        rows.append(row | with_ends("ratio", ratio(*steps, x.first.settings.budget)))
+        rows.append(row | with_ends("ratio", ratio(of_x, of_y, x.first.settings.budget)))
     table = pd.DataFrame(rows)
     for unit in UNITS:
         having = {key: pair for key, pair in pairs.items() if pair["x"][unit].notna().all()}
@@ -419,7 +403,6 @@ TABLES: Final[dict[str, TableFunction]] = {
     "took": took,
     "cells": cells,
     "contrasts": contrasts,
-    "unseen": unseen,
     "cpu": cpu,
 }
 
@@ -493,7 +476,7 @@ def picture(data: Data) -> Figure:
     return _panels(data, data.declared.panels, "steps", "steps until it has learned")
 
 
-def unseen_places(data: Data) -> Figure | None:
+def unseen(data: Data) -> Figure | None:
     """Success in unseen places after all steps of training, means with 95 % intervals."""
     grid = data.declared.answer and data.declared.answer.unseen
     if not grid:
@@ -550,11 +533,7 @@ def _draw(data: Data, axis: Axes, rows: pd.DataFrame, x: Any, y: Any, draw_ends:
     return line
 
 
-FIGURES: Final[dict[str, FigureFunction]] = {
-    "answer": answer,
-    "map": picture,
-    "unseen": unseen_places,
-}
+FIGURES: Final[dict[str, FigureFunction]] = {"answer": answer, "map": picture, "unseen": unseen}
 
 # Text
 
