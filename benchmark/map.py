@@ -477,7 +477,7 @@ def picture(data: Data) -> Figure:
 
 
 def unseen(data: Data) -> Figure | None:
-    """Success in unseen places after all steps of training, means with 95 % intervals."""
+    """Success in unseen places at the end of training, means with 95 % intervals."""
     grid = data.declared.answer and data.declared.answer.unseen
     if not grid:
         return None
@@ -544,10 +544,10 @@ SHOWN: Final = {
 COLUMNS: Final = {
     "at_last": "whether the run reaches the level in the last evaluation only",
     "cpu_learned_s": "CPU seconds of training until a run has learned, median; never: half do not",
-    "failures_verdict": "the verdict on x by failures in unseen places at the budget",
+    "failures_verdict": "the verdict on x by failures in unseen places at the end",
     "failures_why": "why there is no verdict by failures",
     "faster": "probability that x takes fewer steps",
-    "fewer_failures": "probability that x fails less often in unseen places at the budget",
+    "fewer_failures": "probability that x fails less often in unseen places at the end",
     "fewer_wrong_pings": "probability that x takes fewer wrong PINGs",
     "grid": "grid of the experiment",
     "learned_x": "runs of x that learn",
@@ -565,8 +565,8 @@ COLUMNS: Final = {
     "steps_fastest": "median steps with the pick of settings that needs the fewest",
     "steps_slowest": "median steps with the pick of settings that needs the most",
     "success": "success of the last evaluated policy",
-    "unseen_budget": "success in unseen places at the budget, by the policy that counts",
-    "unseen_success": "the same when a run had certainly learned, else at the budget",
+    "unseen_budget": "success in unseen places at the end of training, by the policy that counts",
+    "unseen_success": "the same when a run had certainly learned, else at the end",
     "untrained": "whether the untrained policy reaches the level",
     "verdict": "the verdict on x by steps",
     "why_none": "why there is no verdict by steps",
@@ -623,8 +623,8 @@ def _given_up(data: Data) -> str:
     if solved is None or not solved.given_up_after:
         return ""
     return f"""\
-A run is given up, and counts as one that never learns, if its success has not reached half of this
-level by {solved.given_up_after:.0%} of the budget."""
+A run is given up, counts as one that never learns, and is scored as it was then, if its success has
+not reached half of this level by {solved.given_up_after:.0%} of the budget."""
 
 
 def reading(data: Data) -> str:
@@ -639,17 +639,17 @@ ones. {_given_up(data)}
 What happens later is measured only in runs that are trained to the budget, as where there are
 unseen places. A learner *never learns* if at least half of its runs do not; its marker is hollow.
 
-Contrasts pair runs of the same seed, which have the same places. A run that never learns takes more
-than every run that does; two such runs are tied, and ties count as a half. *Faster* and *fewer*
+Contrasts pair runs of the same seed, which have the same draw of the scenario. A run that never
+learns takes more than every run that does; two such runs are tied, and ties count as a half. *Faster* and *fewer*
 mean that x takes less, *slower* and *more* that y does: the probability of taking less differs from
 1/2 significantly, and by {margins.probability:g} or more. The one that takes less has a median of
 steps or wrong PINGs at least {margins.ratio:g} times as small, or a success in unseen places that
 is higher by {margins.unseen:g} or more. It has learned in more than half of its runs and, but for
 unseen places, has not lost the level in half of these: at the end, or for half of the evaluations
 or steps since. Otherwise there is *no verdict*, as where it would depend on runs whose evaluations
-are too far apart, that reach the level in the last evaluation only, or untrained.
+are too far apart, that reach the level in the last evaluation only, or that reach it untrained.
 *{NEITHER.capitalize()}* is said only if no difference is significant.
 
-For steps, wrong PINGs, and failures in unseen places at the budget, the probability of any wrong
-verdict is at most 5 % each (Holm's method; if contrasts share runs, this is known from simulation).
-Intervals in `contrasts.csv` are those of its first step, and hold for all contrasts at once."""
+For steps, wrong PINGs, and failures in unseen places at the end of training, the probability of any
+wrong verdict is at most 5 % each (Holm's method; if contrasts share runs, this is known from
+simulation). Intervals in `contrasts.csv` are those of its first step, and hold for all contrasts at once."""

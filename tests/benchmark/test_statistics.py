@@ -195,7 +195,7 @@ def side(**changed: Any) -> Any:
     }
     learner = {"search": "tuning", "observation": "one_hot", "policy": "greedy"} | changed
     first = SimpleNamespace(settings=SimpleNamespace(**settings))
-    return SimpleNamespace(learner=SimpleNamespace(**learner), first=first)
+    return SimpleNamespace(learner=SimpleNamespace(**learner), first=first, firsts=(first,))
 
 
 @pytest.mark.parametrize(
