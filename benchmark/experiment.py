@@ -267,22 +267,22 @@ class Declaration(Table):
 
     def _check_tables(self) -> None:
         given = [name for name in _VARIATIONS if getattr(self, name)]
-        varied = [name for name in given if name != "solved"]
-        require(len(varied) < 2, " and ".join(varied), "one of readings, grids and search")
+        is_one = len({*given} - {"solved"}) < 2
+        require(is_one, " and ".join(given), "one of readings, grids and search")
         is_named = not self.readings or DEFAULT_CONDITION in self.readings
         require(is_named, "readings", f"one named {DEFAULT_CONDITION} among them")
         kind = str((self.report or {}).get("kind"))
+        read = _READ.get(kind, _VARIATIONS)
         for name in given:
-            read = _READ.get(kind, _VARIATIONS)
             require(name in read, f"{name} in a {kind}", " and ".join(read) or "no such table")
 
     def _check_schedules(self) -> None:
         inputs.distinct(self._names, "scenarios: ")
-        if self.map_every is not None:
-            found, every = f"map_every = {self.map_every}", self.evaluation_every
+        every, maps = self.evaluation_every, self.map_every
+        if maps is not None:
+            found = f"map_every = {maps}"
             require(self.solved is None, found, "no such key, as solved records no values")
-            accepted = f"a multiple of evaluation_every = {every}"
-            require(self.map_every % every == 0, found, accepted)
+            require(maps % every == 0, found, f"a multiple of evaluation_every = {every}")
 
     def _check_variants(self) -> None:
         efforts = set()
@@ -324,18 +324,22 @@ class Declaration(Table):
 
         Budgets are divided when settings are resolved.
         """
-        variants, readings = dict(self.algorithms), dict(self.readings)
-        for name, variant in variants.items():
-            variants[name] = variant.model_copy(update={"seeds": min(variant.seeds, 2)})
-        for name, reading in readings.items():  # twice as many as others
-            readings[name] = reading.model_copy(update={"seeds": reading.seeds and 4})
-        search = self.search
-        if search is not None:
-            small = {"parts": min(search.parts, 2), "trials": 3, "finalists": 1, "seeds": 2}
-            search = search.model_copy(update=small)
-        note = "This miniature only checks that everything works: its numbers mean nothing."
-        changed = {"algorithms": variants, "readings": readings, "search": search, "note": note}
-        return self.model_copy(update=changed | {"name": f"{self.name}{_MINIATURE}"})
+        variants = {
+            name: variant.model_copy(update={"seeds": min(variant.seeds, 2)})
+            for name, variant in self.algorithms.items()
+        }
+        readings = {  # with twice as many runs
+            name: reading.model_copy(update={"seeds": reading.seeds and 4})
+            for name, reading in self.readings.items()
+        }
+        changed = {
+            "name": f"{self.name}{_MINIATURE}",
+            "note": "This miniature only checks that everything works: its numbers mean nothing.",
+            "algorithms": variants,
+            "readings": readings,
+            "search": self.search and self.search.miniature(),
+        }
+        return self.model_copy(update=changed)
 
     @cached_property
     def conditions(self) -> list[Condition]:
@@ -455,15 +459,15 @@ def _with_references(declared: Declaration, path: Path) -> dict[str, Variant]:
     """Returns all variants, references with what they take from theirs."""
     variants = dict(declared.algorithms)
     own = [name for name, variant in variants.items() if not variant.reference_for]
-    for name in variants.keys() - {*own}:
+    for name in variants.keys() - own:
         variant, where = variants[name], f"{path}: algorithms.{name}"
         if variant.reference_for not in own:
             unknown_name(f"{where}: reference_for", "variant", variant.reference_for, own)
-        of = variants[variant.reference_for]
-        taken = {key: getattr(of, key) for key in _SHARED}
         for key in variant.model_fields_set.intersection(_SHARED):
             reason = f"a reference implementation takes it from {variant.reference_for}"
             raise InputError(f"{where}.{key}: {reason}; remove it.")
+        of = variants[variant.reference_for]
+        taken = {key: getattr(of, key) for key in _SHARED}
         taken["observations"] = variant.observations or of.observations
         variants[name] = variant.model_copy(update=taken)
     return variants

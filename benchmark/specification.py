@@ -56,8 +56,6 @@ class RunSpecification:
     log: str = ""
     keep: Callable[[Any], object] | None = None
 
-    evaluated_from = ("start",)  # until old modules are gone
-
     @cached_property
     def population(self) -> str:
         """All but its seed, as canonical JSON: runs that share it train together."""

@@ -115,6 +115,11 @@ class Search(Table):
         size = (self.trials + 1) // self.parts
         return [range(start, start + size) for start in range(0, self.trials + 1, size)]
 
+    def miniature(self) -> "Search":
+        """Returns the same search with few trials and runs."""
+        small = {"parts": min(self.parts, 2), "trials": 3, "finalists": 1, "seeds": 2}
+        return self.model_copy(update=small)
+
     @property
     def fresh(self) -> range:
         """The seeds of finalists."""
