@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agents import DeepTraining, Schedule, Training, check_training, load_algorithm
+from agents import Schedule, Training, check_training, load_algorithm
 from envs import InputError, ProxemicEnv
 
 MODEL = ProxemicEnv().model  # 120 observations, 5 actions
@@ -44,9 +44,6 @@ def test_trainings_that_keep_the_contract_pass() -> None:
     probabilities = np.full((2, 3, 120, 5), 0.2)
     check_training(replace(TRAINING, stochastic=probabilities), MODEL, 2, SCHEDULE)
     check_training(replace(TRAINING, stochastic=probabilities, q=np.empty((2, 0, 5))), MODEL, 2, SCHEDULE)
-    check_training(DeepTraining(**vars(TRAINING), weights=np.zeros((2, 32), np.uint8)), MODEL, 2, SCHEDULE)
-    with pytest.raises(ValueError, match="weights: shape"):
-        check_training(DeepTraining(**vars(TRAINING), weights=np.zeros((3, 7), np.uint8)), MODEL, 2, SCHEDULE)
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Training)])

@@ -101,11 +101,6 @@ def test_what_cannot_be_trained_is_refused(name: str, values: dict[str, Any], ex
     assert str(refusal.value).endswith(".")
 
 
-def test_packages_are_those_of_the_class_and_its_bases() -> None:
-    assert load_algorithm("sb3_contrib:TRPO").packages == ("sb3_contrib", "stable_baselines3", "torch")
-    assert load_algorithm(f"{HERE}:Stepwise").packages == ("stable_baselines3", "torch")
-
-
 def test_missing_packages_get_a_sentence_and_names_need_no_torch() -> None:
     code = (
         "import sys; from agents import ALGORITHMS, load_algorithm\n"
@@ -119,6 +114,3 @@ def test_missing_packages_get_a_sentence_and_names_need_no_torch() -> None:
     assert done.stdout.startswith("mine.toml: algorithm sb3_contrib:QRDQN cannot be imported: "), done.stderr
     assert done.stdout.count("\n") == 1
     assert "make .venv/.deep installs it" in done.stdout
-
-
-# Saved models

@@ -310,29 +310,19 @@ def test_ppo_is_stable_baselines3s(
 # First weights
 
 
-def first_weights(name: str) -> list[list[NDArray[Any]]]:
-    """Returns the first weights and biases of every layer of three agents."""
+def test_first_weights_are_those_of_pytorch() -> None:
+    """Of DQN uniform, bounded by 1 / sqrt(inputs); of PPO orthogonal, with Stable-Baselines3's gains."""
     net = {"policy_kwargs": {"net_arch": (64, 48)}}
-    return [agent_of(name, "one_hot", S1, np.float32, seed, **net).weights() for seed in range(N_AGENTS)]
-
-
-def test_first_weights_of_dqn_are_those_of_linear_layers() -> None:
-    layers = list(zip(*first_weights("compiled_dqn"), strict=True))
-    for weights, biases in zip(layers[::2], layers[1::2], strict=True):
-        bound = 1 / np.sqrt(len(weights[0]))
-        values = np.concatenate([part.ravel() for part in (*weights, *biases)])
+    dqn, ppo = (agent_of(name, "one_hot", S1, np.float32, **net).weights() for name in AGENTS)
+    for weights, biases in zip(dqn[::2], dqn[1::2], strict=True):
+        bound = 1 / np.sqrt(len(weights))
+        values = np.append(weights, biases)
         assert kstest(values, "uniform", (-bound, 2 * bound)).pvalue > 1e-3
-        assert not np.array_equal(weights[0], weights[1])
-
-
-def test_first_weights_of_ppo_are_orthogonal() -> None:
     gains = [np.sqrt(2), np.sqrt(2), 0.01, np.sqrt(2), np.sqrt(2), 1.0]
-    agents = first_weights("compiled_ppo")
-    for parts in agents:
-        assert not any(biases.any() for biases in parts[1::2])
-        for matrix, gain in zip(parts[::2], gains, strict=True):
-            short = matrix if len(matrix) <= len(matrix.T) else matrix.T
-            assert short @ short.T == pytest.approx(gain**2 * np.eye(len(short)), abs=1e-5)
+    assert not any(biases.any() for biases in ppo[1::2])
+    for matrix, gain in zip(ppo[::2], gains, strict=True):
+        short = matrix if len(matrix) <= len(matrix.T) else matrix.T
+        assert short @ short.T == pytest.approx(gain**2 * np.eye(len(short)), abs=1e-5)
 
 
 # The same bits
