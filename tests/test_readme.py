@@ -1,57 +1,50 @@
-"""README, CONTRIBUTING and the guides: code runs, commands work, links lead somewhere, numbers are right."""
+"""README, CONTRIBUTING and the guides: code runs, commands work, links lead somewhere."""
 
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from benchmark import front
 from benchmark.__main__ import main
-from benchmark.publish import front
 from tests.support import ROOT, small_experiment, variant
 
 GUIDES = ("agents/README.md", "benchmark/guide.md")  # followed step by step in another test
-FILES = (
-    "README.md",
-    "CONTRIBUTING.md",
-    *GUIDES,
-    "benchmark/commands/README.md",
-    "benchmark/experiments/README.md",
-    "benchmark/studies/README.md",
-    "envs/scenarios/README.md",
-)
-PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in FILES}
+PAGES = {
+    str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
+    for folder in (".", "agents", "benchmark", "benchmark/experiments", "envs/scenarios")
+    for path in sorted((ROOT / folder).glob("*.md"))
+    if path.name != "CHANGELOG.md"
+}
 README, CONTRIBUTING = PAGES["README.md"], PAGES["CONTRIBUTING.md"]
-TARGETS = re.findall(r"^([\w-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+TARGETS = re.findall(r"^([\w-]+):.*##", MAKEFILE, flags=re.MULTILINE)
 
 
 def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", page, flags=re.DOTALL)
 
 
-def test_first_page_is_short() -> None:
+def test_first_page_is_short_and_made_of_the_published_tables() -> None:
+    """So no number and no verdict in it can be another one; `make report` writes it."""
     assert len(README.split()) <= 700
+    assert front.readme(ROOT / "results") == README
 
 
 @pytest.mark.parametrize("code", blocks(README, "python"))
 def test_python_code_runs(code: str, tmp_path: Path) -> None:
     short = re.sub(r"\.learn\([\d_]+\)", ".learn(500)", code)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", short], cwd=tmp_path, capture_output=True, text=True
-    )
+    command = [sys.executable, "-W", "error", "-c", short]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
-def shell_lines() -> Iterator[str]:
-    for block in (block for name in FILES if name not in GUIDES for block in blocks(PAGES[name], "sh")):
-        yield from filter(None, (line.split(" #")[0].strip() for line in block.splitlines()))
-
-
-# The comparison as small as can be: every command is tried, and whole comparisons are tested elsewhere.
+# The comparison as small as can be: every command is tried, and comparisons are tested elsewhere.
 SMALL = small_experiment(
-    report="comparison",
+    report={"kind": "comparison"},
     scenarios=["S1", "S2"],
     map_every=100,
     settings={"budget": 200, "time_limit": 50},
@@ -63,12 +56,8 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
     """Runs a command of the package with small experiments in place of the published ones."""
     comparison = directory / "small.toml"
     comparison.write_text(SMALL, encoding="utf-8")
-    small = {
-        "compare_deep": str(comparison),
-        "100-199": "100-101",
-        "0-29": "0-1",
-        **{name: f"{directory}/{name}" for name in ("film.webp", "dqn.zip", "table.npz")},
-    }
+    small = {name: f"{directory}/{name}" for name in ("film.webp", "dqn.zip", "table.npz")}
+    small |= {"compare_deep": str(comparison), "100-199": "100-101", "0-29": "0-1"}
     arguments = [small.get(word, word) for word in words[3:]]
     arguments += ["--smoke"] * ("reproduce" in arguments)
     if arguments[0] == "watch":
@@ -81,14 +70,15 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
 
 @pytest.mark.slow
 def test_every_command_works(tmp_path: Path) -> None:
-    """In the order in which a reader meets them: a report needs the runs of the commands before it."""
+    """In the order in which a reader meets them."""
     known: dict[str, Callable[[list[str]], bool]] = {
         "make": lambda words: words[1] in TARGETS and words[2:] in ([], ["SEEDS=5"]),
         ".venv/bin/python": lambda words: run_in_miniature(words, tmp_path),
     }
-    for line in shell_lines():
-        words = line.split()
-        assert known[words[0]](words), line
+    pages = (page for name, page in PAGES.items() if name not in GUIDES)
+    lines = "\n".join(block for page in pages for block in blocks(page, "sh")).splitlines()
+    for words in filter(None, (line.split(" #")[0].split() for line in lines)):
+        assert known[words[0]](words), words
 
 
 def test_ci_does_what_contributing_says() -> None:
@@ -103,7 +93,7 @@ def anchors(page: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", PAGES)
 def test_every_path_and_link_exists(name: str) -> None:
     page = PAGES[name]
     for link in re.findall(r"\]\((?!https?:)([^)]+)\)", page):
@@ -111,7 +101,8 @@ def test_every_path_and_link_exists(name: str) -> None:
         target = (ROOT / name).parent / file
         assert target.exists(), link
         assert not anchor or anchor in anchors(target.read_text(encoding="utf-8")), link
-    quoted = re.findall(r"`((?:\.ci|\.github|agents|benchmark|envs|results|tests)/[^`\s]*)`", page)
+    folders = r"\.ci|\.github|agents|benchmark|envs|results|tests"
+    quoted = re.findall(rf"`((?:{folders})/[^`\s]*)`", page)
     quoted += re.findall(r"`(\w+\.(?:md|cff|txt))`", page)
     made = "results/" if name in GUIDES else "results/index.html"  # by who follows it
     assert [path for path in quoted if not (path.startswith(made) or (ROOT / path).exists())] == []
@@ -123,8 +114,3 @@ def test_every_extension_has_a_test() -> None:
     assert len(rows) >= 10
     for added, _, tests in rows:
         assert re.search(r"`tests/(\w+/)+test_\w+\.py`", tests), added
-
-
-def test_readme_is_made_of_the_published_tables() -> None:
-    """So no number and no verdict in it can be another one; `make report` writes it."""
-    assert front.front(ROOT / "results") == README
