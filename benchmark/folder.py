@@ -14,6 +14,7 @@ import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -65,13 +66,17 @@ class Folder:
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Returns the tables by name, but not those of runs and of curves, which are compressed."""
-        names = [file for file in self.files if file.endswith(".csv")]
-        check_all(*(partial(self.content, file) for file in names))
-        with _damaged(self.path):
-            return {
-                name.removesuffix(".csv"): _with_learner(read_csv(self.path / name))
-                for name in names
-            }
+        names = [name for name in self.files if name.endswith(".csv")]
+        return {name.removesuffix(".csv"): self._table(name) for name in names}
+
+    def _table(self, name: str) -> pd.DataFrame:
+        content = self.content(name)
+        with _damaged(self.path / name):
+            table = read_csv(BytesIO(content))
+        if {"variant", "observation"} <= {*table}:  # of an earlier version
+            learner = table.pop("variant") + ", " + table.pop("observation")
+            table.insert(0, "learner", learner)
+        return table
 
 
 @contextmanager
@@ -106,22 +111,14 @@ def committed(name: str, file: str) -> bytes | None:
         return None
 
 
-def read_csv(path: Path) -> pd.DataFrame:
+def read_csv(file: Path | BytesIO) -> pd.DataFrame:
     """Reads a table. Only "nan" and, among numbers, an empty entry are missing values, not "NA"."""
-    frame = pd.read_csv(path, keep_default_na=False, na_values=["", "nan"])
-    texts = pd.read_csv(path, keep_default_na=False, dtype=str)
-    for name in frame:
-        if frame[name].dtype == object or (texts[name] == "").all():
-            frame[name] = texts[name]
-    return frame
-
-
-def _with_learner(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns a table with names of learners; earlier versions of tables have these in parts."""
-    if {"variant", "observation"} <= {*table}:
-        learner = table.pop("variant") + ", " + table.pop("observation")
-        table.insert(0, "learner", learner)
-    return table
+    texts = pd.read_csv(file, keep_default_na=False, dtype=str)
+    if isinstance(file, BytesIO):
+        file.seek(0)
+    table = pd.read_csv(file, keep_default_na=False, na_values=["", "nan"])
+    are_texts = [name for name in table if table[name].dtype == object or not texts[name].any()]
+    return table.assign(**texts[are_texts])
 
 
 # Writing
@@ -162,12 +159,13 @@ def csv_text(frame: pd.DataFrame) -> str:
     ['x', '1.0', '1e-07', '0.666667', '1.23457e+06', 'inf', 'nan', '0.0']
     """
     frame = frame.infer_objects()
-    texts = {name: frame[name].fillna("") for name in frame if frame[name].dtype == object}
-    how = {"index": False, "lineterminator": "\n", "float_format": _number, "na_rep": "nan"}
-    return frame.assign(**texts).to_csv(**how)
+    texts = frame.select_dtypes(object).fillna("")
+    return frame.assign(**texts).to_csv(
+        index=False, lineterminator="\n", float_format=_number, na_rep="nan"
+    )
 
 
-def _number(value: float) -> str:
+def _number(value: Any) -> str:
     text = f"{0.0 if abs(value) < 1e-12 else value:.6g}"  # zero but for rounding
     return f"{text}.0" if text.lstrip("-").isdecimal() else text
 

@@ -30,7 +30,6 @@ _NETS: Final = [  # of the map, with their best inputs
 ]
 _TILINGS: Final = ["tile_coding, coordinates", "tile_coding, offset_coordinates"]
 _GRIDS: Final = ["places", "rooms", "feedback"]  # each point of the map once
-_LISTED: Final = {"subsequent_indent": "  ", "break_on_hyphens": False}
 Tables = Mapping[str, pd.DataFrame]
 
 
@@ -43,11 +42,10 @@ def answer(results: Path, name: str) -> str:
 def index(results: Path) -> str:
     """Returns README of `results`."""
     there = [name for name in PUBLISHED if (results / name / README).is_file()]
-    found = [
-        fill(f"- [{name}]({name}/README.md): {answer(results, name)}", 100, **_LISTED)
-        for name in there
-    ]
-    listed = "\n".join(found)
+    found = [f"- [{name}]({name}/README.md): {answer(results, name)}" for name in there]
+    listed = "\n".join(
+        fill(each, 100, subsequent_indent="  ", break_on_hyphens=False) for each in found
+    )
     return f"""\
 # Results
 
@@ -68,8 +66,8 @@ server and no network. Its explorer shows what agents have learned, cell by cell
 
 An experiment is a table of runs, `runs.csv.gz`. Everything else in its folder is made from it and
 from `curves.csv.gz`, which has a row per run and evaluation. `from benchmark import runs, curves`
-reads both. `columns.csv` says what the columns of all tables mean, and `manifest.json` what made the
-runs. `runs.db`, which is not in the repository, has all records of the runs made here.
+reads both. `columns.csv` says what the columns of all tables mean, and `manifest.json` what made
+the runs. `runs.db`, which is not in the repository, has all records of the runs made here.
 """
 
 
@@ -94,15 +92,14 @@ _START: Final = """\
 *When does deep RL earn its keep over a table?* An agent walks up to a person and must learn, from
 rewards alone, where to stop and ask whether it is close enough (*PING*). This suite replicates the
 Q-learning of Millán-Arias, Fernandes and Cruz
-([arXiv 2108.03730](https://arxiv.org/abs/2108.03730)) and compares tables and tile coding with DQN and PPO of
-[Stable-Baselines3](https://stable-baselines3.readthedocs.io) (SB3), in
+([arXiv 2108.03730](https://arxiv.org/abs/2108.03730)) and compares tables and tile coding with DQN
+and PPO of [Stable-Baselines3](https://stable-baselines3.readthedocs.io) (SB3), in
 [Gymnasium](https://gymnasium.farama.org) gridworlds small enough to evaluate every policy exactly.
 So far, no net is shown to learn in fewer steps than tile coding.
 
 ```sh
 make reproduce            # the paper's figure and claims, in results/reproduce/ (2 minutes)
-make compare-deep SEEDS=5 # tables, tile coding, DQN and PPO, in results/compare_deep_seeds_0-4/ (7
-                          # minutes)
+make compare-deep SEEDS=5 # the learners below, in results/compare_deep_seeds_0-4/ (7 minutes)
 make test                 # the quick tests (4 minutes)
 ```
 
@@ -117,8 +114,6 @@ def _replicated(results: Path) -> str:
 ## The paper, replicated
 
 ![The paper's figure, replicated](results/reproduce/figure.svg)
-
-*100 agents per scenario, as in the paper's figure. Dots: mean Q of PING > 0.*
 
 {found}
 [Claim by claim](results/reproduce/README.md)
@@ -153,7 +148,7 @@ def _compared(tables: Tables, tuning: Tables) -> str:
     return f"""\
 ## Tables against DQN and PPO
 
-![Success over training, by learner](results/compare_deep/curves.svg)
+![Success over training](results/compare_deep/curves.svg)
 
 | success after 10,000 steps | S1 | S2 | S3 |
 |---|---|---|---|

@@ -16,11 +16,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from importlib.machinery import SourceFileLoader
+from importlib.util import find_spec
 from inspect import getdoc, unwrap
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -52,8 +53,9 @@ STUDIES: Final = ("comparison", "map", "replication", "search")
 MAX_WORDS: Final = 900  # of README
 _MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
 _PACKED: Final = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
+_MADE_BY: Final = ("commit", "machine", "processor")
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
-RUN_COLUMNS: Final[Mapping[str, str]] = {
+RUN_COLUMNS: Final = {
     "scenario": "scenario",
     "grid": "what is varied",
     "point": "its value",
@@ -90,7 +92,7 @@ RUN_COLUMNS: Final[Mapping[str, str]] = {
     "processor": "processor, and library of linear algebra",
     "versions": "versions of packages, as JSON",
 }
-COLUMNS: Final[Mapping[str, str]] = {
+COLUMNS: Final = {
     **RUN_COLUMNS,
     "n": "runs",
     "x": "the learner that is compared",
@@ -163,32 +165,26 @@ def certificate(folder: Path) -> str:
 
 @dataclass(frozen=True)
 class Study:
-    """A study, as an experiment declares it."""
+    """A study, as an experiment declares it. An item may be a table or a figure."""
 
     experiment: Experiment
     module: ModuleType
     declared: Any
-    items: Mapping[str, Function]
+    items: dict[str, Function]
 
     @property
     def question(self) -> str:
         """The heading of the results."""
         return str(self.declared.question or first_line(self.module))
 
-    @property
-    def tables(self) -> dict[str, Function]:
-        """The functions of tables, and of items, which may be figures."""
-        return {**self.get("TABLES"), **self.items}
-
-    @property
-    def figures(self) -> dict[str, Function]:
-        """The functions of figures, and of items, which may be tables."""
-        return {**self.items, **self.get("FIGURES")}
-
-    def get(self, name: str) -> Mapping[str, Any]:
+    def get(self, name: str) -> dict[str, Any]:
         """Returns one of the study's dicts, by default an empty one."""
-        found: Mapping[str, Any] = getattr(self.module, name, {})
-        return found
+        return {**getattr(self.module, name, {})}
+
+    def functions(self) -> list[tuple[str, Function]]:
+        """Returns the functions of tables, items and figures, by the names of their files."""
+        groups = self.get("TABLES"), self.items, self.get("FIGURES")
+        return [named for functions in groups for named in functions.items()]
 
     def text(self, name: str, data: Data) -> str:
         """Returns one of the study's texts; empty if there is none.
@@ -208,15 +204,14 @@ def study_of(experiment: Experiment) -> Study:
         raise InputError(f"{where}: report is missing; add a [report] table.")
     module = load_study(str(given.get("kind", "")), where)
     declared = parse(getattr(module, "Declared", Report), given, f"{where}: report")
-    names = [name.partition(":")[2] for name in declared.items]
-    items = [imported(name, where, "item") for name in declared.items]
-    taken = {*module.TABLES, *getattr(module, "FIGURES", ())}.intersection(names)
-    if taken or len({*names}) < len(names) or not all(map(callable, items)):
+    items = {name.partition(":")[2]: imported(name, where, "item") for name in declared.items}
+    taken = {*items} & {*module.TABLES, *getattr(module, "FIGURES", ())}
+    if taken or len(items) < len(declared.items) or not all(map(callable, items.values())):
         what = f"report.items: {', '.join(declared.items)}"
         raise InputError(f"{where}: {what}: accepted: functions, each with a new name.")
     if hasattr(module, "check"):
         module.check(experiment, declared)
-    return Study(experiment, module, declared, dict(zip(names, items, strict=True)))
+    return Study(experiment, module, declared, cast("dict[str, Function]", items))
 
 
 def load_study(name: str, source: str) -> ModuleType:
@@ -278,7 +273,7 @@ def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = No
         for name in _PACKED:
             if (folder / name).is_file():
                 shutil.copyfile(folder / name, aside / name)
-        for name, function in [*study.tables.items(), *study.get("FIGURES").items()]:
+        for name, function in study.functions():
             made = _called(function, data)
             if isinstance(made, pd.DataFrame):
                 data.tables[name] = made
@@ -296,15 +291,14 @@ def _manifest(study: Study, runs: pd.DataFrame, seeds: Sequence[int] | None) -> 
     """Returns what made the results; drawing again gives the same."""
     experiment, ids = study.experiment, sorted({*runs["run"]})
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
+    made_by = {f"{name}s": sorted({*runs[name].fillna("")}) for name in _MADE_BY}
     return {
         "experiment": experiment.name,
         "command": f"python -m benchmark run {experiment.argument}{option} --report",
         "question": study.question,
         "runs": len(ids),
         "digest": hashlib.sha256("".join(ids).encode()).hexdigest(),
-        "commits": sorted({*runs["commit"].fillna("")}),
-        "machines": sorted({*runs["machine"].fillna("")}),
-        "processors": sorted({*runs["processor"].fillna("")}),
+        **made_by,
         "versions": [json.loads(text) for text in sorted({*runs["versions"]})],
         "first_started_at": runs["started_at"].min(),
         "last_started_at": runs["started_at"].max(),
@@ -349,11 +343,14 @@ def texts(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> d
 
 def meanings(study: Study, data: Data) -> pd.DataFrame:
     """Returns what the columns of each table mean."""
-    packed = {tables.RUNS: data.runs, tables.CURVES: data.curves}
-    others = {f"{name}.csv": table for name, table in data.tables.items()}
-    known = {**COLUMNS, **study.get("COLUMNS")}
-    rows = [(file, name, meaning(name, RUN_COLUMNS)) for file in packed for name in packed[file]]
-    rows += [(file, name, meaning(name, known)) for file in others for name in others[file]]
+    known = COLUMNS | study.get("COLUMNS")
+    files = {tables.RUNS: (data.runs, RUN_COLUMNS), tables.CURVES: (data.curves, RUN_COLUMNS)}
+    files |= {f"{name}.csv": (table, known) for name, table in data.tables.items()}
+    rows = [
+        (file, column, meaning(str(column), about))
+        for file, (table, about) in files.items()
+        for column in table
+    ]
     return pd.DataFrame(rows, columns=["file", "column", "meaning"])
 
 
@@ -377,9 +374,10 @@ def meaning(column: str, known: Mapping[str, str]) -> str:
 def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None = None) -> str:
     """Returns README of a folder; tables that would make it too long are left out."""
     answer, *others = answer_of(study, data, seeds).split("\n\n")
+    captions = dict(study.functions())  # of a name, the figure comes last
     figures = [
-        f"![{name}]({name}.svg)\n\n*{first_line(function)}*"
-        for name, function in study.figures.items()
+        f"![{name}]({name}.svg)\n\n*{first_line(captions[name])}*"
+        for name in captions
         if f"{name}.svg" in folder.files
     ]
     shown = [text for name in study.get("SHOWN") if (text := _shown(study, name, data))]
@@ -413,12 +411,10 @@ def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
       ClaimError: The tables do not show what it asserts.
       InputError: The file has a mistake.
     """
-    spec = spec_from_file_location(f"{path.stem}_finding", path)
+    module = ModuleType(path.stem)
     with mistakes_in(path):
-        module = module_from_spec(spec)
-        spec.loader.exec_module(module)
-        function = getattr(module, "finding", None)
-        text = function(published) if function else ""
+        SourceFileLoader(path.stem, str(path)).exec_module(module)
+        text = module.finding(published) if hasattr(module, "finding") else ""
     if not isinstance(text, str):
         raise InputError(f"{path}: finding returns {type(text).__name__}; accepted: a text.")
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n")).strip()
@@ -432,16 +428,20 @@ def _shown(study: Study, name: str, data: Data) -> str:
     if not columns or len(frame) > _MAX_ROWS:
         return ""
     titles = {key: learner.title for key, learner in study.experiment.learners.items()}
-    rows = [[_entry(row, name, titles) for name in columns] for row in frame.to_dict("records")]
-    heads = [column.replace("_", " ") for column in columns]
-    return f"{first_line(study.tables[name])}\n\n{markdown(heads, rows)}"
+    rows = frame.to_dict("records")
+    shown = {
+        name.replace("_", " "): [_entry(row, name, titles) for row in rows] for name in columns
+    }
+    table = pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True)
+    return f"{first_line(study.get('TABLES').get(name))}\n\n{table}"
 
 
-def _entry(row: Mapping[str, Any], name: str, titles: Mapping[str, str]) -> str:
+def _entry(row: Mapping[Any, Any], name: str, titles: Mapping[str, str]) -> str:
     """Returns an entry of a table: a learner's title, or a number with its interval."""
     ends = [row.get(f"{name}_{end}", math.nan) for end in ("low", "high")]
     interval = f" [{', '.join(map(show, ends))}]" if all(map(math.isfinite, ends)) else ""
-    return titles.get(row[name], show(row[name])) + interval
+    text = titles.get(row[name], show(row[name])) + interval
+    return " ".join(text.split()).replace("|", "&#124;")
 
 
 def show(value: object) -> str:
@@ -450,37 +450,29 @@ def show(value: object) -> str:
     >>> [show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7000, "S1")]
     ['0.123', '1,000', '52,600,000', 'never', '-', '7,000', 'S1']
     """
-    if isinstance(value, int):
-        return f"{value:,}"
     if not isinstance(value, float):
-        return str(value)
+        return f"{value:,}" if type(value) is int else str(value)
     if not math.isfinite(value):
         return "-" if math.isnan(value) else "never"  # of steps until something happens
-    text = f"{value + 0.0:.3g}"
+    text = f"{value:.3g}"
     return f"{float(text):,.0f}" if abs(float(text)) >= 1000 else text
-
-
-def markdown(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Returns a Markdown table, in which texts stay in their cells."""
-    cells = [
-        [" ".join(text.split()).replace("|", "&#124;") for text in row] for row in (names, *rows)
-    ]
-    lines = [f"| {' | '.join(row)} |" for row in cells]
-    return "\n".join([lines[0], f"|{'---|' * len(names)}", *lines[1:]])
 
 
 def _files(study: Study, folder: Folder) -> str:
     """Returns what each file holds."""
+    tabled = (study.get("TABLES") | study.items).items()
     about = {
         tables.RUNS: "a row per run",
         tables.CURVES: "a row per run and evaluation",
         tables.AGENTS: "what agents have learned, for the page",
-        **{f"{name}.csv": first_line(function) for name, function in study.tables.items()},
+        **{f"{name}.csv": first_line(function) for name, function in tabled},
     }
-    ours = {MEANINGS: "what columns mean", MANIFEST: "what made the runs, digests of files"}
-    names = [name for name in {**about, **folder.files} if name in folder.files]
-    shown = {name: about.get(name, "") for name in names if not name.endswith(".svg")} | ours
-    lines = [f"- [{name}]({name}): {text}".rstrip(": ") for name, text in shown.items()]
+    names = [name for name in about | folder.files if name in folder.files]
+    lines = [f"- [{name}]({name}): {about.get(name, '')}" for name in names if name[-4:] != ".svg"]
+    lines += [
+        f"- [{MEANINGS}]({MEANINGS}): what columns mean",
+        f"- [{MANIFEST}]({MANIFEST}): what made the runs, digests of files",
+    ]
     return "\n".join(["## Files\n", *lines])
 
 

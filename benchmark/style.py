@@ -15,6 +15,7 @@ import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.style import context
 from matplotlib.text import Text
@@ -26,8 +27,7 @@ from envs import InputError
 
 WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
 COLOURS: Final = sns.color_palette("colorblind")
-# Names beside lines: height of a line of text and distance in points, characters of a line
-_LINE, _GAP, _CHARACTERS = 11.0, 16.0, 23
+_CHARACTERS: Final = 23  # of a line of text beside a chart
 _RC: Final = {
     **sns.axes_style("ticks"),
     **sns.plotting_context("paper", font_scale=1.1),
@@ -198,38 +198,13 @@ def name_rows(axis: Axes, names: Sequence[str]) -> None:
 
 
 def name_lines(axis: Axes, lines: Mapping[str, tuple[float, Look]]) -> None:
-    """Writes names right of lines, given where each ends on the linear y axis and its look.
-
-    Names that would overlap are moved apart, and lead back to their lines.
-    """
-    box = axis.get_window_extent().transformed(axis.figure.dpi_scale_trans.inverted())
-    width, height = 72 * box.width, 72 * box.height
-    bottom, top = axis.get_ylim()
-    texts = {name: fill(name, _CHARACTERS, break_on_hyphens=False) for name in lines}
-    half = {name: _LINE * (text.count("\n") + 1.25) / 2 for name, text in texts.items()}
-    ends = {name: (end - bottom) / (top - bottom) * height for name, (end, _) in lines.items()}
-    at = _moved_apart(ends, half, height)
-    for name, (_, style) in lines.items():
-        lead = [1, 1 + _GAP / width], [ends[name] / height, at[name] / height]
-        mark = {"mfc": style["color"], **style, "mec": style["color"], "ls": ":", "lw": 1, "ms": 5}
-        axis.plot(*lead, **mark, markevery=[1], transform=axis.transAxes, clip_on=False)
-        place = {"va": "center", "fontsize": "small", "transform": axis.transAxes}
-        axis.text(1 + 1.4 * _GAP / width, at[name] / height, texts[name], **place)
-
-
-def _moved_apart(
-    ends: Mapping[str, float], half: Mapping[str, float], height: float
-) -> dict[str, float]:
-    """Returns heights, close to given ones, at which texts of given half heights do not overlap."""
-    upwards = sorted(ends, key=lambda name: ends[name])
-    at, below, above = dict[str, float](), -_LINE, height + _LINE
-    for name in upwards:
-        at[name] = max(ends[name], below + half[name])
-        below = at[name] + half[name]
-    for name in reversed(upwards):
-        at[name] = min(at[name], above - half[name])
-        above = at[name] - half[name]
-    return at
+    """Names lines right of a chart, given where each ends and its look; the highest comes first."""
+    names = sorted(lines, key=lambda name: lines[name][0], reverse=True)
+    marks = [Line2D([], [], ms=5, lw=1, **lines[name][1]) for name in names]
+    texts = [fill(name, _CHARACTERS, break_on_hyphens=False) for name in names]
+    axis.legend(
+        marks, texts, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small"
+    )
 
 
 def draw_cells(
@@ -242,8 +217,8 @@ def draw_cells(
     for y, row in enumerate(cells):
         for x, (text, colour) in enumerate(row):
             axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
-            place = {"ha": "center", "va": "center", "fontsize": "small"}
-            axis.text(x, y, text, color=ink_on(colour), **place)
+            ink = ink_on(colour)
+            axis.text(x, y, text, ha="center", va="center", fontsize="small", color=ink)
     axis.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
     axis.set_xticks(range(len(columns)), columns, fontsize="small")
     axis.set_yticks(range(len(rows)), rows, fontsize="small")

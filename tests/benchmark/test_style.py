@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -62,20 +61,19 @@ def test_unknown_learners_differ_whoever_is_asked_first() -> None:
     assert taken.isdisjoint((each["color"], each["marker"]) for each in looks)
 
 
-@pytest.mark.parametrize("ends", [[0.0] * 6, [1.0] * 6, [0, 0.9, 0.2, 0.91, 0.05, 1]], ids=str)
-def test_names_of_lines_do_not_overlap_and_are_in_order(ends: list[float]) -> None:
-    titles = [f"learner {i} on coordinates" for i in range(len(ends))]
+def test_names_of_lines_are_in_their_order_and_within_the_figure() -> None:
+    ends = {"learner on coordinates, the lowest": 0.1, "highest": 0.9, "middle": 0.5}
     with figure_of(1, 1, (WIDTH, 2.6)) as (figure, axes):
-        axes[0, 0].set_ylim(0, 1)
         style = LOOKS["sb3"]["sb3_ppo, one_hot"]
-        name_lines(axes[0, 0], {key: (end, style) for key, end in zip(titles, ends, strict=True)})
+        name_lines(axes[0, 0], {name: (end, style) for name, end in ends.items()})
+        axes[0, 0].plot([0, 1])
     figure.draw_without_rendering()
-    texts = sorted(axes[0, 0].texts, key=lambda text: text.get_window_extent().y0)
-    boxes = [text.get_window_extent() for text in texts]
-    order = np.argsort(ends, kind="stable")
-    assert [text.get_text().replace("\n", " ") for text in texts] == [titles[i] for i in order]
-    assert all(below.y1 <= above.y0 for below, above in pairwise(boxes))
-    assert all(box.x0 > axes[0, 0].bbox.x1 and box.x1 < figure.bbox.x1 for box in boxes)
+    legend = axes[0, 0].get_legend()
+    texts = [text.get_text().replace("\n", " ") for text in legend.get_texts()]
+    assert texts == ["highest", "middle", "learner on coordinates, the lowest"]
+    box = legend.get_window_extent()
+    assert axes[0, 0].bbox.x1 <= box.x0
+    assert box.x1 <= figure.bbox.x1
 
 
 def test_svg_does_not_depend_on_the_last_digits_of_a_machine() -> None:

@@ -1,0 +1,71 @@
+"""README says what published tables show."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmark import front
+from benchmark.experiment import PUBLISHED
+from benchmark.folder import MANIFEST, README, Folder, read_csv, write_csv, write_manifest
+from envs import InputError
+from tests.support import ROOT
+
+RESULTS = ROOT / "results"
+
+
+def test_readme_is_what_the_tables_make() -> None:
+    text = front.readme(RESULTS)
+    assert (ROOT / README).read_text(encoding="utf-8") == text
+    assert len(text.split()) <= 700
+    assert (RESULTS / README).read_text(encoding="utf-8") == front.index(RESULTS)
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """The published tables."""
+    for name in PUBLISHED:
+        (tmp_path / name).mkdir()
+        for file in (MANIFEST, README, *Folder(RESULTS / name).files):
+            shutil.copy(RESULTS / name / file, tmp_path / name / file)
+    return tmp_path
+
+
+def reseal(folder: Path) -> None:
+    """Writes the manifest again, as if the folder's files had been made as they are."""
+    write_manifest(folder, Folder(folder).manifest)
+
+
+@pytest.mark.parametrize(
+    ("file", "column", "value", "fault"),
+    [
+        ("when/contrasts.csv", "verdict", "faster", "nets are slower or undecided"),
+        ("groups/contrasts.csv", "faster", 0.6, "no net wins more than half of the pairs"),
+        ("compare_deep/summary.csv", "n", 10, "q_learning, index has so many runs"),
+        ("compare_deep/contrasts.csv", "success_verdict", "better", "no net beats a tuned table"),
+        ("equivalence/contrasts.csv", "success_margin", 0.5, "nets are compared within 0.15"),
+    ],
+)
+def test_a_claim_that_tables_do_not_show_is_refused(
+    copied: Path, file: str, column: str, value: Any, fault: str
+) -> None:
+    table = read_csv(copied / file)
+    table[column] = value
+    write_csv(table, copied / file)
+    reseal(copied / Path(file).parent)
+    with pytest.raises(InputError, match=f"README: the published tables do not show that {fault}"):
+        front.readme(copied)
+
+
+def test_numbers_are_those_of_the_tables(copied: Path) -> None:
+    table = read_csv(copied / "compare_deep" / "summary.csv")
+    is_shown = (table["learner"] == "sb3_ppo, one_hot") & (table["scenario"] == "S2")
+    table.loc[is_shown, "success"] = 0.1234
+    write_csv(table, copied / "compare_deep" / "summary.csv")
+    reseal(copied / "compare_deep")
+    before, after = (front.readme(path).splitlines() for path in (RESULTS, copied))
+    changed = [(x, y) for x, y in zip(before, after, strict=True) if x != y]
+    assert changed == [
+        ("| SB3's PPO, tuned | 0.90 | 0.81 | 1.00 |", "| SB3's PPO, tuned | 0.90 | 0.12 | 1.00 |")
+    ]
