@@ -33,7 +33,14 @@ ENDPOINTS: Final = ("success", "score")
 FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
 WITHIN: Final = "within margin"  # at its end, it may say which side is measurably better
 OPEN: Final = ("undecided", "neither learned", "ahead without learning", "no verdict")
-AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")
+MEASURES: Final = {  # of deep RL, and what readers call them
+    "iqm": "interquartile\nmean",
+    "median": "median",
+    "mean": "mean",
+    "optimality_gap": "optimality\ngap",
+    "p_improvement": "probability of\nimprovement",
+}
+AGGREGATES: Final = [*MEASURES][:4]
 _DRAWS: Final = 1_000  # of rliable's bootstrap
 _COLUMNS: Final = 3  # of panels
 _MOST_NAMED: Final = 4  # contrasts without a decided difference in a text
@@ -352,14 +359,14 @@ def draw_rliable(data: Data) -> Figure:
     """
     table = data.tables["rliable"]
     table = table[table["learner"].isin(_drawn(data)) & (table["endpoint"] == "score")]
-    measures = [name for name in _MEASURES if name in table]
+    measures = [name for name in MEASURES if name in table]
     names = [_title(data, name) for name in table["learner"]]
     with style.figure_of(1, len(measures), (style.WIDTH, 0.3 * len(names) + 1)) as (figure, axes):
         for axis, measure in zip(axes[0], measures, strict=True):
             for y, row in enumerate(table.to_dict("records")):
                 _draw_estimate(axis, y, row, measure, _look(data, row["learner"]))
             style.name_rows(axis, names if axis is axes[0, 0] else [""] * len(names))
-            axis.set(title=_MEASURES[measure])
+            axis.set(title=MEASURES[measure])
             axis.locator_params(axis="x", nbins=2, min_n_ticks=1)
             axis.margins(x=0.15)
     return figure
@@ -389,8 +396,8 @@ def _title(data: Data, learner: object) -> str:
 
 def _row_name(data: Data, row: Row) -> str:
     """Returns what is compared in a row, its scenario, and whether it was declared later."""
-    when = ["declared later"] if row.get("declared") == "later" else []
-    return ", ".join([_title(data, row["x"]), *filter(None, [row["scenario"]]), *when])
+    later = row.get("declared") and "declared later"
+    return ", ".join(filter(None, [_title(data, row["x"]), row.get("scenario"), later]))
 
 
 # The text
@@ -403,16 +410,11 @@ def headline(data: Data) -> str:
     table, scenarios = data.tables["contrasts"].fillna(""), data.experiment.scenarios
     counts = Counter(map(str, table["success_verdict"])).items()
     found = ", ".join(f"*{decided}* ({n})" for decided, n in counts)
-    is_mean = data.declared.pool == "scenarios" and len(scenarios) > 1
-    where = (
-        f"the mean over {listed(scenarios)}, or in one that is named,"
-        if is_mean
-        else listed(scenarios)
-    )
     text = f"""\
-After {data.runs["budget"].iloc[0]:,} steps of training, the verdicts on success in {where}
-are {found}. The margin is {data.declared.margins.success:g}, the level 5 %, and each of these
-learners has at least {table["n"].min()} runs in each scenario.
+After {data.runs["budget"].iloc[0]:,} steps of training in {listed(scenarios)}, the verdicts on
+success, in the mean over scenarios unless one is named, are {found}. The margin is
+{data.declared.margins.success:g}, the level 5 %, and each of these learners has at least
+{table["n"].min()} runs in each scenario.
 
 """
     for decided, rows in table.groupby("success_verdict", sort=False):
@@ -434,17 +436,16 @@ def _sentence(data: Data, row: Row) -> str:
 
 def reading(data: Data) -> str:
     """Says how the tables are made."""
-    declared, level = data.declared, data.tables["rliable"]["giving_up"].max()
-    unit = "the mean over scenarios" if declared.pool == "scenarios" else "one scenario"
+    margins, level = data.declared.margins, data.tables["rliable"]["giving_up"].max()
     return f"""\
 *Success* is the exact probability that an episode of at most {data.experiment.declared.horizon}
 steps ends with a correct PING, by the policy after training. An agent that gives up at once, with
 nothing but wrong PINGs, has a score of {level:.2f}.
 
-Contrasts compare x with y in {unit}. *Better* and *worse* take a significant difference whose
-estimate is at least the margin, {declared.margins.success:g} of success and
-{declared.margins.score:g} of the score; with *slightly*, it is smaller. *Within margin* means that
-two one-sided tests show a difference below the margin; *but better* and *but worse*, that it is
+Contrasts compare x with y, in the mean over scenarios unless one is named. *Better* and *worse*
+take a significant difference whose estimate is at least the margin, {margins.success:g} of success
+and {margins.score:g} of the score; with *slightly*, it is smaller. *Within margin* means that two
+one-sided tests show a difference below the margin; *but better* and *but worse*, that it is
 significant nevertheless. *Mixed* means that a scenario contradicts the verdict by the margin or
 more. A learner that is not shown to succeed more often than the random policy is not better in
 anything (*neither learned*, *ahead without learning*). With fewer than {FEWEST_RUNS} runs there is
@@ -467,13 +468,6 @@ SHOWN: Final = {
     "contrasts": "scenario x y success_verdict score_verdict success_except differs",
     "aggregate": "learner policy runs success score",
     "cost": "learner cpu_time_s updates parameters peak_memory_mb",
-}
-_MEASURES: Final = {
-    "iqm": "interquartile\nmean",
-    "median": "median",
-    "mean": "mean",
-    "optimality_gap": "optimality\ngap",
-    "p_improvement": "probability of\nimprovement",
 }
 COLUMNS: Final = {
     "n": "runs in each scenario, of a contrast the smaller number",

@@ -99,10 +99,11 @@ def pair(x: str = "x, index", y: str = "y, index", key: str = "contrasts") -> st
 
 
 def contrasts(data: Data) -> pd.DataFrame:
-    """Computes the table of contrasts, which texts and figures read."""
+    """Computes the table of contrasts; texts read it as it is in a file, without empty columns."""
     table = comparison.contrasts(data)
     assert table is not None
-    data.tables["contrasts"] = table
+    empty = [name for name in table if (table[name] == "").all()]
+    data.tables["contrasts"] = table.drop(columns=empty)
     return table
 
 
@@ -283,6 +284,7 @@ def test_a_sentence_names_learners_margin_and_what_else_differs(tmp_path: Path) 
     data = made(tmp_path, {"net": share(0.9), "y": share(0.5)}, report)
     contrasts(data)
     first, sentence = comparison.headline(data).split("\n\n")
+    first = " ".join(first.split())
     assert "After 400 steps" in first
     assert "margin is 0.2, the level 5 %" in first
     assert "100 runs" in first
