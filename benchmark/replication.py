@@ -100,9 +100,12 @@ def load(data: Data) -> Mapping[str, Agents]:
         what = "action values are not published"
         raise InputError(f"{data.experiment.argument}: {what}: run the experiment first.")
     found = defaultdict[str, dict[str, Records]](dict)
+    seeds = data.runs.groupby(["reading", "scenario"])["seed"]
     with Store(data.store, read_only=True) as store:
         for each in data.experiment.populations:
-            found[each.condition.name][each.scenario.name] = load_records(each.runs(), store)
+            reading, scenario = each.condition.name, each.scenario.name
+            runs = each.runs(seeds.get_group((reading, scenario)).tolist())
+            found[reading][scenario] = load_records(runs, store)
     return found
 
 
@@ -588,8 +591,8 @@ maps, Welch's for differences, simultaneous intervals of all cells' means for co
 
 def budget_of(data: Data) -> tuple[str, str]:
     """Returns the budget of the default reading, and its unit."""
-    settings = data.experiment.populations[0].first.settings.model_dump()
-    return f"{settings['budget']:,}", settings["budget_unit"].removesuffix("s")
+    settings = data.experiment.populations[0].first.settings
+    return f"{settings.budget:,}", getattr(settings, "budget_unit", "steps").removesuffix("s")
 
 
 def headline(data: Data) -> str:

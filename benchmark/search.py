@@ -378,22 +378,23 @@ def headline(data: Data) -> str:
     search, settings = search_of(experiment), experiment.populations[0].first.settings
     titles = {name: learner.title for name, learner in experiment.learners.items()}
     best = table.loc[table.groupby("learner", sort=False)["chosen"].idxmax()]
+    budget = f"{settings.budget:,} {getattr(settings, 'budget_unit', 'steps')}"
     runs = f"{search.seeds} fresh seeds in each of {len(experiment.scenarios)} scenarios"
     if best["chosen"].max() <= 0:
         return f"""\
 With settings chosen among {search.trials:,} trials, no run of any learner has learned before the
-end of its {settings.budget:,} steps ({runs}). {_given_up(data)}"""
+end of its {budget} ({runs}). {_given_up(data)}"""
     gaining = [titles[name] for name in best["learner"][best["verdict"] == "gain"]]
     top = best[best["chosen"].round(_DIGITS) == best["chosen"].round(_DIGITS).max()]
     defaults = listed(f"{value:.3g}" for value in top["default"])
     return f"""\
 Settings chosen among {search.trials:,} trials {"are" if gaining else "are not"} shown to raise
-{_MEASURES[measure_of(data)]} ({settings.budget:,} steps; {runs}) over that of the declared ones for
+{_MEASURES[measure_of(data)]} ({budget}; {runs}) over that of the declared ones for
 {listed(gaining) or "any learner"}. A rise counts if it is above 0 at a level of 5 %, adjusted for
 all finalists, and estimated at {data.declared.margin:g} or more. With chosen settings, the largest
 mean, {top["chosen"].iloc[0]:.3g}, is that of {listed(titles[name] for name in top["learner"])}
 (declared settings: {defaults}; random policy: {random_of(data):.3g}). Learners are not compared
-with each other."""
+with each other. {_given_up(data)}"""
 
 
 def _given_up(data: Data) -> str:
