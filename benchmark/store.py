@@ -172,21 +172,21 @@ class Store:
         with self._input_errors(), self._connection:
             self._connection.executemany(_ADD, rows)
 
-    def get(self, digests: Sequence[str], *, arrays: bool = True) -> list[Record]:
+    def get(self, digests: Iterable[str]) -> list[Record]:
         """Returns the records of these runs in order; an InputError says which is damaged."""
         with self._input_errors():
-            return [self._get(digest, arrays) for digest in digests]
+            return [self._get(digest) for digest in digests]
 
-    def _get(self, digest: str, arrays: bool) -> Record:
-        query = f"SELECT {_COLUMNS}{', arrays' * arrays} FROM runs WHERE digest = ?"
+    def _get(self, digest: str) -> Record:
+        query = f"SELECT {_COLUMNS}, arrays FROM runs WHERE digest = ?"
         row = self._connection.execute(query, (digest,)).fetchone()
         # The checksum covers the digest asked for: a damaged index may lead to another run.
         if row is None or not _is_whole(digest, *row[1:]):
             what = f"the record of run {digest[:12]} is damaged"
             raise InputError(f"{self._path}: {what}; run its experiment again, which repeats it.")
-        _, specification, status, error, provenance, _, _, *packed = row
-        unpacked = _Packed(packed[0]) if packed else {}
-        return Record(digest, specification, status, json.loads(provenance), unpacked, error)
+        _, specification, status, error, provenance, _, _, arrays = row
+        made = json.loads(provenance)
+        return Record(digest, specification, status, made, _Packed(arrays), error)
 
     def damaged(self, digests: Collection[str]) -> list[str]:
         """Returns which of these stored runs have a record that is damaged or cannot be found."""
@@ -194,7 +194,7 @@ class Store:
         with self._input_errors():
             for digest in digests:
                 try:
-                    self._get(digest, arrays=True)
+                    self._get(digest)
                 except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
                     damaged.append(digest)
         return damaged
@@ -268,7 +268,7 @@ def _head(*columns: object) -> int:
 
 
 def _is_whole(*row: object) -> bool:
-    """Returns whether a record is as stored: `_COLUMNS`, and perhaps its arrays."""
-    *columns, head = row[:7]
-    same = (isinstance(arrays, bytes) and zlib.crc32(arrays) == columns[-1] for arrays in row[7:])
-    return _head(*columns) == head and all(same)
+    """Returns whether a record is as stored: `_COLUMNS` and its arrays."""
+    *columns, head, arrays = row
+    is_same = isinstance(arrays, bytes) and zlib.crc32(arrays) == columns[-1]
+    return is_same and _head(*columns) == head

@@ -36,16 +36,13 @@ SOLVED = small_experiment(
 
 
 def test_runs_of_a_population_are_one_job_and_all_populations_come_first() -> None:
-    for name, n_populations in (("reproduce", 23), ("equivalence", None)):
-        runs = all_specifications(load_experiment(name, smoke=True))
-        jobs = plan(runs)
-        assert sorted(run.digest for job in jobs for run in job) == sorted(
-            run.digest for run in runs
-        )
-        populations = {run.population for run in runs}
-        assert {job[0].population for job in jobs[: len(populations)]} == populations
-        assert n_populations in (None, len(jobs))
-        assert all(len(job) == 1 for job in jobs if job[0].algorithm in ("sb3_dqn", "sb3_ppo"))
+    tables = all_specifications(SMALL)
+    assert len(plan(tables)) == len({run.population for run in tables}) == 23
+    nets = all_specifications(load_experiment("equivalence", smoke=True))
+    jobs, populations = plan(nets), {run.population for run in nets}
+    assert sorted(r.digest for job in jobs for r in job) == sorted(run.digest for run in nets)
+    assert {job[0].population for job in jobs[: len(populations)]} == populations
+    assert {len(job) for job in jobs if job[0].algorithm.startswith("sb3")} == {1}
 
 
 def test_long_runs_are_split_over_jobs() -> None:
@@ -92,21 +89,14 @@ def test_a_job_fails_where_a_module_has_changed_since_the_driver_loaded_it(tmp_p
         )
 
 
-@pytest.mark.parametrize(
-    ("learner", "unseen", "has_ended"),
-    [("table", 0, False), ("table", 13, False), ("net", 0, True)],
-)
-def test_a_run_that_is_given_up_never_learns(
-    tmp_path: Path, learner: str, unseen: int, has_ended: bool
-) -> None:
+@pytest.mark.parametrize(("learner", "unseen"), [("table", 0), ("table", 13), ("net", 0)])
+def test_a_run_that_is_given_up_never_learns(tmp_path: Path, learner: str, unseen: int) -> None:
+    """A net ends when it is given up, a table goes on; the net has a learning rate of 1e-9."""
     (path := tmp_path / "mine.toml").write_text(SOLVED, encoding="utf-8")
-    first = next(
-        each for each in load_experiment(path).populations if each.learner.variant == learner
-    ).first
-    run = replace(
-        first, scenario=load_scenario("Anywhere", {"issuer.places": 4, "issuer.unseen": unseen})
-    )
-    assert run.solved is not None
+    populations = load_experiment(path).populations
+    first = next(each.first for each in populations if each.learner.variant == learner)
+    places = {"issuer.places": 4, "issuer.unseen": unseen}
+    run = replace(first, scenario=load_scenario("Anywhere", places))
     steps = run.schedule.evaluation_steps
 
     def trained(**more: float) -> Any:
@@ -116,16 +106,14 @@ def test_a_run_that_is_given_up_never_learns(
 
     whole = trained()
     late = next((i for i, success in enumerate(whole["success"]) if success >= 0.45), 5)
-    assert late > 1
     assert (solved(whole["success"].tolist(), steps, 0.9)[0] < len(steps)) == (learner == "table")
     # Given up at the evaluation before it reaches half of the level
     given_up = trained(given_up_after=steps[late - 1] / steps[-1] - 1e-9)
     for name in ("success", "disagreements"):
         expected = [*whole[name][:late], *[whole[name][late - 1]] * (len(steps) - late)]
         assert given_up[name].tolist() == expected
-    for level in (0.9, 0.45):
-        assert solved(given_up["success"].tolist(), steps, level)[0] == len(steps)
-    assert (given_up["updates"] < whole["updates"]) == has_ended
+    assert (given_up["updates"] < whole["updates"]) == (learner == "net")
+    assert whole["unseen_success"].shape == ((2, 2) if unseen else (0, 2))
     if learner == "table":
         kept = trained(given_up_after=steps[late] / steps[-1] - 1e-9)
-        assert all(np.array_equal(kept[name], whole[name]) for name in ("success", "disagreements"))
+        assert kept["success"].tolist() == whole["success"].tolist()

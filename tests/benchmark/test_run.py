@@ -22,7 +22,7 @@ from benchmark.job import Job, execute_job
 from benchmark.run import execute, pending
 from benchmark.store import Record, Store
 from benchmark.tables import read
-from tests.support import ROOT, SLOW_EXPERIMENT, small_experiment
+from tests.support import ROOT, SLOW_EXPERIMENT, small_experiment, variant
 
 SMALL = load_experiment("reproduce", smoke=True)
 
@@ -162,77 +162,27 @@ def test_mistakes_in_options_are_refused(
     assert problem in capsys.readouterr().err
 
 
-# Logs for TensorBoard
-
-LOGGED = """
-description = "A table, a compiled net, and nets of Stable-Baselines3."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 50
-map_every = 100
-settings = { budget = 200, time_limit = 20 }
-[algorithms.table]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 2
-[algorithms.ppo]
-algorithm = "compiled_ppo"
-observations = ["one_hot"]
-seeds = 1
-settings = { n_steps = 100, batch_size = 50, n_epochs = 1 }
-[algorithms.sb3_ppo]
-reference_for = "ppo"
-algorithm = "sb3_ppo"
-seeds = 1
-[algorithms.sb3_dqn]
-algorithm = "sb3_dqn"
-observations = ["one_hot"]
-seeds = 1
-settings = { learning_starts = 50 }
-"""
-
-
 def test_logs_change_nothing_and_have_every_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, log = tmp_path / "mine.toml", tmp_path / "log"
-    file.write_text(LOGGED, encoding="utf-8")
-    command = ["run", str(file), "--jobs", "1", "--results"]
-    (tmp_path / "file").touch()
-    assert main([*command, str(tmp_path / "a"), "--log", str(tmp_path / "file")]) == 2
-    assert main([*command, "x", "--log", str(log), "--cluster", "tcp://localhost:1"]) == 2
+    """What nets of Stable-Baselines3 log themselves, and the curves of all learners."""
+    deep = variant("sb3_dqn", "one_hot", seeds=1, settings={"learning_starts": 50})
+    text = small_experiment(algorithms={"table": variant(), "dqn": deep})
+    (file := tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    command = ["run", str(file), "--jobs", "1", "--results", str(tmp_path)]
+    assert main([*command, "--log", str(file)]) == 2  # no folder
+    assert main([*command, "--log", "x", "--cluster", "tcp://localhost:1"]) == 2
     assert [line[:7] for line in capsys.readouterr().err.splitlines()] == ["error: "] * 2
-    assert not (tmp_path / "a").exists()
-
-    assert main([*command, str(tmp_path / "a"), "--log", str(log)]) == 0
-    with Store(tmp_path / "a" / "runs.db") as logged, Store(tmp_path / "b" / "runs.db") as plain:
+    assert main([*command, "--log", str(tmp_path / "log")]) == 0
+    with Store(tmp_path / "runs.db") as logged, Store(tmp_path / "plain.db") as plain:
         runs = all_specifications(load_experiment(file))
         assert execute(runs, plain, 1, executor=Threads(1)) == []  # in this process, without logs
-        digests = sorted(logged.ended())
-        assert len(digests) == 5
-        assert digests == sorted(plain.ended())
-        for one, other in zip(logged.get(digests), plain.get(digests), strict=True):
-            assert difference_of(one, other) == ""
-
-    scene = log / "mine" / "S1"
-    for folder, trained in (
-        ("sb3_ppo_one_hot", "train/entropy_loss"),
-        ("sb3_dqn_one_hot", "train/loss"),
-    ):
-        progress = pd.read_csv(scene / folder / "seed_0" / "progress.csv")
-        assert progress["time/total_timesteps"].max() == 200
-        assert progress[trained].notna().any()
-        assert progress["rollout/ep_rew_mean"].notna().any()
-    main(
-        [*command, str(tmp_path / "b"), "--log", str(tmp_path / "again")]
-    )  # of runs that were done already
-    for table in (scene / "table_index", tmp_path / "again" / "mine" / "S1" / "table_index"):
-        curve = pd.read_csv(table / "seed_1" / "eval" / "progress.csv")
-        assert curve["time/total_timesteps"].tolist() == [0, 50, 100, 150, 200]
+        for run in runs:
+            assert difference_of(*logged.get([run.digest]), *plain.get([run.digest])) == ""
+    scene = tmp_path / "log" / "mine" / "S1"
+    progress = pd.read_csv(scene / "dqn_one_hot" / "seed_0" / "progress.csv")
+    assert progress["train/loss"].notna().any()
+    for learner, seed in (("dqn_one_hot", 0), ("table_index", 1)):
+        curve = pd.read_csv(scene / learner / f"seed_{seed}" / "eval" / "progress.csv")
+        assert curve["time/total_timesteps"].tolist() == [0, 100, 200]
         assert curve["eval/success"].between(0, 1).all()
-    assert len([*(tmp_path / "again").rglob("progress.csv")]) == 5
-    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    for path, name in ((".", "train/loss"), ("eval", "eval/success")):
-        events = accumulator.EventAccumulator(str(scene / "sb3_dqn_one_hot" / "seed_0" / path))
-        events.Reload()
-        assert events.Scalars(name)[-1].step == 200

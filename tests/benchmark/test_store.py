@@ -55,25 +55,16 @@ def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
             store.get(["other"])
 
 
-NUMBERS = ["i1", ">u4", "<i8", "<f4", ">f8"]
-
-
 @pytest.mark.parametrize("shape", [(), (3, 0), (2, 3, 5)])
 def test_arrays_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(0)
+    # Arbitrary bits: some floats are denormal, or NaN with a payload.
+    size, rng = int(np.prod(shape)), np.random.default_rng(0)
     arrays: dict[str, NDArray[np.generic]] = {
-        # Arbitrary bits: some floats are denormal, or NaN with a payload.
-        name: np.frombuffer(rng.bytes(int(np.prod(shape)) * np.dtype(name).itemsize), name).reshape(
-            shape
-        )
-        for name in NUMBERS
+        name: np.frombuffer(rng.bytes(8 * size), name)[:size].reshape(shape)
+        for name in ("i1", ">u4", "<i8", "<f4", ">f8")
     }
-    arrays["bool"] = np.array(rng.random(shape) < 0.5)
     arrays["text"] = np.full(shape, "PING")
     arrays["transposed"] = np.arange(12.0).reshape(3, 4).T
-    arrays["NaN"] = np.array([0x7FF8000000000123, 0xFFF0000000000001], dtype=np.uint64).view(
-        np.float64
-    )
     with Store(tmp_path / "runs.db") as store:
         store.add([record("x", arrays=arrays)])
         assert content_of(store.get(["x"])[0]) == content_of(record("x", arrays=arrays))
@@ -122,7 +113,7 @@ def test_damaged_records_are_reported_and_removed(tmp_path: Path, damage: str) -
         (digest,) = store.statuses().keys() - {"y"}
         if digest.isascii():
             with pytest.raises(InputError, match=rf"runs\.db: the record of run {digest[:12]}\b"):
-                store.get([digest], arrays="arrays" in damage)  # of the others no array is read
+                store.get([digest])
     with Store(tmp_path / "runs.db") as store:
         assert store.damaged([digest, "y"]) == [digest]
         if digest.isascii():
