@@ -48,7 +48,7 @@ def test_trials_fill_the_space_evenly() -> None:
 
 
 def test_parts_of_a_search_are_evenly_spread() -> None:
-    """Of 4 parts of 16 trials, each has a point in every 16th of a range; trial 0 is one of them."""
+    """Of 4 parts of 16 trials, each has a point in every 16th of a range; trial 0 is one."""
     search = Search(trials=63, parts=4, finalists=2, first_seed=7, seeds=3)
     assert search.blocks == [range(16), range(16, 32), range(32, 48), range(48, 64)]
     assert [*search.fresh] == [7, 8, 9]
