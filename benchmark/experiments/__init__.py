@@ -1,1 +1,1 @@
-"""Experiments: a TOML file each, and beside it the function that says what was found."""
+"""Experiments: a TOML file each, and beside it a function that says what was found."""
