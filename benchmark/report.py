@@ -374,10 +374,9 @@ def meaning(column: str, known: Mapping[str, str]) -> str:
 def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None = None) -> str:
     """Returns README of a folder; tables that would make it too long are left out."""
     answer, *others = answer_of(study, data, seeds).split("\n\n")
-    captions = dict(study.functions())  # of a name, the figure comes last
     figures = [
-        f"![{name}]({name}.svg)\n\n*{first_line(captions[name])}*"
-        for name in captions
+        f"![{name}]({name}.svg)\n\n*{first_line(function)}*"
+        for name, function in (study.get("FIGURES") | study.items).items()
         if f"{name}.svg" in folder.files
     ]
     shown = [text for name in study.get("SHOWN") if (text := _shown(study, name, data))]

@@ -14,9 +14,10 @@ from benchmark.__main__ import main
 from envs import load_scenario, scenario_names
 from tests.support import ROOT
 
-SCENE, LEARNER = "benchmark/guide.md", "agents/README.md"
+SCENE, LEARNER, STUDIES = "benchmark/guide.md", "agents/README.md", "benchmark/STUDIES.md"
 # What makes the runs few and short. All else is as the page says.
-MINIATURE = {
+MINIATURE: dict[str, dict[str, str]] = {
+    STUDIES: {},
     SCENE: {
         "seeds = 15": "seeds = 2",
         "budget = 5000": "budget = 1000",
@@ -56,7 +57,7 @@ def follow(page: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [SCENE, LEARNER])
+@pytest.mark.parametrize("name", [SCENE, LEARNER, STUDIES])
 def test_guide_can_be_followed(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
