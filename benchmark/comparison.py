@@ -415,13 +415,12 @@ After {data.runs["budget"].iloc[0]:,} steps of training in {listed(scenarios)}, 
 success, in the mean over scenarios unless one is named, are {found}. The margin is
 {data.declared.margins.success:g}, the level 5 %, and each of these learners has at least
 {table["n"].min()} runs in each scenario.
-
 """
     for decided, rows in table.groupby("success_verdict", sort=False):
         if decided in OPEN and len(rows) > _MOST_NAMED:
-            text += f"- *{decided!s}*: {len(rows)} contrasts, see contrasts.csv\n"
+            text += f"\n- *{decided!s}*: {len(rows)} contrasts, see contrasts.csv"
         else:
-            text += "".join(f"- {_sentence(data, row)}\n" for row in rows.to_dict("records"))
+            text += "".join(f"\n- {_sentence(data, row)}" for row in rows.to_dict("records"))
     return text
 
 
@@ -457,7 +456,7 @@ intervals are not. A verdict holds for one look at the declared runs."""
 
 
 TABLES: Final[dict[str, TableFunction]] = {
-    table.__name__: table for table in (contrasts, summary, aggregate, rliable, curves, cost)
+    table.__name__: table for table in (curves, contrasts, summary, aggregate, rliable, cost)
 }
 FIGURES: Final[dict[str, FigureFunction]] = {
     "curves": draw_curves,

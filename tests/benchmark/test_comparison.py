@@ -290,7 +290,7 @@ def test_a_sentence_names_learners_margin_and_what_else_differs(tmp_path: Path) 
     assert "100 runs" in first
     what = "settings searched (tuning) against declared; time limit 100 against 200"
     assert sentence.startswith("- searched DQN on one-hot cells, S1, against y: *better*")
-    assert sentence.endswith(f"(0.90 against 0.50; {what})\n")
+    assert sentence.endswith(f"(0.90 against 0.50; {what})")
 
 
 def test_a_measurable_difference_within_the_margin_is_not_called_equivalent(tmp_path: Path) -> None:
@@ -313,8 +313,8 @@ def test_both_of_two_contradicting_verdicts_name_their_learners(tmp_path: Path) 
     contrasts(data)
     text = comparison.headline(data)
     assert "*better* (1), *worse* (1)" in text
-    assert "- x, S1, against y: *better* (0.90 against 0.50)\n" in text
-    assert "- z, S1, against y: *worse* (0.10 against 0.50)\n" in text
+    assert "- x, S1, against y: *better* (0.90 against 0.50)" in text
+    assert "- z, S1, against y: *worse* (0.10 against 0.50)" in text
 
 
 def test_many_undecided_contrasts_are_counted(tmp_path: Path) -> None:
@@ -323,7 +323,7 @@ def test_many_undecided_contrasts_are_counted(tmp_path: Path) -> None:
     learners = {name: share(0.5) for name in (*names, "y")}
     data = made(tmp_path, learners, f"contrasts = [{pairs}]")
     contrasts(data)
-    assert "- *undecided*: 6 contrasts, see contrasts.csv\n" in comparison.headline(data)
+    assert "- *undecided*: 6 contrasts, see contrasts.csv" in comparison.headline(data)
 
 
 def test_without_contrasts_there_is_no_verdict(tmp_path: Path) -> None:
