@@ -372,9 +372,10 @@ def claims(data: Data) -> pd.DataFrame:
     parts = pd.concat(judge(agents, _curve_of(data, DEFAULT)) for agents in few_and_all(data))
     parts = pd.concat(parts[parts["claim"] == claim.id] for claim in CLAIMS)
     sets = data.tables["claim_sets"].drop_duplicates(["first_seed", "claim"])
-    counts = sets.groupby(["claim", "verdict"]).size().rename("sets_agreeing")
-    parts = parts.assign(sets=sets["first_seed"].nunique()).join(counts, on=["claim", "verdict"])
-    parts["sets_agreeing"] = parts["sets_agreeing"].fillna(0).astype(int)
+    parts["sets"] = sets["first_seed"].nunique()
+    verdicts = [*zip(sets["claim"], sets["verdict"], strict=True)]
+    judged = zip(parts["claim"], parts["verdict"], strict=True)
+    parts["sets_agreeing"] = [*map(verdicts.count, judged)]
     return parts[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]]
 
 

@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from benchmark.experiment import Experiment, Learner, digest_of_search
-from benchmark.folder import digests
+from benchmark.folder import Folder, digests
 from benchmark.specification import solved
 from benchmark.statistics import ALPHA, Estimate, Means, combined, contrast, with_ends
 from benchmark.store import Store
 from benchmark.study import Data, Report
 from benchmark.style import WIDTH, figure_of, name_rows
-from benchmark.tables import Group, read, tables
+from benchmark.tables import Group, tables
 from benchmark.trials import Choices, Chosen, Finalist, Search, trials, write_choices
 from envs import InputError
 from envs.inputs import override
@@ -148,51 +148,32 @@ def measure_of(data: Data) -> str:
     return "area" if data.experiment.declared.solved is None else "earliness"
 
 
-# What is chosen
-
-
-def chosen_of(experiment: Experiment, runs: pd.DataFrame, outcome: Outcome) -> Chosen:
-    """Returns the best pick of a learner, all picks, and the effort of finding them."""
-    learner, search, drawn = outcome.learner, search_of(experiment), drawn_for(experiment, outcome)
-    own = experiment.declared.settings | learner.declared.settings
-    kept = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
-    picks = [
-        Finalist(
-            trial=trial,
-            settings=override(kept, drawn[trial], learner.name),
-            score=round(float(np.mean(outcome.fresh.loc[trial])), 6),
-        )
-        for trial in outcome.picks
-    ]
-    is_compared = runs["trial"].isin({*chain(*outcome.finalists), *outcome.picks})
-    counts = is_compared | ~runs["seed"].isin(search.fresh)
-    tried = runs[counts & (runs["learner"] == learner.name)]
-    return Chosen(
-        **max(picks, key=lambda pick: pick.score).model_dump(),
-        picks=tuple(picks) if len(picks) > 1 else (),
-        trials=search.trials,
-        runs=len(tried),
-        steps=int(tried["budget"].sum()),
-        cpu_time_s=round(float(tried["cpu_time_s"].sum()), 3),
-    )
-
-
-def drawn_for(experiment: Experiment, outcome: Outcome) -> list[dict[str, object]]:
+def drawn_for(experiment: Experiment, learner: Learner) -> list[dict[str, object]]:
     """Returns what each trial of a learner draws, by dotted key."""
-    search, variant = search_of(experiment), outcome.learner.declared
-    return trials(outcome.learner.variant, variant.search, search.trials, search.parts)
+    search = search_of(experiment)
+    return trials(learner.variant, learner.declared.search, search.trials, search.parts)
 
 
 def write_chosen(experiment: Experiment, folder: Path) -> None:
     """Writes what was chosen, by published results, for experiments that name the search."""
-    runs, curves = read(folder)
-    found = outcomes(experiment, curves)
-    choices = Choices(
-        search=digest_of_search(experiment.declared),
-        trials=digests(folder)["trials.csv"],
-        learners={each.learner.name: chosen_of(experiment, runs, each) for each in found},
-    )
-    write_choices(experiment.path, choices)
+    tables = Folder(folder).tables()
+    costs = tables["cost"].drop(columns="cpu_ms").set_index("learner").to_dict("index")
+    chosen = dict[str, Chosen]()
+    for name, learner in experiment.learners.items():
+        rows = tables["chosen"][tables["chosen"]["learner"] == name]
+        drawn = drawn_for(experiment, learner)
+        own = experiment.declared.settings | learner.declared.settings
+        kept = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
+        picks = [
+            Finalist(trial=trial, settings=override(kept, drawn[trial], name), score=score)
+            for trial, score in zip(rows["trial"], rows["chosen"], strict=True)
+        ]
+        best = max(picks, key=lambda pick: pick.score).model_dump()
+        best["picks"] = picks if len(picks) > 1 else []
+        chosen[name] = Chosen.model_validate(best | costs[name])
+    digest = digests(folder)["trials.csv"]
+    search = digest_of_search(experiment.declared)
+    write_choices(experiment.path, Choices(search=search, trials=digest, learners=chosen))
 
 
 # Tables
@@ -205,7 +186,7 @@ def trials_table(data: Data) -> pd.DataFrame:
         columns = {
             "learner": outcome.learner.name,
             "trial": outcome.first.index,
-            "settings": [text_of(each) for each in drawn_for(data.experiment, outcome)],
+            "settings": [text_of(each) for each in drawn_for(data.experiment, outcome.learner)],
             measure: outcome.first.mean(axis=1),
             f"fresh_{measure}": outcome.fresh.mean(axis=1, skipna=False),
         }
@@ -222,31 +203,26 @@ def text_of(settings: Mapping[str, object]) -> str:
 def chosen(data: Data) -> pd.DataFrame:
     """The chosen settings of each learner, and what it reaches with them on fresh seeds."""
     texts = data.tables["trials"].set_index(["learner", "trial"])["settings"]
-    margin, n_seeds = data.declared.margin, search_of(data.experiment).seeds
+    margin, search = data.declared.margin, search_of(data.experiment)
+    n_finalists = search.finalists * search.parts * len(data.experiment.learners)
     rows = []
     for outcome in found(data):
         name, picks = outcome.learner.name, outcome.picks
         for part, trial in enumerate(picks, 1):
             x, y = (
-                Means([*outcome.fresh.loc[each]], [n_seeds] * outcome.fresh.shape[1])
+                Means([*outcome.fresh.loc[each]], [search.seeds] * outcome.fresh.shape[1])
                 for each in (trial, 0)
             )
             *gain, _, _, p, _ = contrast(x, y, margin) if trial else [0.0] * 5 + [1.0, 1.0]
             row: dict[str, object] = {"learner": name} | ({"part": part} if len(picks) > 1 else {})
             row |= {"trial": trial, "settings": texts[name, trial]}
             row |= with_ends("default", _estimate(y)) | with_ends("chosen", _estimate(x))
-            row |= with_ends("gain", Estimate(*gain)) | {"p": min(1.0, p * _n_finalists(data))}
+            row |= with_ends("gain", Estimate(*gain)) | {"p": min(1.0, p * n_finalists)}
             rows.append(row)
     table = pd.DataFrame(rows)
     has_learned = table["chosen_low"] > random_of(data)
     is_gain = has_learned & (table["p"] <= ALPHA) & (table["gain"] >= margin)
     return table.assign(verdict=np.where(is_gain, "gain", "no gain shown"))
-
-
-def _n_finalists(data: Data) -> int:
-    """Returns the number of finalists of all learners."""
-    search = search_of(data.experiment)
-    return search.finalists * search.parts * len(data.experiment.learners)
 
 
 def random_of(data: Data) -> float:
@@ -304,12 +280,15 @@ def expected_drawn(steps: NDArray[np.float64], budget: int) -> float:
 
 def cost(data: Data) -> pd.DataFrame:
     """Cost of the search: first runs of all trials, and fresh runs of finalists and picks."""
-    rows = []
-    for outcome in found(data):
-        effort = chosen_of(data.experiment, data.runs, outcome)
-        row = {"learner": outcome.learner.name}
-        row |= {name: getattr(effort, name) for name in ("trials", "runs", "steps", "cpu_time_s")}
-        rows.append(row | {"cpu_ms": 1000 * effort.cpu_time_s / effort.runs})
+    search, rows = search_of(data.experiment), []
+    for learner, _, _, finalists, picks in found(data):
+        own = data.runs[data.runs["learner"] == learner.name]
+        is_compared = own["trial"].isin({*chain(*finalists), *picks})
+        tried = own[is_compared | ~own["seed"].isin(search.fresh)]
+        n_runs, cpu_time_s = len(tried), round(tried["cpu_time_s"].sum(), 3)
+        row = {"learner": learner.name, "trials": search.trials, "runs": n_runs}
+        row |= {"steps": tried["budget"].sum(), "cpu_time_s": cpu_time_s}
+        rows.append(row | {"cpu_ms": 1000 * cpu_time_s / n_runs})
     return pd.DataFrame(rows)
 
 
@@ -436,9 +415,9 @@ given up. Numbers are expected steps, averaged over scenarios."""
 Trial 0 has the declared settings; the other {search.trials:,} trials are points of a Sobol
 sequence. The best {search.finalists:,} of {of} and trial 0 ran again with {search.seeds:,} fresh
 seeds in each of {len(experiment.scenarios)} scenarios. The best of these are chosen, so their
-means and gains are biased upwards. For that, p-values are multiplied by {_n_finalists(data):,}, the
-number of all finalists. A gain is shown if p is at most 0.05, the gain at least
-{data.declared.margin:g}, and the interval of the chosen settings above the random policy. Intervals
-treat runs as independent, although trials share random streams.
+means and gains are biased upwards. For that, p-values are multiplied by the number of all
+finalists. A gain is shown if p is at most 0.05, the gain at least {data.declared.margin:g}, and the
+interval of the chosen settings above the random policy. Intervals treat runs as independent,
+although trials share random streams.
 
 {steps}"""
