@@ -538,7 +538,7 @@ FIGURES: Final[dict[str, FigureFunction]] = {"answer": answer, "map": picture, "
 # Text
 
 SHOWN: Final = {
-    "contrasts": "grid point x y n verdict faster ratio differs failures_verdict",
+    "contrasts": "grid point x y n learned_x learned_y verdict why_none ratio failures_verdict",
     "cells": "grid point learner n solved steps wrong_pings unseen_budget",
 }
 COLUMNS: Final = {
@@ -640,16 +640,18 @@ What happens later is measured only in runs that are trained to the budget, as w
 unseen places. A learner *never learns* if at least half of its runs do not; its marker is hollow.
 
 Contrasts pair runs of the same seed, which have the same draw of the scenario. A run that never
-learns takes more than every run that does; two such runs are tied, and ties count as a half. *Faster* and *fewer*
-mean that x takes less, *slower* and *more* that y does: the probability of taking less differs from
-1/2 significantly, and by {margins.probability:g} or more. The one that takes less has a median of
-steps or wrong PINGs at least {margins.ratio:g} times as small, or a success in unseen places that
-is higher by {margins.unseen:g} or more. It has learned in more than half of its runs and, but for
-unseen places, has not lost the level in half of these: at the end, or for half of the evaluations
-or steps since. Otherwise there is *no verdict*, as where it would depend on runs whose evaluations
-are too far apart, that reach the level in the last evaluation only, or that reach it untrained.
-*{NEITHER.capitalize()}* is said only if no difference is significant.
+learns takes more than every run that does; two such runs are tied, and ties count as a half.
+*Faster* and *fewer* mean that x takes less, *slower* and *more* that y does: the probability of
+taking less differs from 1/2 significantly, and by {margins.probability:g} or more. The one that
+takes less has a median of steps or wrong PINGs at least {margins.ratio:g} times as small, or a
+success in unseen places that is higher by {margins.unseen:g} or more. It has learned in more than
+half of its runs and, but for unseen places, has not lost the level in half of these: at the end, or
+for half of the evaluations or steps since. Otherwise there is *no verdict*, as where it would
+depend on runs whose evaluations are too far apart, that reach the level in the last evaluation
+only, or that reach it untrained. *{NEITHER.capitalize()}* is said only if no difference is
+significant.
 
 For steps, wrong PINGs, and failures in unseen places at the end of training, the probability of any
 wrong verdict is at most 5 % each (Holm's method; if contrasts share runs, this is known from
-simulation). Intervals in `contrasts.csv` are those of its first step, and hold for all contrasts at once."""
+simulation). Intervals in `contrasts.csv` are those of its first step, and hold for all contrasts at
+once."""
