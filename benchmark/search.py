@@ -169,7 +169,7 @@ def write_chosen(experiment: Experiment, folder: Path) -> None:
             for trial, score in zip(rows["trial"], rows["chosen"], strict=True)
         ]
         best = max(picks, key=lambda pick: pick.score).model_dump()
-        best["picks"] = picks if len(picks) > 1 else []
+        best["picks"] = tuple(picks) if len(picks) > 1 else ()
         chosen[name] = Chosen.model_validate(best | costs[name])
     digest = digests(folder)["trials.csv"]
     search = digest_of_search(experiment.declared)
