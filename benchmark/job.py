@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final
 
 import numpy as np
@@ -161,17 +161,12 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
 
     def may_end(_: int, table: Floats) -> bool:
         greedy = mask_policy((1 << table.argmax(axis=1)).astype(np.uint8))
-        so_far.append(success((table if which else greedy).tobytes()))
+        so_far.append(success((table.astype(np.float64) if which else greedy).tobytes()))
         return _is_over(run, so_far)[0]
-
-    def policies(i: int) -> tuple[Floats, Floats]:
-        greedy = mask_policy(training.greedy[0, i])
-        if training.stochastic.shape[1]:
-            return greedy, training.stochastic[0, i]
-        return greedy, (1 - EXPLORED) * greedy + EXPLORED * uniform_policy(model)
 
     has_unseen = len(model.unseen_starts) > 0
     training = _train([run], model, replace(schedule, may_end=None if has_unseen else may_end))
+    policies = partial(_policies, training, model)
     if which and not training.stochastic.shape[1]:
         raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
     curve: list[float] = []
@@ -192,6 +187,14 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     names = (*_CURVE, *(POLICY if run.keep else ()))
     columns = {name: getattr(training, name) for name in names}
     return columns | {"success": np.array([curve]), "unseen_success": unseen}
+
+
+def _policies(training: Training, model: Model, i: int) -> tuple[Floats, Floats]:
+    """Returns the greedy and the stochastic policy of the only agent at an evaluation."""
+    greedy = mask_policy(training.greedy[0, i])
+    if training.stochastic.shape[1]:
+        return greedy, training.stochastic[0, i]
+    return greedy, (1 - EXPLORED) * greedy + EXPLORED * uniform_policy(model)
 
 
 def _is_over(run: RunSpecification, curve: Sequence[float]) -> tuple[bool, bool]:

@@ -222,7 +222,8 @@ class Store:
             code = getattr(error, "sqlite_errorcode", 0) & 0xFF
             if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
                 raise DamagedError(f"{self._path} is damaged: {error}; {MOVE}.") from None
-            what = f"cannot be used as the store of runs: {error}"
+            reason = getattr(error, "strerror", None) or error
+            what = f"cannot be used as the store of runs: {reason}"
             raise InputError(f"{self._path}: {what}; {_CHECK}.") from None
 
 

@@ -14,6 +14,7 @@ import json
 import sys
 import zlib
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -186,8 +187,9 @@ def publish(
             known = there.read_bytes() if there.is_file() else None
             kept = _kept(path.read_bytes(), folders.committed(folder.name, path.name), known)
             path.write_bytes(kept)
-        has_manifest = (folder / folders.MANIFEST).is_file()
-        manifest = folders.Folder(folder).manifest if has_manifest else {"files": {}}
+        manifest: dict[str, Any] = {"files": {}}
+        with suppress(InputError):  # it is missing, or damaged and made anew
+            manifest = folders.Folder(folder).manifest
         files = manifest["files"] | folders.digests(made)
         text = folders.sealed({**manifest, "files": files})
         (made / folders.MANIFEST).write_text(text, encoding="utf-8")
@@ -238,9 +240,9 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
         if missing := _NEEDED[name] - {*frame}:
             raise ValueError(f"without {', '.join(sorted(missing))}")
         if odd := {*frame.select_dtypes(exclude="number")} - {*_TEXTS}:
-            raise ValueError(f"{', '.join(sorted(odd))}: no numbers")
+            raise ValueError(f"{', '.join(sorted(odd))}: not numbers")
         if not frame["success"].between(0, 1).all():
-            raise ValueError("success is no share")
+            raise ValueError("success is not a probability")
     except Exception as error:  # of whatever kind: files can come from anywhere
         raise InputError(f"{path}: not a table of runs ({error}); {_AGAIN}.") from error
     return frame

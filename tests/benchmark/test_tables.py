@@ -162,6 +162,7 @@ def test_files_stay_if_only_measured_columns_or_the_compression_differ(
     (tmp_path / "mine" / RUNS).write_bytes(content)
     publish(tmp_path / "mine", runs.assign(wall_time_s=1e9, machine="another"), curves)
     assert (tmp_path / "mine" / RUNS).read_bytes() == content
+    (tmp_path / "mine" / "manifest.json").write_text("{}")
     publish(tmp_path / "mine", runs.assign(success=0.5), curves)
     assert (read(tmp_path / "mine")[0]["success"] == 0.5).all()
 
@@ -192,8 +193,8 @@ def replaced(name: str, old: str, new: str) -> Callable[[Path], object]:
         (damaged(RUNS, lambda content: content[:-9]), "manifest.json lists another digest"),
         (damaged("manifest.json", lambda content: content[5:]), "manifest.json: damaged"),
         (replaced(RUNS, ",success,", ",failure,"), "without success"),
-        (replaced(RUNS, ",400,", ",many,"), "budget, updates: no numbers"),
-        (replaced(CURVES, ",400,", ",400,7"), "success is no share"),
+        (replaced(RUNS, ",400,", ",many,"), "budget, updates: not numbers"),
+        (replaced(CURVES, ",400,", ",400,7"), "success is not a probability"),
         (replaced(CURVES, "S3,", "S2,"), "are about other runs"),
     ],
 )
