@@ -47,10 +47,7 @@ EXPECTED = {
 def finding(tables: Mapping[str, Any]) -> str:
     """Checks every claim of the text, and returns the text, from data frames by name."""
     cells, cpu = (
-        tables[name]
-        .assign(learner=lambda rows: rows["variant"] + ", " + rows["observation"])
-        .set_index(["grid", "point", "learner"])
-        .sort_index()
+        tables[name].set_index(["grid", "point", "learner"]).sort_index()
         for name in ("cells", "cpu")
     )
     contrasts = tables["contrasts"]
