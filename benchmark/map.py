@@ -538,7 +538,9 @@ FIGURES: Final[dict[str, FigureFunction]] = {"answer": answer, "map": picture, "
 # Text
 
 SHOWN: Final = {
-    "contrasts": "grid point x y n learned_x learned_y verdict why_none ratio differs failures_verdict",
+    "contrasts": (
+        "grid point x y n learned_x learned_y verdict why_none ratio differs failures_verdict"
+    ),
     "cells": "grid point learner n solved steps wrong_pings unseen_budget",
 }
 COLUMNS: Final = {
