@@ -4,8 +4,6 @@ An algorithm is imported when it is loaded. Those in `ALGORITHMS` import torch o
 Stable-Baselines3 is trained, so that other runs do not wait for it.
 """
 
-from typing import Final
-
 from agents.contract import (
     Algorithm,
     DeepTraining,
@@ -31,7 +29,7 @@ __all__ = [
     "load_algorithm",
 ]
 
-ALGORITHMS: Final = {
+ALGORITHMS = {
     "compiled_dqn": "agents.nets.dqn:DQN",
     "compiled_ppo": "agents.nets.ppo:PPO",
     "expected_sarsa": "agents.tabular.learner:EXPECTED_SARSA",

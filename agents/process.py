@@ -6,7 +6,7 @@ agents that are trained together equal the same agents trained one at a time, bi
 Axis letters: S states, O observations, A actions, K outcomes, B starts.
 """
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,12 +15,12 @@ from envs.arrays import Records, Unsigned
 from envs.model import ACTIONS, Model, draw_issuer_reward, kept_with_model
 
 U = np.uint64
-N_ACTIONS: Final = len(ACTIONS)
+N_ACTIONS = len(ACTIONS)
 Stream = tuple[U, U, U, U]
 
 # What follows an action. Outcomes hold changes of state and observation, which many states share. So their
 # table is small and stays in the nearest cache; with a row per state, the loop would wait for memory.
-_OUTCOME_FIELDS: Final = {
+_OUTCOME_FIELDS = {
     "reward": np.float64,  # mean
     "state_change": np.int32,
     "observation_change": np.int32,
@@ -29,9 +29,9 @@ _OUTCOME_FIELDS: Final = {
     "noise": np.float64,  # half-width of the uniform noise of the reward
     "probability_up_to": np.float64,  # sum over the outcomes up to this one; infinite at the last
 }
-OUTCOME: Final = np.dtype([*_OUTCOME_FIELDS.items()], align=True)
-STEP: Final = np.dtype([("o", np.uint64), ("a", np.uint64), ("reward", np.float64)])  # kept for a replay
-_STATES_AT_ONCE: Final = 200_000  # whose outcomes are written out together
+OUTCOME = np.dtype([*_OUTCOME_FIELDS.items()], align=True)
+STEP = np.dtype([("o", np.uint64), ("a", np.uint64), ("reward", np.float64)])  # kept for a replay
+_STATES_AT_ONCE = 200_000  # whose outcomes are written out together
 
 
 class Process(NamedTuple):

@@ -11,21 +11,21 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Final, NoReturn, Self, TypeVar, get_args
+from typing import Annotated, Any, NoReturn, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-_MAX_LENGTH: Final = 300  # characters
-_MAX_MESSAGES: Final = 10
-_MAX_NAME: Final = 60  # characters of a name that is compared with others
+_MAX_LENGTH = 300  # characters
+_MAX_MESSAGES = 10
+_MAX_NAME = 60  # characters of a name that is compared with others
 
-_NAME_RULE: Final = (
+_NAME_RULE = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false or NA"
 )
-_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 # Names that pandas or R would read as numbers, booleans or missing values.
-_VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
+_VALUE = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
 
 
 class InputError(ValueError):
@@ -128,7 +128,7 @@ def distinct(values: ValuesT, where: str = "") -> ValuesT:
 
 Name = Annotated[str, accepted_if(is_name, _NAME_RULE)]
 Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
-_IN_ONE_LINE: Final = accepted_if(str.isprintable, "text in one line, without control characters")
+_IN_ONE_LINE = accepted_if(str.isprintable, "text in one line, without control characters")
 Line = Annotated[str, _IN_ONE_LINE]
 Count = Annotated[int, Field(ge=1, le=10**9)]
 Share = Annotated[float, Field(ge=0, le=1)]

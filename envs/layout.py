@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Final, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from envs.regions import (
     zones,
 )
 
-MAX_ZONES: Final = 10_000_000  # cells, over all phases and all ways in which people may stand
+MAX_ZONES = 10_000_000  # cells, over all phases and all ways in which people may stand
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial, wraps
-from typing import Any, Concatenate, Final, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +26,12 @@ from envs.people import BoundedFeedback, NoisyFeedback, Onlookers, OwnFeedback, 
 from envs.regions import ISSUER, TARGET, UNCOMFORTABLE, ZONES
 from envs.scenario import Scenario
 
-VERSION: Final = 1  # part of every run's identity: raise it when a change alters the dynamics
+VERSION = 1  # part of every run's identity: raise it when a change alters the dynamics
 
-ACTIONS: Final = ("UP", "DOWN", "LEFT", "RIGHT", "PING")
-PING: Final = ACTIONS.index("PING")
-MOVES: Final = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])  # (row, column) steps of actions 0 to 3
-EVENTS: Final = (
+ACTIONS = ("UP", "DOWN", "LEFT", "RIGHT", "PING")
+PING = ACTIONS.index("PING")
+MOVES = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])  # (row, column) steps of actions 0 to 3
+EVENTS = (
     "none",  # a reset, or an action in a state where the episode is over
     "move",
     "uncomfortable",  # a move that ended in the uncomfortable region
@@ -42,13 +42,13 @@ EVENTS: Final = (
 )
 NONE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED, TARGET_PING, WRONG_PING, LAST_WRONG_PING = range(len(EVENTS))
 
-_EVENT_OF_MOVE: Final = MOVE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED  # by the zone that is entered
+_EVENT_OF_MOVE = MOVE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED  # by the zone that is entered
 
 Numbers = TypeVar("Numbers", float, Floats)
 T = TypeVar("T")
 P = ParamSpec("P")
 Feedback = tuple[Floats, Floats, Bools]  # see `_feedback`
-_STATES_AT_ONCE: Final = 200_000  # states that are compiled together, to save memory
+_STATES_AT_ONCE = 200_000  # states that are compiled together, to save memory
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import json
 import math
 from functools import lru_cache
 from itertools import product
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -23,23 +23,23 @@ from envs.model import Model, compile_scenario
 from envs.scenario import Scenario, load_scenario
 from envs.tiles import tiles_of
 
-_ENCODINGS: Final = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
-SPARSE: Final = ("one_hot", "factored", "tiles")  # encodings by numbers that are mostly 0, else 1
-IMAGES: Final = ("planes",)
-_PLANES: Final = ("agent", "people", "onlookers", "walls")  # and one for each further component
+_ENCODINGS = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
+SPARSE = ("one_hot", "factored", "tiles")  # encodings by numbers that are mostly 0, else 1
+IMAGES = ("planes",)
+_PLANES = ("agent", "people", "onlookers", "walls")  # and one for each further component
 # What each form observes, and its encoding: "tiles" has ("", "tiles"), and "offset" has ("offset", "index").
-_PARTS: Final = {
+_PARTS = {
     "_".join(filter(None, (seen, "" if seen and encoding == "index" else encoding))): (seen, encoding)
     for seen, encoding in product(("", "offset"), _ENCODINGS)
 } | {form: ("", form) for form in IMAGES}
-ENCODINGS: Final = {form: encoding for form, (_, encoding) in _PARTS.items()}
-OBSERVATIONS: Final = tuple(ENCODINGS)
-INDICES: Final = tuple(form for form, encoding in ENCODINGS.items() if encoding == "index")
-VECTORS: Final = tuple(form for form in ENCODINGS if form not in (*INDICES, *IMAGES))
-MAX_TABLE: Final = 100_000_000  # numbers in the table of all observations
-N_TILINGS: Final = 16
-TILE_WIDTH: Final = 3  # cells
-_CENTRED: Final = 2.0  # the largest centred coordinate
+ENCODINGS = {form: encoding for form, (_, encoding) in _PARTS.items()}
+OBSERVATIONS = tuple(ENCODINGS)
+INDICES = tuple(form for form, encoding in ENCODINGS.items() if encoding == "index")
+VECTORS = tuple(form for form in ENCODINGS if form not in (*INDICES, *IMAGES))
+MAX_TABLE = 100_000_000  # numbers in the table of all observations
+N_TILINGS = 16
+TILE_WIDTH = 3  # cells
+_CENTRED = 2.0  # the largest centred coordinate
 
 
 def check_sparse(n_observations: int, n_features: int, observation: str = "one_hot") -> None:

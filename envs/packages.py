@@ -8,12 +8,11 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Final
 
 from envs.inputs import InputError, guess, shortened
 
 # Modules whose names are not those of their packages.
-_RENAMED: Final = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
+_RENAMED = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
 
 
 class MissingPackageError(ModuleNotFoundError, InputError):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Sequence
 from itertools import pairwise
-from typing import Annotated, Any, Final, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
@@ -12,8 +12,8 @@ from envs.inputs import InputError, Label, Line, Share, Table, require, shortene
 from envs.packages import contained, imported
 from envs.regions import HEADINGS, Cell, Heading, Length, Place, Regions, Ring
 
-MAX_STATES: Final = 4_000_000  # states of a scenario
-_MAX_REWARD: Final = 1_000_000
+MAX_STATES = 4_000_000  # states of a scenario
+_MAX_REWARD = 1_000_000
 Reward = Annotated[float, Field(ge=-_MAX_REWARD, le=_MAX_REWARD)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
 
@@ -111,7 +111,7 @@ def _kind(value: Any) -> Any:
     return "module:attribute" if isinstance(kind, str) and ":" in kind else kind
 
 
-FEEDBACK: Final = {  # in words, by kind
+FEEDBACK = {  # in words, by kind
     "none": "no feedback",
     "uniform": "random feedback",
     "distance": "feedback by distance",
@@ -119,7 +119,7 @@ FEEDBACK: Final = {  # in words, by kind
     "delayed": "delayed feedback by distance",
     "binary": "binary feedback",
 }
-_ACCEPTED: Final = f"accepted: a table whose kind is {', '.join(FEEDBACK)} or module:attribute"
+_ACCEPTED = f"accepted: a table whose kind is {', '.join(FEEDBACK)} or module:attribute"
 Feedback = Annotated[
     Annotated[PlainFeedback, Tag("none")]
     | Annotated[BoundedFeedback, Tag("uniform")]

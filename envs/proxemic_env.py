@@ -2,7 +2,7 @@
 
 import operator
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -17,7 +17,7 @@ from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 
 Observation = int | Singles | Bytes
-_INFO: Final = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward", "is_success")
+_INFO = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward", "is_success")
 
 
 class ProxemicEnv(gymnasium.Env[Observation, int]):

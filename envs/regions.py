@@ -4,7 +4,7 @@ The C cells are numbered `row * columns + column`. A region holds every cell who
 """
 
 from functools import cached_property
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationError, WrapValidator, model_validator
@@ -13,23 +13,23 @@ from pydantic import ValidatorFunctionWrapHandler as Handler
 from envs.arrays import Bools, Codes, Floats, Ints
 from envs.inputs import InputError, Table, require
 
-ZONES: Final = ("outside", "target", "uncomfortable", "issuer")  # ordered by nearness
+ZONES = ("outside", "target", "uncomfortable", "issuer")  # ordered by nearness
 OUTSIDE, TARGET, UNCOMFORTABLE, ISSUER = range(len(ZONES))
 Cell = tuple[int, int]  # (row, column), (0, 0) top left
 Heading = Literal["up", "down", "left", "right"]
-HEADINGS: Final[dict[Heading, Cell]] = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
+HEADINGS: dict[Heading, Cell] = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
 Length = Annotated[float, Field(ge=0, le=1000)]  # in cells, or in metres
 
 Corner = tuple[int, int]  # (row, column); cell (r, c) lies between the corners (r, c) and (r + 1, c + 1)
 # The corners at which a closed line turns, from the leftmost of its topmost corners, with the enclosed cells
 # on its right.
 Loop = tuple[Corner, ...]
-_DIRECTIONS: Final = (0, 1), (1, 0), (0, -1), (-1, 0)  # right, down, left, up
-_CORNERS: Final = (0, 0), (0, 1), (1, 1), (1, 0)  # of a cell: where its upper, right, lower, left edge begins
+_DIRECTIONS = (0, 1), (1, 0), (0, -1), (-1, 0)  # right, down, left, up
+_CORNERS = (0, 0), (0, 1), (1, 1), (1, 0)  # of a cell: where its upper, right, lower, left edge begins
 
-MAX_CELLS: Final = 100_000
+MAX_CELLS = 100_000
 # Lengths that are rounded in metres must not decide whether a cell on the border belongs to a region.
-TOLERANCE: Final = 1e-9
+TOLERANCE = 1e-9
 
 
 def _checked_place(value: object, handler: Handler) -> object:

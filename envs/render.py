@@ -1,15 +1,13 @@
 """Renders a scene as text or as an image."""
 
-from typing import Final
-
 import numpy as np
 
 from envs.arrays import Bools, Bytes
 from envs.scene import COLOURS, NOSE, SYMBOLS, Colour, Scene
 
-MODES: Final = ("ansi", "rgb_array")
-FRAMES_PER_SECOND: Final = 8
-CELL_PIXELS: Final = 40
+MODES = ("ansi", "rgb_array")
+FRAMES_PER_SECOND = 8
+CELL_PIXELS = 40
 
 
 def to_text(scene: Scene, agent: int, event: str) -> str:

@@ -4,7 +4,6 @@ Lengths are in cells; cell (r, c) covers rows r to r + 1 and columns c to c + 1.
 """
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from envs.regions import HEADINGS, OUTSIDE, ZONES, Loop, Ring, circles, outlines
 
 Colour = tuple[int, int, int]
 
-SYMBOLS: Final = {
+SYMBOLS = {
     "outside": ".",
     "target": "+",
     "uncomfortable": "x",
@@ -24,7 +23,7 @@ SYMBOLS: Final = {
     "onlooker": "o",
 }
 # Okabe and Ito's colour-blind-safe palette, the regions lightened; distinct in grey, too.
-COLOURS: Final[dict[str, Colour]] = {
+COLOURS: dict[str, Colour] = {
     "outside": (250, 250, 250),
     "target": (150, 215, 195),
     "uncomfortable": (225, 150, 95),
@@ -38,20 +37,20 @@ COLOURS: Final[dict[str, Colour]] = {
     "no value": (250, 250, 250),
 }
 # The borders that are drawn, from the outermost: label, and whether the line is dashed.
-BORDERS: Final = {
+BORDERS = {
     "target": ("target region's outer edge", False),
     "uncomfortable": ("uncomfortable region's edge", True),
 }
-COLOUR_MAP: Final = "cividis"  # colour map of values, wherever they are drawn
-DIVERGING: Final = "PuOr"  # colour map of values of both signs; its middle is zero
-CLIPPED_SHARE: Final = 0.01  # share of values beyond each end of a colour scale; outliers would stretch it
-_ASIDE: Final = MOVES[:, ::-1]
+COLOUR_MAP = "cividis"  # colour map of values, wherever they are drawn
+DIVERGING = "PuOr"  # colour map of values of both signs; its middle is zero
+CLIPPED_SHARE = 0.01  # share of values beyond each end of a colour scale; outliers would stretch it
+_ASIDE = MOVES[:, ::-1]
 # For each move, (row, column) from the cell's centre: the corners of its triangle, the third of which is the
 # centre, and those of its arrowhead, the first of which is the tip.
-TRIANGLES: Final = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES], axis=1) / 2
-_BASE: Final = 0.27 * MOVES
-ARROWHEADS: Final = np.stack([0.46 * MOVES, _BASE + 0.13 * _ASIDE, _BASE - 0.13 * _ASIDE], axis=1)
-NOSE: Final = 0.5, 0.2, 0.25  # distances of the nose's tip and base from a person's centre, and half its base
+TRIANGLES = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES], axis=1) / 2
+_BASE = 0.27 * MOVES
+ARROWHEADS = np.stack([0.46 * MOVES, _BASE + 0.13 * _ASIDE, _BASE - 0.13 * _ASIDE], axis=1)
+NOSE = 0.5, 0.2, 0.25  # distances of the nose's tip and base from a person's centre, and half its base
 
 
 @dataclass(frozen=True)

@@ -14,16 +14,16 @@ from importlib.machinery import PathFinder
 from importlib.util import find_spec, resolve_name
 from itertools import product
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 # Folders of experiments and scenarios that were read, where Python also looks for modules.
-SEARCHED: Final[list[str]] = []
-_LIBRARY: Final = Path(sysconfig.get_path("stdlib"))
-_INSTALLED: Final = {"site-packages", "dist-packages"}
-_OURS: Final = {"agents", "benchmark", "envs"}
+SEARCHED: list[str] = []
+_LIBRARY = Path(sysconfig.get_path("stdlib"))
+_INSTALLED = {"site-packages", "dist-packages"}
+_OURS = {"agents", "benchmark", "envs"}
 # Environment variables that this project sets, in some processes only.
-VARIABLES: Final = {"MPLBACKEND": "agg", "MKL_CBWR": "AVX2", "ATEN_CPU_CAPABILITY": "avx2"}
-_READING: Final = re.compile(r"\b(?:environ|getenv)\b\W*(?:get\W+)?(\w+)")  # a variable
+VARIABLES = {"MPLBACKEND": "agg", "MKL_CBWR": "AVX2", "ATEN_CPU_CAPABILITY": "avx2"}
+_READING = re.compile(r"\b(?:environ|getenv)\b\W*(?:get\W+)?(\w+)")  # a variable
 
 
 def find_modules_in(folder: str) -> None:
@@ -75,7 +75,7 @@ def digest_of_source(module: str) -> str:
 
 
 # The digest when this process first asked for it, since modules stay as they were imported.
-digest_when_loaded: Final = cache(digest_of_source)
+digest_when_loaded = cache(digest_of_source)
 
 
 def _digest(content: bytes) -> str:

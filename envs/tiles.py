@@ -12,7 +12,7 @@ Axis letters: O observations, V sets of positions.
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Final, Literal, NamedTuple, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from envs.scenario import Scenario
 
 T = TypeVar("T")
 
-MAX_FEATURES: Final = 5_000_000  # features of all observations; training takes up to 160 bytes of each
-MAX_ROWS: Final = 40_000_000  # entries of `Tiles.rows`, and of `Tiles.tiles`
+MAX_FEATURES = 5_000_000  # features of all observations; training takes up to 160 bytes of each
+MAX_ROWS = 40_000_000  # entries of `Tiles.rows`, and of `Tiles.tiles`
 
 Parts = Literal["joint", "pairs", "agent_pairs"]
 

@@ -6,7 +6,7 @@ With one tiling of single cells, they are the table's: every observation has a w
 
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Final
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -19,7 +19,7 @@ from envs.model import ACTIONS, Model
 from envs.observations import ENCODINGS, N_TILINGS, TILE_WIDTH, observation_ones
 from envs.tiles import Parts, Tiles, tiles_of
 
-_FEATURES: Final = ("coordinates", "factored", "tiles")  # coordinates are tiled by the learner
+_FEATURES = ("coordinates", "factored", "tiles")  # coordinates are tiled by the learner
 
 
 class LinearSettings(TraceSettings):
@@ -58,5 +58,5 @@ class LinearAlgorithm(ValueAlgorithm[Training]):
         return loop, (int(features.tiles.max()) + 1) * len(ACTIONS)
 
 
-Q_LAMBDA: Final = LinearAlgorithm(is_on_policy=False)
-SARSA_LAMBDA: Final = LinearAlgorithm(is_on_policy=True)
+Q_LAMBDA = LinearAlgorithm(is_on_policy=False)
+SARSA_LAMBDA = LinearAlgorithm(is_on_policy=True)

@@ -8,7 +8,7 @@ multiplications and additions, in the order of the inner index. Arrays are of fl
 
 import math
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -18,12 +18,12 @@ from numba.core.base import BaseContext
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-LANES: Final = 16  # columns of a product that are computed together; arrays are padded to a multiple
-_ROWS: Final = 6  # rows computed together: AVX2's registers hold 6 x 16 sums of float32
+LANES = 16  # columns of a product that are computed together; arrays are padded to a multiple
+_ROWS = 6  # rows computed together: AVX2's registers hold 6 x 16 sums of float32
 
-_F: Final = np.float32
-_EXP: Final = tuple(1.0 / math.factorial(k) for k in range(13, -1, -1))
-_ARTANH: Final = tuple(1.0 / k for k in range(21, -1, -2))
+_F = np.float32
+_EXP = tuple(1.0 / math.factorial(k) for k in range(13, -1, -1))
+_ARTANH = tuple(1.0 / k for k in range(21, -1, -2))
 
 Numbers = NDArray[np.floating[Any]]
 Kind = type[np.floating[Any]]  # the type of an agent's numbers
@@ -32,7 +32,7 @@ Matrix = tuple[Numbers, int, int, int]  # the same, and the distances from row t
 
 # For functions that compiled code calls. With Python's model of errors, a loop that divides has an exit for
 # zero, which keeps numba from vectorising it.
-inlined: Final = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inlined = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def _block(n_rows: int) -> Callable[..., None]:

@@ -11,7 +11,7 @@ Axis letters: E envs, O observations, A actions, P parameters, C rows of the rep
 mini-batch.
 """
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -216,4 +216,4 @@ class DqnAgent(Agent):
         )
 
 
-DQN: Final = NetAlgorithm(DqnAgent, DqnNetSettings)
+DQN = NetAlgorithm(DqnAgent, DqnNetSettings)

@@ -8,7 +8,7 @@ Axis letters: O observations, P parameters with padding, L layers, B rows of a c
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from envs import Model
 from envs.arrays import Bools, Floats, Indices, Ints, Words
 from envs.observations import ENCODINGS, SPARSE, observation_ones, observation_table
 
-_BETAS: Final = (0.9, 0.999)  # PyTorch's, which Stable-Baselines3 leaves
-_MIN_MOMENT: Final = 1e-30  # smaller moments count as zero: denormal numbers would slow every step down
+_BETAS = (0.9, 0.999)  # PyTorch's, which Stable-Baselines3 leaves
+_MIN_MOMENT = 1e-30  # smaller moments count as zero: denormal numbers would slow every step down
 
 
 class Net(NamedTuple):

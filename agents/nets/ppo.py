@@ -10,7 +10,7 @@ Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of
 """
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -284,4 +284,4 @@ class PpoAgent(Agent):
         return table
 
 
-PPO: Final = NetAlgorithm(PpoAgent, PpoNetSettings)
+PPO = NetAlgorithm(PpoAgent, PpoNetSettings)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import packages_distributions
 from pkgutil import resolve_name
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Self
 
 from numpy.random import SeedSequence
 from pydantic import ConfigDict, create_model, model_validator
@@ -24,8 +24,8 @@ from envs.observations import IMAGES, VECTORS
 from envs.packages import imported, needed_by
 
 # What this project sets itself, and types of arguments that it understands.
-_SET_HERE: Final = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}
-_KNOWN: Final[dict[str, object]] = {
+_SET_HERE = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}
+_KNOWN: dict[str, object] = {
     "gamma": Share,
     "n_steps": StepCount,
     "train_freq": Count,
@@ -61,8 +61,8 @@ class Sb3Algorithm(SequentialAlgorithm):
         return train_agent(cls, model, settings, observation, seed, schedule)
 
 
-DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)
-PPO: Final = Sb3Algorithm("stable_baselines3:PPO", PpoSettings)
+DQN = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)
+PPO = Sb3Algorithm("stable_baselines3:PPO", PpoSettings)
 
 
 def is_sb3_class(value: object) -> bool:

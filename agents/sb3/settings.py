@@ -5,7 +5,7 @@ sense. A test compares names and defaults with the signatures.
 """
 
 import sys
-from typing import Annotated, Any, ClassVar, Final, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -18,7 +18,7 @@ BufferSize = Annotated[int, Field(ge=1, le=10_000_000)]
 StepCount = Annotated[int, Field(ge=1, le=1_000_000)]
 Positive = Annotated[float, Field(gt=0)]
 
-OUR_SETTINGS: Final = {"budget", "time_limit", "n_envs"}  # they are not arguments of SB3's classes
+OUR_SETTINGS = {"budget", "time_limit", "n_envs"}  # they are not arguments of SB3's classes
 
 
 class OptimizerArguments(Table):

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from inspect import signature
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 from zipfile import ZipFile
 
 import gymnasium
@@ -31,31 +31,29 @@ from envs.observations import observation_space, observation_table
 from envs.packages import imported
 
 # Pickled attributes of a saved agent without which its policy cannot be made and checked.
-_NEEDED: Final = ("policy_class", "policy_kwargs", "observation_space", "action_space", "_last_obs")
+_NEEDED = ("policy_class", "policy_kwargs", "observation_space", "action_space", "_last_obs")
 # Arguments of methods that decide. A state is a memory only if a method returns one, too.
-_ARGUMENTS: Final = {"state", "episode_start", "deterministic", "args", "kwargs"}
+_ARGUMENTS = {"state", "episode_start", "deterministic", "args", "kwargs"}
 # Where methods are defined that pass on observations and actions as they are.
-_UNCHANGING: Final = re.compile(
+_UNCHANGING = re.compile(
     r"(envs\.proxemic_env|agents\.sb3\.vec_env|gymnasium\.core\.(Reward)?Wrapper"
     r"|gymnasium\.wrappers\.(common|rendering|stateful_reward)|stable_baselines3\.common\.(monitor|vec_env\."
     r"(base_vec_env|dummy_vec_env|vec_check_nan|vec_monitor|vec_video_recorder)))\."
 )
-_PRECISION: Final = 1e-5  # observations have single precision
-_FUNCTION: Final = "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
+_PRECISION = 1e-5  # observations have single precision
+_FUNCTION = "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
 
 # What arrays and generators of random numbers are made of.
-_DATA: Final = re.compile(
+_DATA = re.compile(
     r"collections\.OrderedDict|numpy\.(ndarray|dtype)"
     r"|numpy\._?core\.(multiarray\.(_reconstruct|scalar)|numeric\._frombuffer)"
     r"|numpy\.random\.(_pickle\.__(bit_)?generator_ctor|_pcg64\.PCG64)"
     r"|numpy\.random\.bit_generator\.(__pyx_unpickle_)?SeedSequence"
 )
 # Classes that may be named, and the modules of packages that define some.
-_CLASSES: Final = (spaces.Space, torch.nn.Module, torch.optim.Optimizer)
-_MODULES: Final = re.compile(
-    r"(agents\.sb3|gymnasium|torch\.(nn\.modules|optim)|stable_baselines3|sb3_contrib)\."
-)
-_AT_ONCE: Final = 20_000  # observations, to save memory
+_CLASSES = (spaces.Space, torch.nn.Module, torch.optim.Optimizer)
+_MODULES = re.compile(r"(agents\.sb3|gymnasium|torch\.(nn\.modules|optim)|stable_baselines3|sb3_contrib)\.")
+_AT_ONCE = 20_000  # observations, to save memory
 
 
 class Output(NamedTuple):

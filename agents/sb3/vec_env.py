@@ -1,7 +1,7 @@
 """Stable-Baselines3's `VecEnv` over a compiled scenario: look-ups in arrays, not a Python env per member."""
 
 from collections.abc import Sequence
-from typing import Any, Final, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from gymnasium import spaces
@@ -13,7 +13,7 @@ from envs.arrays import Floats, Ints
 from envs.model import TARGET_PING, draw_issuer_reward
 from envs.observations import observation_space, observation_table
 
-_NO_LIMIT: Final = 2**62  # steps
+_NO_LIMIT = 2**62  # steps
 
 
 class SB3VecEnv(VecEnv):

@@ -18,7 +18,7 @@ import linecache
 import sys
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -30,12 +30,12 @@ from agents.tabular.updates import Successor, UpdateRule
 from envs.arrays import Bytes, Floats, Ints, Records, Singles, Words
 from envs.sources import digest_when_loaded
 
-N_CHOICES: Final = 60
-inlined: Final = njit(forceinline=True)
-MIN_TRACE: Final = 1e-3  # below this weight a trace is dropped
+N_CHOICES = 60
+inlined = njit(forceinline=True)
+MIN_TRACE = 1e-3  # below this weight a trace is dropped
 
 # (32, 60). Row m lists the actions of mask m, each equally often, since 60 is divisible by every count.
-CHOICES: Final = np.zeros((ALL_ACTIONS + 1, N_CHOICES), dtype=np.uint8)
+CHOICES = np.zeros((ALL_ACTIONS + 1, N_CHOICES), dtype=np.uint8)
 for _mask in range(1, ALL_ACTIONS + 1):
     _members = np.flatnonzero(contains(np.array(_mask, dtype=np.uint8)))
     CHOICES[_mask] = _members[np.arange(N_CHOICES) * len(_members) // N_CHOICES]

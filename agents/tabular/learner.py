@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Final, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -28,10 +28,10 @@ from envs.model import ACTIONS, Model
 
 # Part of every run's identity: raise it when a change alters what every update rule learns. A rule has
 # a version, too; both only rise, so their sum is new after every change.
-VERSION: Final = 3
+VERSION = 3
 
 TrainingT = TypeVar("TrainingT", bound=Training)
-MAX_RECORDS: Final = 10_000_000  # records of the largest action value that an agent may have
+MAX_RECORDS = 10_000_000  # records of the largest action value that an agent may have
 
 
 class ValueSettings(LearnerSettings):
@@ -220,7 +220,7 @@ class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
         }
 
 
-Q_LEARNING: Final = TabularAlgorithm(updates.Q_LEARNING)
-SARSA: Final = TabularAlgorithm(updates.SARSA)
-EXPECTED_SARSA: Final = TabularAlgorithm(updates.EXPECTED_SARSA)
-WATKINS_Q_LAMBDA: Final = TabularAlgorithm(updates.WATKINS_Q_LAMBDA)
+Q_LEARNING = TabularAlgorithm(updates.Q_LEARNING)
+SARSA = TabularAlgorithm(updates.SARSA)
+EXPECTED_SARSA = TabularAlgorithm(updates.EXPECTED_SARSA)
+WATKINS_Q_LAMBDA = TabularAlgorithm(updates.WATKINS_Q_LAMBDA)

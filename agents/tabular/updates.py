@@ -10,7 +10,7 @@ terminates, and kept where the time limit truncates. See Sutton & Barto (2018), 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -67,12 +67,12 @@ def expected_value(after: Successor) -> float:
     return float(after.epsilon / 5 * total + (1 - after.epsilon) * after.highest)
 
 
-Q_LEARNING: Final = UpdateRule(greatest_value)
+Q_LEARNING = UpdateRule(greatest_value)
 # Sutton & Barto (2018), section 6.4
-SARSA: Final = UpdateRule(next_value, is_on_policy=True)
+SARSA = UpdateRule(next_value, is_on_policy=True)
 # Ibid., section 6.6
-EXPECTED_SARSA: Final = UpdateRule(expected_value)
+EXPECTED_SARSA = UpdateRule(expected_value)
 # Watkins (1989); Sutton & Barto (2018), section 12.10; with replacing traces (Singh & Sutton 1996), which are
 # 1 when an action is taken, fade by discount * lambda in every step, and end at `kernel.MIN_TRACE`, or at
 # an action that is not greedy.
-WATKINS_Q_LAMBDA: Final = UpdateRule(greatest_value, has_traces=True)
+WATKINS_Q_LAMBDA = UpdateRule(greatest_value, has_traces=True)
