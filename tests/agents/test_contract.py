@@ -39,13 +39,6 @@ def test_wrong_names_get_a_sentence(name: str, expected: str) -> None:
     assert "pip" not in str(refusal.value)  # it would install whatever has the misspelt name
 
 
-def test_trainings_that_keep_the_contract_pass() -> None:
-    check_training(TRAINING, MODEL, 2, SCHEDULE)
-    probabilities = np.full((2, 3, 120, 5), 0.2)
-    check_training(replace(TRAINING, stochastic=probabilities), MODEL, 2, SCHEDULE)
-    check_training(replace(TRAINING, stochastic=probabilities, q=np.empty((2, 0, 5))), MODEL, 2, SCHEDULE)
-
-
 @pytest.mark.parametrize("name", [field.name for field in fields(Training)])
 def test_fields_of_other_shapes_are_refused(name: str) -> None:
     array: NDArray[Any] = getattr(TRAINING, name)

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy import optimize, sparse
 
 from agents.dynamic_programming import evaluate, solve
-from agents.policy import uniform_policy
 from envs import EVENTS, ZONES, Model, compile_scenario, load_scenario
 from envs.observations import compile_seen
 
@@ -116,13 +115,3 @@ TALKING = {"group": {"people": 3, "apart": [2, 3]}, "regions.target": {"kind": "
 def test_evaluation_of_groups_equals_backward_sweep(scene: dict[str, Any], form: str) -> None:
     model = compile_seen(load_scenario("S1", ROOM | scene), form)
     check(model, np.random.default_rng(1).dirichlet(np.ones(5), model.n_observations), 25)
-
-
-def test_wrong_policies_are_refused() -> None:
-    model = model_of("S1")
-    policy = uniform_policy(model)
-    for wrong in (policy[:-1], policy * 0.9, policy - np.eye(5)[0] + np.eye(5)[1]):
-        with pytest.raises(ValueError, match="policy: "):
-            evaluate(model, wrong, 10)
-    with pytest.raises(ValueError, match="without a horizon"):
-        solve(model, 1.0)

@@ -7,7 +7,6 @@ import pytest
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from agents.policy import ALL_ACTIONS
 from envs import Model, load_scenario
 from envs.observations import compile_seen
 from envs.tiles import tiles_of
@@ -78,17 +77,3 @@ def test_kernel_equals_a_loop_in_plain_python(
     assert settings.tile_width > 1 or (tiles[:, 0] == np.arange(model.n_observations)).all()
     for key, expected in textbook(name, model, settings, seeds[1], POINTS, tiles).items():
         assert np.array_equal(getattr(training, key)[1], np.asarray(expected)), key
-
-
-def test_an_agent_whose_values_grow_without_limit_has_diverged() -> None:
-    algorithm: Any = load_algorithm("linear_q_lambda")
-    settings = algorithm.settings(
-        budget=400_000, time_limit=200, discount=1.0, trace_decay=1.0, learning_rate=1.0, epsilon=0.9,
-        n_tilings=32, tile_width=6,
-    )  # fmt: skip
-    model, steps = model_of("Anywhere", "coordinates"), (0, 1000, 400_000)
-    training = algorithm.train(model, settings, "coordinates", [SeedSequence(0)], Schedule(400_000, steps))
-    assert training.diverged_at.tolist() == [400_000]
-    assert np.isnan(training.q).all()
-    assert (training.greedy[0, 2] == ALL_ACTIONS).all()
-    assert (training.greedy[0, 1] != ALL_ACTIONS).any()

@@ -235,23 +235,6 @@ def test_same_seed_gives_the_same_weights_however_often_the_policy_is_kept(name:
     assert together.disagreements[0, 0] == 0 < together.disagreements[0, -1]
 
 
-def test_training_leaves_the_global_generators_and_threads_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    step_wait, met = SB3VecEnv.step_wait, []
-
-    def counted(self: SB3VecEnv) -> Any:
-        met.append((self.num_envs, torch.get_num_threads()))
-        return step_wait(self)
-
-    monkeypatch.setattr(SB3VecEnv, "step_wait", counted)
-    np.random.seed(1)  # noqa: NPY002
-    before = torch.get_rng_state(), torch.get_num_threads()
-    trained("sb3_dqn", points=[], n_envs=4, train_freq=1)
-    assert met == [(4, 1)] * 100  # exactly the declared steps, on one thread
-    assert torch.equal(torch.get_rng_state(), before[0])
-    assert torch.get_num_threads() == before[1]
-    assert np.random.rand() == np.random.RandomState(1).rand()  # noqa: NPY002
-
-
 @pytest.mark.parametrize("prefix", ["sb3_", "compiled_"])
 def test_updates_and_parameters_by_hand(prefix: str) -> None:
     dqn = trained(f"{prefix}dqn", observation="coordinates")

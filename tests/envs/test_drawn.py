@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from envs import InputError, compile_scenario, load_scenario
+from envs import compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table, seen_as
 from tests.envs.test_model import assert_same_arrays, model_of
@@ -88,19 +88,3 @@ def test_a_changed_copy_is_the_reloaded_scenario() -> None:
     for changed in (seen_as(first.drawn(8), "offset"), seen_as(first, "offset").drawn(8)):
         assert changed == reloaded
         assert_same_arrays(model_of(changed), model_of(reloaded))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        (
-            {"issuer.places": 100, "issuer.unseen": 12},
-            "issuer.places = 100 with issuer.unseen = 12: accepted",
-        ),
-        ({"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as refused:
-        load_scenario("Anywhere", changes)
-    assert message in str(refused.value)

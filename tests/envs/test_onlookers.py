@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.dynamic_programming import solve
-from envs import InputError, compile_scenario, load_scenario
+from envs import compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_table
 from envs.tiles import Parts, tiles_of
 
@@ -136,26 +136,3 @@ def test_structures_of_tiles_equal_a_plain_loop(parts: Parts, badge: bool) -> No
                 tile = int(found.tiles[found.rows[o, v], t])
                 assert tiles.setdefault((p, q, t, *key), tile) == tile
     assert sorted(tiles.values()) == [*range(int(found.tiles.max()) + 1)]
-
-
-@pytest.mark.parametrize(
-    ("changes", "refusal"),
-    [
-        ({"onlookers.people": 12}, "onlookers.people = 12: accepted: at most 11, a free cell for each."),
-        ({"onlookers.ways": 90_000}, "9450000 states: accepted: at most 4000000."),
-        (
-            {
-                "issuer.position": [0, 2],
-                "issuer.places": None,
-                "issuer.unseen": 0,
-                "issuer.walk": {"corners": [[0, 3]]},
-            },
-            "accepted: a cell as issuer.position, and neither group nor onlookers.",
-        ),
-    ],
-)
-def test_bad_onlookers_are_refused_in_a_sentence(changes: dict[str, Any], refusal: str) -> None:
-    with pytest.raises(InputError) as raised:
-        load_scenario("Anywhere", CROWD | changes)
-    assert str(raised.value).endswith(refusal)
-    assert len(raised.value.args) == 1

@@ -84,7 +84,10 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"others": [person([6, 8])]}, "two people at once in [6, 8]"),
     ({"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]}, "two people at once in [2, 4]"),
     ({"others": [bystander([2, 2]) | {"feedback": {"kind": "none"}}]}, "both, or neither (a bystander)"),
-    # Groups
+    # Groups and onlookers
+    ({"onlookers": {"people": 120, "ways": 1}}, "onlookers.people = 120: accepted: at most 119, a free"),
+    (ANYWHERE | {"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
+    (ANYWHERE | {"issuer.places": 100, "issuer.unseen": 12}, "issuer.places = 100 with issuer.unseen = 12"),
     (PAIR | {"group.apart": [15, 16]}, "group: nowhere do 2 people stand [15.0, 16.0] apart"),
     # At most 4 + 1/2 cells from the centre, the ring lies within the circles.
     (PAIR | {"regions": shapes(CIRCLE | {"radius": 5}, RING)}, "grid.start = [0, 0]: accepted: a cell"),

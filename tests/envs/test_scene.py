@@ -1,7 +1,6 @@
 """What a map looks like, by hand."""
 
 import numpy as np
-import pytest
 
 from envs import ZONES, compile_scenario, load_scenario
 from envs.render import to_text
@@ -22,21 +21,6 @@ def test_scene_of_the_paper_by_hand() -> None:
     assert np.flatnonzero(scene.is_over).tolist() == [6 * 12 + 8]
     # 5 x 5 cells, of which 3 x 3 are uncomfortable or, in the middle, the issuer's.
     assert [scene.zone.count(zone) for zone in ZONES] == [95, 16, 8, 1]
-
-
-def test_people_look_where_they_look_if_it_matters() -> None:
-    assert [glyph.heading for glyph in scene_of(S1).glyphs] == [None, None]
-    assert scene_of(S1).phase == ""
-    turning = compile_scenario(load_scenario("Turning", {"others": [{"position": [0, 13]}]}))
-    scenes = [scene_of(turning, phase) for phase in range(4)]
-    assert [scene.phase for scene in scenes] == ["looks up", "looks right", "looks down", "looks left"]
-    for scene, heading in zip(scenes, [(-1, 0), (0, 1), (1, 0), (0, -1)], strict=True):
-        person, bystander = scene.glyphs[:2]
-        assert (bystander.kind, bystander.heading) == ("bystander", None)
-        tip, *base = person.nose
-        assert person.heading == heading
-        assert tip == pytest.approx(0.5 * np.array(heading))
-        assert np.mean(base, axis=0) == pytest.approx(0.2 * np.array(heading))
 
 
 def test_people_who_talk_have_a_circle_and_bystanders_no_region() -> None:
