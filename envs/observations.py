@@ -42,8 +42,8 @@ TILE_WIDTH = 3  # cells
 _CENTRED = 2.0  # the largest centred coordinate
 
 
-def check_sparse(n_observations: int, n_features: int, observation: str = "one_hot") -> None:
-    """Refuses, by an InputError, a table of observations in a sparse form that does not fit into memory."""
+def _check_size(n_observations: int, n_features: int, observation: str) -> None:
+    """Refuses, by an InputError, a table of observations that does not fit into memory."""
     if n_observations * n_features > MAX_TABLE:
         found = f"{n_observations:,} observations of {n_features:,} numbers each"
         accepted = f'at most {MAX_TABLE:,} numbers in all, or "coordinates" or "index"'
@@ -59,7 +59,7 @@ def _check_planes(scenario: Scenario) -> None:
     if shape[0] > min(shape[1:]):  # Stable-Baselines3 takes the shortest side for the channels
         found = f"{where} has {shape[0]} planes of {shape[1]} x {shape[2]} cells"
         raise InputError(f"{found}; accepted: at least as many rows and columns as planes.")
-    check_sparse(scenario.n_observations, math.prod(shape), "planes")
+    _check_size(scenario.n_observations, math.prod(shape), "planes")
 
 
 def check_form(observation: str) -> None:
@@ -83,11 +83,7 @@ def seen_as(scenario: Scenario, observation: str) -> Scenario:
 
 def compile_seen(scenario: Scenario, observation: str) -> Model:
     """Compiles a scenario for agents that are given observations in a form, see `seen_as`."""
-    seen = seen_as(scenario, observation)
-    is_exact = seen.observe[0] == "agent" or seen.n_people == 1  # else only those offsets count that occur
-    if ENCODINGS.get(observation) == "one_hot" and is_exact:
-        check_sparse(seen.n_observations, sum(width for _, width in seen.observed_sizes.values()))
-    return compile_scenario(seen)
+    return compile_scenario(seen_as(scenario, observation))
 
 
 def observation_ones(model: Model, observation: str) -> tuple[NDArray[np.integer[Any]], int]:
@@ -165,7 +161,7 @@ def observation_table(model: Model, kind: str) -> Ints | Singles | Bytes:
         return _planes(model)
     if encoding in SPARSE:
         ones, width = observation_ones(model, kind)
-        check_sparse(len(ones), width, kind)
+        _check_size(len(ones), width, kind)
         table = np.zeros((len(ones), width), dtype=np.float32)
         np.put_along_axis(table, ones, 1, axis=1)
         return table

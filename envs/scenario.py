@@ -114,36 +114,19 @@ class Scenario(Table):
         return self.group.people if self.group else 1
 
     @cached_property
-    def observed_sizes(self) -> dict[str, tuple[int, int]]:
-        """The largest number of values of each observed component, and the width of its one-hot form."""
+    def n_observations(self) -> int:
+        """The product of the components' sizes: O, or more if some combinations of offsets never occur."""
         (n_places, n_phases, n), n_cells = self.layout.standing.shape, len(self.grid.position)
         n_offsets = math.prod(2 * length - 1 for length in self.grid.size)
-        most = n_offsets if n == 1 else min(n_offsets**n, n_places * n_phases * n_cells)
-        n_issuer_cells = len(self.layout.issuer_cells)
-        issuer = n_issuer_cells if n == 1 else n_places, n_issuer_cells
-        if self.onlookers:
-            issuer = n_places, n_cells * (1 + self.onlookers.badge) * (n + self.onlookers.people)
+        is_whole = n > 1 or self.onlookers  # a value for each way to stand, else for each cell
         sizes = {
-            "agent": (n_cells, n_cells),
-            "offset": (most, n_offsets * n),
-            "issuer": issuer,
-            "phase": (n_phases, n_phases),
-            "wrong_pings": (self.ping_limit, self.ping_limit),
+            "agent": n_cells,
+            "offset": n_offsets if n == 1 else min(n_offsets**n, n_places * n_phases * n_cells),
+            "issuer": n_places if is_whole else len(self.layout.issuer_cells),
+            "phase": n_phases,
+            "wrong_pings": self.ping_limit,
         }
-        return {name: sizes[name] for name in self.observe}
-
-    @property
-    def n_positions(self) -> int:
-        """How many positions are observed: of the agent, of people, or relative ones."""
-        if self.observe[0] == "offset":
-            return self.n_people
-        n_people = self.n_people + (self.onlookers.people if self.onlookers else 0)
-        return 1 + n_people * ("issuer" in self.observe)
-
-    @property
-    def n_observations(self) -> int:
-        """The product of these sizes: O, or more if some combinations of offsets never occur."""
-        return math.prod(size for size, _ in self.observed_sizes.values())
+        return math.prod(sizes[name] for name in self.observe)
 
     @property
     def has_front(self) -> bool:

@@ -36,13 +36,6 @@ class Tiles(NamedTuple):
     tiles: Indices  # (rows, n_tilings) features, numbered from 0
 
 
-def _check_size(n: int, n_sets: int, n_tilings: int, parts: Parts) -> None:
-    if n_sets > 1:
-        _check(n_sets, n, MAX_ROWS, f"parts = {parts}: {n_sets} sets of positions")
-    else:
-        _check(n_tilings, n, MAX_FEATURES, f"n_tilings = {n_tilings}: a feature of each")
-
-
 def _check(n_each: int, n: int, most: int, found: str) -> None:
     if n * n_each > most:
         raise InputError(f"{found} for {n:,} observations; accepted: at most {most:,} in all.")
@@ -67,8 +60,6 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
     "agent_pairs" tiles each by itself. Components without a position, such as a phase, and badges are not
     tiled: each combination of their values has tiles of its own.
     """
-    n_sets = len(_sets([*range(model.scenario.n_positions)], model.scenario, parts))
-    _check_size(model.n_observations, n_sets, n_tilings, parts)
     positions: list[tuple[Ints, Ints]] = []  # (O, D) numbers, and (D,) per cell
     others = []
     for component, value in zip(model.components, model.values, strict=True):
@@ -80,8 +71,10 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
             others.append(value)
     sets, n_observations = _sets(positions, model.scenario, parts), model.n_observations
     if len(sets) < 2:
+        _check(n_tilings, n_observations, MAX_FEATURES, f"n_tilings = {n_tilings}: a feature of each")
         tiles = _tile(positions, others, n_tilings, width)
         return Tiles(np.arange(n_observations, dtype=np.int32)[:, None], tiles)
+    _check(len(sets), n_observations, MAX_ROWS, f"parts = {parts}: {len(sets)} sets of positions")
     rows, tables = np.empty((n_observations, len(sets)), dtype=np.int32), []
     n_rows = n_tiles = 0
     for v, each in enumerate(sets):
