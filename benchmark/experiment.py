@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from functools import cached_property
 from itertools import chain, product, zip_longest
 from os.path import isfile, join  # which take any text for a path
@@ -57,7 +56,7 @@ PUBLISHED: Final = (
 )
 MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 # Folders of results that are not those of an experiment, or not of its declared seeds
-_RESERVED: Final = ("speed", "*_smoke", "*_seeds_*")
+_RESERVED: Final = "speed|.*_smoke|.*_seeds_.*"
 _MINIATURE: Final = "_smoke"  # how its name ends
 # What a reference implementation takes from its variant, and does not set itself
 _SHARED: Final = ("settings", "policy", "tuned_by")
@@ -196,8 +195,9 @@ class Condition:
 
     @property
     def name(self) -> str:
-        """A reading, GRID/POINT or a trial; "default" if it changes nothing."""
-        return "/".join(map(str, self.keys.values())) or DEFAULT_CONDITION
+        """A reading, GRID/POINT or "trial N"; "default" if there is none of them."""
+        names = (f"trial {key}" if isinstance(key, int) else key for key in self.keys.values())
+        return "/".join(names) or DEFAULT_CONDITION
 
     @property
     def settings(self) -> dict[str, object]:
@@ -344,34 +344,37 @@ class Declaration(Table):
     @cached_property
     def conditions(self) -> list[Condition]:
         """Readings, the default one first, points of grids, or trials of each variant in turn."""
-        if self.search is not None:
-            return self._trials(self.search)
-        readings = sorted(self.readings.items(), key=lambda pair: pair[0] != DEFAULT_CONDITION)
-        made = [Condition({"reading": name}, (each,), seeds=each.seeds) for name, each in readings]
+        return [*self._readings(), *self._points(), *self._trials()] or [Condition({})]
+
+    def _readings(self) -> Iterator[Condition]:
+        for name in sorted(self.readings, key=lambda name: name != DEFAULT_CONDITION):
+            reading = self.readings[name]
+            yield Condition({"reading": name}, (reading,), seeds=reading.seeds)
+
+    def _points(self) -> Iterator[Condition]:
         for name, grid in self.grids.items():
             for values in product(*(axis.items() for axis in grid.axes.values())):
-                point = [
-                    f"{axis} {value}" for axis, (value, _) in zip(grid.axes, values, strict=True)
-                ]
+                pairs = zip(grid.axes, values, strict=True)
+                point = ", ".join(f"{axis} {value}" for axis, (value, _) in pairs)
                 changes = grid, *(change for _, change in values)
-                keys = {"grid": name, "point": ", ".join(point)}
-                made.append(Condition(keys, changes, grid.learners))
-        return made or [Condition({})]
+                yield Condition({"grid": name, "point": point}, changes, grid.learners)
 
-    def _trials(self, search: Search) -> list[Condition]:
-        n, parts = search.trials, search.parts
-        drawn = {name: trials(name, it.search, n, parts) for name, it in self.algorithms.items()}
-        return [
-            Condition({"trial": trial}, (Change(settings=drawn[name][trial]),), (name,))
-            for trial, name in product(range(n + 1), drawn)
-        ]
+    def _trials(self) -> Iterator[Condition]:
+        if self.search is not None:
+            n, parts = self.search.trials, self.search.parts
+            variants = self.algorithms.items()
+            drawn = {name: trials(name, each.search, n, parts) for name, each in variants}
+            for t, name in product(range(n + 1), drawn):
+                yield Condition({"trial": t}, (Change(settings=drawn[name][t]),), (name,))
 
 
 def _check_apart(own: range, taken: range, where: str) -> None:
     """Refuses seeds that a search uses."""
-    found = f"{where}: a search uses the seeds {taken.start} to {taken.stop - 1}"
-    accepted = f"seeds other than {own.start} to {own.stop - 1}"
-    require(own.start not in taken and taken.start not in own, found, accepted)
+    require(
+        own.start not in taken and taken.start not in own,
+        f"{where}: a search uses the seeds {taken.start} to {taken.stop - 1}",
+        f"seeds other than {own.start} to {own.stop - 1}",
+    )
 
 
 class Extension(Table):
@@ -399,9 +402,11 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     """
     path = _path(experiment)
     inputs.check_file_name(path, "results are")
-    if any(fnmatchcase(path.stem, name) for name in _RESERVED):
-        accepted = f"any name but {', '.join(_RESERVED)}"
-        raise InputError(f"{path}: results are named after the file; accepted: {accepted}.")
+    if re.fullmatch(_RESERVED, path.stem):
+        raise InputError(
+            f"{path}: results are named after the file;"
+            " accepted: any name but speed, *_smoke and *_seeds_*."
+        )
     declared = parse(Declaration, _read(path), str(path), name=path.stem)
     scenarios = tuple(_beside(path, name) for name in declared.scenarios)
     completed = {"scenarios": scenarios, "algorithms": _with_references(declared, path)}
@@ -422,8 +427,10 @@ def _path(experiment: str | Path) -> Path:
             unknown_name("experiments", "experiment", str(experiment), names, other)
         return EXPERIMENT_DIRECTORY / f"{experiment}.toml"
     if path.stem in names and path.resolve().parent != EXPERIMENT_DIRECTORY:
-        reason = f"results are named after the file, and {path.stem} is a shipped experiment"
-        raise InputError(f"{path}: {reason}; rename it.")
+        raise InputError(
+            f"{path}: results are named after the file, and {path.stem} is a shipped experiment;"
+            " rename it."
+        )
     return path
 
 
@@ -439,8 +446,10 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         extension = parse(Extension, data, str(path))
         base = _path(_beside(path, extension.extends))
         if not base.exists() or base in (path, *extended_by):
-            found = f"extends = {json.dumps(extension.extends)}"
-            raise InputError(f"{path}: {found}: accepted: another experiment that exists.")
+            found = json.dumps(extension.extends)
+            raise InputError(
+                f"{path}: extends = {found}: accepted: another experiment that exists."
+            )
         data = _read(base, (path, *extended_by))
         # These may be false of this one.
         texts = ["note", "report.question"] if "report" in data else ["note"]
@@ -464,8 +473,10 @@ def _with_references(declared: Declaration, path: Path) -> dict[str, Variant]:
         if variant.reference_for not in own:
             unknown_name(f"{where}: reference_for", "variant", variant.reference_for, own)
         for key in variant.model_fields_set.intersection(_SHARED):
-            reason = f"a reference implementation takes it from {variant.reference_for}"
-            raise InputError(f"{where}.{key}: {reason}; remove it.")
+            raise InputError(
+                f"{where}.{key}: a reference implementation takes it from {variant.reference_for};"
+                " remove it."
+            )
         of = variants[variant.reference_for]
         taken = {key: getattr(of, key) for key in _SHARED}
         taken["observations"] = variant.observations or of.observations
@@ -601,13 +612,16 @@ class Experiment:
 
     def population(self, condition: str, scenario: str, learner: str) -> Population:
         """Returns a population by its names; the scenario may be any other, by name or path."""
-        names = condition, learner
-        found = next(
-            each for each in self.populations if (each.condition.name, each.learner.name) == names
-        )
-        paths = {Path(name).stem: name for name in self.declared.scenarios}
         name = Path(scenario).stem
-        other = load_scenario(paths.get(name, scenario), found.condition.scenario(name))
+        found = next(
+            each
+            for each in self.populations
+            if (each.condition.name, each.learner.name) == (condition, learner)
+            and (each.scenario.name == name or name not in self.scenarios)
+        )
+        if name in self.scenarios:
+            return found
+        other = load_scenario(scenario, found.condition.scenario(name))
         firsts = tuple(replace(first, scenario=other) for first in found.firsts)
         return replace(found, scenario=other, firsts=firsts)
 
@@ -807,8 +821,10 @@ class _Loading:
                 unused[where] = unused.get(where, {*own}) & changes.keys()
         for where, keys in unused.items():
             for key in sorted(keys):
-                reason = "no run has it, since every learner or condition replaces it"
-                raise InputError(f"{self.path}: {where}.{key}: {reason}; remove it.")
+                raise InputError(
+                    f"{self.path}: {where}.{key}: no run has it, since every learner or condition"
+                    " replaces it; remove it."
+                )
 
     def check_changes(self, populations: Iterable[Population]) -> None:
         """Refuses what a reading or a grid changes if it changes no run."""
@@ -866,9 +882,9 @@ def _flat(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
 
 def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> dict[str, object]:
     """Returns settings with a small budget, which rollouts and intervals of records divide."""
-    whole = {key: value for key, value in settings.items() if isinstance(value, int)}
-    declared = whole.get("budget", cls.model_fields["budget"].default)
-    small = {"budget": min(max(declared // 25, 1), 1000)}
+    whole = {"budget": cls.model_fields["budget"].default} | settings
+    whole = {key: value for key, value in whole.items() if isinstance(value, int)}
+    small = {"budget": min(max(whole["budget"] // 25, 1), 1000)}
     for key in whole.keys() & {"n_steps", "train_freq", "record_every"}:
         small[key] = math.gcd(whole[key], small["budget"])
     return settings | dict.fromkeys(settings.keys() & {"n_envs"}, 1) | small
