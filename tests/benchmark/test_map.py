@@ -14,6 +14,7 @@ from scipy import stats
 from benchmark import map as maps
 from benchmark.experiment import load_experiment
 from benchmark.experiments import when
+from benchmark.folder import Folder
 from benchmark.study import Data
 from envs import InputError
 from envs.inputs import parse
@@ -348,7 +349,7 @@ def test_mistakes_are_named(old: str, new: str, message: str, tmp_path: Path) ->
 
 
 def test_the_finding_fails_if_a_claim_does() -> None:
-    tables = {path.stem: pd.read_csv(path) for path in (ROOT / "results" / "when").glob("*.csv")}
+    tables = Folder(ROOT / "results" / "when").tables()
     assert "tile coding (900) learns faster than a table\n(3,000)" in when.finding(tables)
     tables["cells"]["n"] = 15
     with pytest.raises(AssertionError, match="16 runs"):
