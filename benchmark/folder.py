@@ -249,19 +249,3 @@ def _unwritable(path: Path) -> Iterator[None]:
         reason = error.strerror or str(error)
         advice = "choose another folder with --results"
         raise InputError(f"{path}: cannot be written: {reason}; {advice}.") from error
-
-
-# Until the old house is gone
-SCORES: Final = "scores.csv.gz"
-SPEED: Final = "speed"
-
-
-def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
-    """Returns a table with a column of learners, if it can have one, and with their titles."""
-    frame = frame.copy()
-    if {"variant", "observation"} <= {*frame} and "learner" not in frame:
-        learners = frame["variant"] + ", " + frame["observation"]
-        frame.insert([*frame].index("variant"), "learner", learners)
-    for column in {"learner", "reference", "x", "y"} & {*frame}:
-        frame[column] = frame[column].map(lambda name: titles.get(name, name), na_action="ignore")
-    return frame

@@ -26,7 +26,6 @@ from benchmark.experiment import Learner
 from envs import InputError
 
 WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
-COLOURS: Final = sns.color_palette("colorblind")
 _CHARACTERS: Final = 23  # of a line of text beside a chart
 _RC: Final = {
     **sns.axes_style("ticks"),
