@@ -1,4 +1,4 @@
-"""Models act as they predict, no code of a file runs, and what else they depend on is kept or refused."""
+"""Models act as they predict, no code of a file runs, and what may change them is refused."""
 
 import json
 import pickle
@@ -21,7 +21,7 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 
 from agents import load_algorithm
 from agents.sb3.tables import agent_table, saved_table
-from benchmark.assessment import Assessment, assess
+from benchmark.assess import Assessment, assess
 from envs import InputError, ProxemicEnv, compile_scenario, load_scenario
 from envs.inputs import parse
 from envs.observations import observation_table
