@@ -109,14 +109,15 @@ def load(data: Data) -> Mapping[str, Agents]:
     return found
 
 
-@lru_cache(maxsize=1)
-def sets_of(data: Data) -> list[Agents]:
-    """Returns disjoint sets of the default agents, in which as many are as the paper has.
+@lru_cache(maxsize=16)
+def sets_of(data: Data, reading: str = DEFAULT) -> list[Agents]:
+    """Returns disjoint sets of the agents of a reading, in which as many are as the paper has.
 
     Figures show the first set. If all agents are fewer, they are the only set.
     """
-    everyone, (learner,) = load(data)[DEFAULT], data.experiment.learners.values()
-    size, total = learner.declared.seeds, len(everyone[SCENARIOS[0]].seeds)
+    everyone, (learner,) = load(data)[reading], data.experiment.learners.values()
+    size = learner.declared.seeds
+    total = min(len(agents.seeds) for agents in everyone.values())
     return [
         {name: agents.subset(i, i + size) for name, agents in everyone.items()}
         for i in range(0, max(total - size, 0) + 1, size)
@@ -381,8 +382,10 @@ def claims(data: Data) -> pd.DataFrame:
 
 def sensitivity(data: Data) -> pd.DataFrame:
     """The parts of all claims under every reading of the paper."""
-    few = {**load(data), DEFAULT: sets_of(data)[0]}
-    parts = [judge(few[name], _curve_of(data, name)).assign(reading=name) for name in few]
+    parts = [
+        judge(sets_of(data, name)[0], _curve_of(data, name)).assign(reading=name)
+        for name in data.experiment.declared.readings
+    ]
     return pd.concat(parts, ignore_index=True)[["claim", "reading", *_JUDGED]]
 
 
@@ -515,7 +518,8 @@ def _draw_curve(axis: Axes, data: Data, scenario: str) -> None:
         steps, curve["min"], curve["max"], color="0.8", lw=0, label="range over agents"
     )
     axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="a correct PING in S1")
-    axis.set(xlabel=f"{budget_of(data)[1]} of training", xlim=(0, steps.max()))
+    axis.set_xlabel(f"{budget_of(data)[1]} of training")
+    axis.margins(x=0)
     axis.locator_params(axis="x", nbins=3)
 
 

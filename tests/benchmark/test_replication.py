@@ -29,7 +29,8 @@ def data_of(monkeypatch: pytest.MonkeyPatch, few: int, n: int = 4, **arrays: Any
     ((name, learner),) = EXPERIMENT.learners.items()
     fewer = replace(learner, declared=learner.declared.model_copy(update={"seeds": few}))
     agents = {scenario: population(scenario, n, **arrays) for scenario in SCENARIOS}
-    monkeypatch.setattr(replication, "load", lambda _: {"default": agents})
+    readings = EXPERIMENT.declared.readings
+    monkeypatch.setattr(replication, "load", lambda _: dict.fromkeys(readings, agents))
     experiment = replace(EXPERIMENT, learners={name: fewer})
     return Data(experiment, MADE, pd.DataFrame(), pd.DataFrame())
 
@@ -100,6 +101,19 @@ def test_verdicts_on_disjoint_sets(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "(`identifies`, *does not hold*, 2/2)" in text
     readings = data.experiment.declared.readings.values()
     assert [each.answer in text for each in readings] == [False, *[True] * (len(readings) - 1)]
+
+
+def test_a_reading_says_which_curve_claims_are_about(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = data_of(monkeypatch, 2, max_q=np.zeros((4, 60)), table_max_q=np.ones((4, 60)))
+    frame = data.tables["sensitivity"] = replication.sensitivity(data)
+    near_one = frame[(frame["claim"] == "max-near-1") & (frame["part"] == "S1")]
+    values = near_one.set_index("reading")["value"]
+    assert [*values.index[values == 1]] == ["max_q"]
+    assert {*values.drop("max_q")} == {0}
+    assert {*frame["agents"]} == {2}
+    texts = [text.get_text() for text in replication.sensitivity_figure(data).axes[0].texts]
+    assert len(texts) == len(CLAIMS) * len(values)
+    assert "with 2 agents" in replication.sensitivity_figure(data).get_supxlabel()
 
 
 # Verdicts
