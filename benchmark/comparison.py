@@ -7,6 +7,7 @@ its verdict follows from a rule that is fixed before the runs, see `verdict`.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 from itertools import chain, product
 from math import ceil
 from typing import Annotated, Any, Final, Literal
@@ -27,6 +28,7 @@ from benchmark.study import Data, FigureFunction, Report, TableFunction
 from envs import ACTIONS, InputError, compile_scenario
 from envs.inputs import Names, Table, distinct, unknown_name
 from envs.model import PING
+from envs.packages import missing_package
 from envs.words import listed
 
 ENDPOINTS: Final = ("success", "score")
@@ -86,6 +88,8 @@ class Declared(Report):
 
 def check(experiment: Experiment, declared: Declared) -> None:
     """Raises an InputError if budgets differ, or an unknown learner is named."""
+    if find_spec("rliable") is None:  # said before any run
+        raise missing_package(f"{experiment.name}: its report", "rliable")
     source, settings = experiment.argument, [each.first.settings for each in experiment.populations]
     budgets = {(each.budget, getattr(each, "budget_unit", "steps")) for each in settings}
     if len(budgets) > 1 or budgets.pop()[1] != "steps":
