@@ -395,7 +395,7 @@ def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> s
     """Returns the finding of an experiment or, without one for these runs, its headline."""
     experiment, text = study.experiment, ""
     path = experiment.path.with_suffix(".py")
-    if path.is_file() and seeds is None and not experiment.declared.is_miniature:
+    if seeds is None and not experiment.declared.is_miniature and has_finding(path):
         try:
             text = finding(path, data.tables)
         except ClaimError as error:  # nets of Stable-Baselines3 depend on the processor
@@ -403,8 +403,13 @@ def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> s
     return text or study.text("headline", data) or experiment.declared.description.strip()
 
 
+def has_finding(path: Path) -> bool:
+    """Returns whether there is such a file with a finding; others are not run."""
+    return path.is_file() and "def finding(" in path.read_text(encoding="utf-8")
+
+
 def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
-    """Returns the text of the function `finding` of a file, in Markdown; empty if it has none.
+    """Returns the text of the function `finding` of a file, in Markdown.
 
     Raises:
       ClaimError: The tables do not show what it asserts.
@@ -413,10 +418,10 @@ def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
     module = ModuleType(path.stem)
     with mistakes_in(path):
         SourceFileLoader(path.stem, str(path)).exec_module(module)
-        text = module.finding(published) if hasattr(module, "finding") else ""
+        text = module.finding(published)
     if not isinstance(text, str):
         raise InputError(f"{path}: finding returns {type(text).__name__}; accepted: a text.")
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n")).strip()
+    return text.strip()
 
 
 def _shown(study: Study, name: str, data: Data) -> str:

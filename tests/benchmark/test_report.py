@@ -183,12 +183,14 @@ def test_findings_assert_their_claims(mine: Path, capsys: pytest.CaptureFixture[
         f"{start}    assert n == 2, 'two'\n    return f'''There are\n{{n}}.\n\n**A.** b.'''\n"
     )
     text = (draw(mine) / README).read_text(encoding="utf-8")
-    assert "There are 2.\n\n![spread]" in text
+    assert "There are\n2.\n\n![spread]" in text
     assert "**A.** b." in text
     path.write_text(f"{start}    assert n == 3, 'there are three'\n    return ''\n")
     text = (draw(mine) / README).read_text(encoding="utf-8")
     assert "2 learners vary." in text
     assert "mine.py, line 3: there are three." in capsys.readouterr().err
+    path.write_text("raise SystemExit\n")  # no finding
+    draw(mine)
     path.write_text(f"{start}    return tables['none']\n")
     with pytest.raises(InputError, match=r"mine\.py, line 3: 'none' is missing"):
         draw(mine)
