@@ -107,7 +107,7 @@ def mark(axis: Axes, scene: Scene, is_marked: NDArray[np.bool_]) -> None:
     is_ping = action == PING
     centres = scene.position[cell][:, None]
     shapes = (centres[~is_ping] + ARROWHEADS[action[~is_ping]])[..., ::-1]
-    style = {"facecolors": "white", "edgecolors": "black", "linewidths": 0.4}
+    style: Style = {"facecolors": "white", "edgecolors": "black", "linewidths": 0.4}
     axis.add_collection(PolyCollection(list(shapes), **style))
     dots(axis, *scene.position[cell[is_ping]].T)
 

@@ -20,7 +20,16 @@ import pandas as pd
 from benchmark import front, report
 from benchmark.experiment import PUBLISHED, Experiment, experiment_names, load_experiment
 from benchmark.export import difference_of
-from benchmark.folder import MANIFEST, README, REPOSITORY, Folder, alone, csv_text, digests, write_text
+from benchmark.folder import (
+    MANIFEST,
+    README,
+    REPOSITORY,
+    Folder,
+    alone,
+    csv_text,
+    digests,
+    write_text,
+)
 from benchmark.run import execute, parse_jobs
 from benchmark.store import DamagedError, Store
 from benchmark.tables import MEASURED, RUNS, Group, read, run_id, tables
@@ -129,12 +138,14 @@ def _difference(group: Group, published: Tables | None, store: Store, repeated: 
     (record,) = repeated.get([run.digest])
     if record.error:
         return f"failed: {record.error}"
-    if store.ended([run.digest]) and (found := difference_of(*store.get([run.digest]), record)):
-        return found
+    if store.ended([run.digest]):
+        (before,) = store.get([run.digest])
+        if found := difference_of(before, record):
+            return found
     different = list[str]()
     for made, there in zip(tables([group], repeated), published or (), strict=False):
         is_own = there[[*names, "seed"]] == pd.Series({**names, "seed": run.seed})
-        for name in made.columns.difference(MEASURED, sort=False):
+        for name in made.columns.difference([*MEASURED], sort=False):
             if csv_text(made[[name]]) != csv_text(there.loc[is_own.all(axis=1), [name]]):
                 different.append(name)
     return f"differs in {', '.join(different)}" if different else ""

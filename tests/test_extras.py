@@ -24,9 +24,9 @@ LAYERS: Final = ("agents", "benchmark", "envs")
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a source distribution, and what a wheel that is built from it installs, in `core`.
+    """A folder with a source distribution, and what a wheel of it installs, in `core`.
 
-    Both are built without a network, from a copy of the sources in which commands have left their files.
+    Both are built without a network, from sources among which commands have left their files.
     """
     directory = tmp_path_factory.mktemp("built")
     copy_sources(source := directory / "source")
@@ -36,8 +36,13 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     build = f"from setuptools import build_meta; build_meta.build_sdist({str(directory)!r})"
     options = ["--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check"]
     wheel_of = ["-m", "pip", "wheel", *options, "--wheel-dir", str(directory)]
-    for command in (["-c", build], [*wheel_of, str(directory / f"proxemic_benchmark-{__version__}.tar.gz")]):
-        done = subprocess.run([sys.executable, *command], cwd=source, capture_output=True, text=True)
+    for command in (
+        ["-c", build],
+        [*wheel_of, str(directory / f"proxemic_benchmark-{__version__}.tar.gz")],
+    ):
+        done = subprocess.run(
+            [sys.executable, *command], cwd=source, capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stdout + done.stderr
     (wheel,) = directory.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
@@ -102,7 +107,9 @@ print(image.render().dtype)
 import envs
 print(envs.__file__)
 """
-    done = python(built, code, cwd=tmp_path, without=set().union(*extras().values()) - requirements(None))
+    done = python(
+        built, code, cwd=tmp_path, without=set().union(*extras().values()) - requirements(None)
+    )
     assert done.stderr == ""
     *said, file = done.stdout.splitlines()
     assert said == ["-0.1 True", "[-0.1, -0.1, -0.1]", "uint8"]
@@ -121,7 +128,9 @@ def test_commands_name_their_extra(
 ) -> None:
     done = python(built, COMMAND, *arguments.split(), cwd=tmp_path, without=[package])
     last = done.stderr.splitlines()[-1]  # a line on progress may come before
-    assert last.startswith(f"error: {needing} needs the package {package}, which is not installed; ")
+    assert last.startswith(
+        f"error: {needing} needs the package {package}, which is not installed; "
+    )
     assert f"[{extra}]" in last
     assert done.returncode == 2
 
@@ -150,8 +159,8 @@ def third_party(layers: Iterable[str]) -> set[str]:
 
 
 def test_what_is_imported_is_declared() -> None:
-    """All that is declared is imported, too, except what others import, as Gymnasium does pygame."""
-    core = {*requirements(None), "pydantic-core"}  # pydantic's own, which its documentation says to import
+    """All that is declared is imported, too, except what others import."""
+    core = {*requirements(None), "pydantic-core"}  # pydantic's own
     assert {*map(package_of, third_party(["envs"]))} == core
     used = {name for extra in ("reproduce", "deep", "cluster") for name in extras()[extra]}
     # Of other packages, and by name

@@ -12,7 +12,11 @@ from benchmark import front
 from benchmark.__main__ import main
 from tests.support import ROOT, small_experiment, variant
 
-GUIDES = ("agents/README.md", "benchmark/guide.md")  # followed step by step in another test
+GUIDES = (
+    "agents/README.md",
+    "benchmark/guide.md",
+    "benchmark/STUDIES.md",
+)  # followed step by step in another test
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
     for folder in (".", "agents", "benchmark", "benchmark/experiments", "envs/scenarios")

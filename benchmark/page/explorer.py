@@ -70,7 +70,7 @@ _CONSTANTS: Final = {
     "first_mask": _FIRST_MASK,
     "tolerance": OPTIMUM_TOLERANCE,
     "colours": [*map(to_hex, colour_map(drawn.COLOUR_MAP)(np.linspace(0, 1, 33)))],
-    "palette": {name: to_hex(np.array(drawn.COLOURS[name]) / 255) for name in _PALETTE},
+    "palette": {name: "#{:02x}{:02x}{:02x}".format(*drawn.COLOURS[name]) for name in _PALETTE},
     "clipped_share": drawn.CLIPPED_SHARE,
     "triangles": drawn.TRIANGLES.tolist(),
     "moves": MOVES.tolist(),
@@ -173,7 +173,7 @@ def _integers(maps: NDArray[np.floating]) -> list[int]:
     # Only the values of nets about to diverge exceed two million; their digits are noise.
     whole = np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1)
     whole[np.isnan(scaled)] = _NO_NUMBER
-    return np.diff(whole.astype(np.int64), axis=0, prepend=0).ravel().tolist()
+    return [int(change) for change in np.diff(whole.astype(np.int64), axis=0, prepend=0).ravel()]
 
 
 def _characters(masks: NDArray[np.uint8]) -> str:

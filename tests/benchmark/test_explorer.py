@@ -44,8 +44,13 @@ def made(runs: list[RunSpecification]) -> Records:
     greedy[0, 6, 13] = UP | PING
     greedy[:, 1::2] = PING
     success = np.tile(np.arange(n)[:, None] / n, 7)
-    arrays = {"values": values, "greedy": greedy, "success": success}
-    shape = {"budget": 300, "every": 50, "map_every": 100, "observation": runs[0].observation}
+    arrays: dict[str, Any] = {"values": values, "greedy": greedy, "success": success}
+    shape: dict[str, Any] = {
+        "budget": 300,
+        "every": 50,
+        "map_every": 100,
+        "observation": runs[0].observation,
+    }
     return replace(population(runs[0].scenario, n, **shape, **arrays), runs=runs)
 
 

@@ -20,7 +20,7 @@ from benchmark.store import Record, Store
 from tests.support import ROOT, small_experiment, variant
 
 OBSERVATIONS = {"tiles": "coordinates", "dqn": "one_hot", "ppo": "one_hot", "table": "index"}
-SHORT = {"settings": {"n_steps": 100}}
+SHORT: Any = {"settings": {"n_steps": 100}}
 EXPERIMENT = small_experiment(
     scenarios=["S1", "S3"],
     settings={"budget": 600, "time_limit": 50},

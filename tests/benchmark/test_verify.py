@@ -81,11 +81,11 @@ def test_changed_and_missing_files_are_named(
     code, said = verify(results, capsys)
     assert (code, said.count("different from what its runs make: README.md;")) == (1, 1)
     (folder / "summary.csv").write_text("learner\n", encoding="utf-8")
-    (folder / "contrasts.csv").unlink()
-    os.mkfifo(folder / "contrasts.csv")  # reading it would never end
+    (folder / "cost.csv").unlink()
+    os.mkfifo(folder / "cost.csv")  # reading it would never end
     code, said = verify(results, capsys)
     assert code == 1
-    for file in ("summary.csv", "contrasts.csv"):
+    for file in ("summary.csv", "cost.csv"):
         assert f"{folder / file}: damaged" in said
     (folder / MANIFEST).unlink()
     code, said = verify(results, capsys)
@@ -107,7 +107,7 @@ def test_forged_files_with_right_digests_are_noticed(
     # A run's success is changed and everything is made again from it.
     (results / "runs.db").unlink()
     runs, curves = read(folder)
-    runs.loc[1, "steps"] += 1
+    runs["steps"] += runs.index == 1
     publish(folder, runs, curves)
     assert main(["report", str(results / "mine.toml"), "--results", str(results)]) == 0
     code, said = verify(results, capsys, "--runs", "8")
