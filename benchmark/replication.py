@@ -55,6 +55,7 @@ Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
 Floats = NDArray[np.float64]
 
 DEFAULT: Final = "default"  # the name of the default reading
+READS_STORE: Final = True  # action values are not published
 SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
 VERDICTS: Final = {
     "holds": ("✓", "#56b4e9"),

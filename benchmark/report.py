@@ -488,6 +488,6 @@ def _made(study: Study, folder: Folder) -> str:
         f"`{manifest['command']}` made these results ({manifest['runs']} runs, commit {commits})."
     )
     if tables.RUNS in folder.files:
-        again = f"`report {study.experiment.argument}` draws them again from `{tables.RUNS}`."
-        made = f"{made} {again}"
+        source = "stored runs" if hasattr(study.module, "READS_STORE") else f"`{tables.RUNS}`"
+        made = f"{made} `report {study.experiment.argument}` draws them again from {source}."
     return "\n\n".join(["## How it was made", *filter(None, [note]), made])

@@ -8,9 +8,10 @@ experiment's file. The module has, in this order, what experiments declare, tabl
     TABLES     functions of `Data` that return a data frame, or None, by the name of the CSV file
     FIGURES    functions of `Data` that return a figure, or None, by the name of the SVG file
     SHOWN      columns, separated by spaces, of the tables that README shows, by the table's name
-    COLUMNS    what columns mean, by name
+    COLUMNS    what columns mean, by name; a star stands for a part of the name
     headline   a function of `Data` that returns what was found, in Markdown
     reading    a function of `Data` that returns how to read the tables, in Markdown
+    READS_STORE  is there if stored runs are needed, too
 
 Only TABLES is necessary. The first line of a table's docstring says what its file holds, that of a figure is
 its caption, and that of the module is the question if `[report]` has none.
