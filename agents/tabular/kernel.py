@@ -209,24 +209,36 @@ def _pass_back(
             value = highest[step.o]
 
 
-@inlined
-def _learn(
-    q: Floats, highest: Floats, greedy: Ints, tree: Floats, traced: Ints, weights: Floats, move: Move
-) -> int:
-    """Moves the value of an action, and of earlier ones by traces; returns the number of traces."""
-    o, a, rate, target, begins, n_traces, decay, takes_lowest = move
-    error = target - q[o, a]
-    if len(traced) == 0:
-        q[o, a] += rate * error
+def _compile_learn(has_traces: bool) -> Callable[..., int]:
+    @inlined
+    def learn(
+        q: Floats, highest: Floats, greedy: Ints, tree: Floats, traced: Ints, weights: Floats, move: Move
+    ) -> int:
+        """Moves the value of an action, and of earlier ones by traces; returns the number of traces."""
+        o, a, rate, target, begins, n_traces, decay, takes_lowest = move
+        if has_traces:
+            kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
+            n_traces = int(_trace(traced, weights, kept, decay, o * U(N_ACTIONS) + a))
+            error = target - q[o, a]
+            for j in range(n_traces):
+                o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
+                q[o_traced, a_traced] += rate * error * weights[j]
+                _renew(q, highest, greedy, tree, o_traced, takes_lowest)
+            return n_traces
+        q[o, a] += rate * (target - q[o, a])
         _renew(q, highest, greedy, tree, o, takes_lowest)
         return 0
-    kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
-    n_traces = int(_trace(traced, weights, kept, decay, o * U(N_ACTIONS) + a))
-    for j in range(n_traces):
-        o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
-        q[o_traced, a_traced] += rate * error * weights[j]
-        _renew(q, highest, greedy, tree, o_traced, takes_lowest)
-    return n_traces
+
+    return learn  # type: ignore[no-any-return]
+
+
+@inlined
+def _choose_if(is_needed: bool, explore_below: U, greedy: int, stream: Stream) -> tuple[U, Stream]:
+    """Chooses an action by a word of its own, if it is needed."""
+    if not is_needed:
+        return U(0), stream
+    word, stream = draw_word(stream)
+    return choose_action(word, explore_below, greedy), stream
 
 
 def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
@@ -236,6 +248,7 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
     of the compiled code instead of being skipped in each step.
     """
     bootstrap, is_on_policy = njit(update.bootstrap), update.is_on_policy
+    learn = _compile_learn(update.has_traces)
 
     @njit
     def advance(
@@ -275,13 +288,11 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
                 # Learn
                 value = 0.0
                 if not outcome.terminates:
-                    if is_on_policy:
-                        word, stream = draw_word(stream)
-                        a_next = choose_action(word, explore_below, greedy[o_next])
+                    a_next, stream = _choose_if(is_on_policy, explore_below, greedy[o_next], stream)
                     value = bootstrap(Successor(q, o_next, highest[o_next], greedy[o_next], epsilon, a_next))
                 rate, target = first_rate / (1.0 + steps / halved_after), reward + discount * value
                 move = Move(o, a, rate, target, begins, n_traces, decay, takes_lowest)
-                n_traces = _learn(q, highest, greedy, tree, traced, weights, move)
+                n_traces = learn(q, highest, greedy, tree, traced, weights, move)
 
                 keep_step(kept, U(episode_steps), o, a, reward)
 

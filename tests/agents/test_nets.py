@@ -310,7 +310,7 @@ def test_ppo_is_stable_baselines3s(
 
 def test_first_weights_are_those_of_pytorch() -> None:
     """Of DQN uniform, bounded by 1 / sqrt(inputs); of PPO orthogonal, with Stable-Baselines3's gains."""
-    net = {"policy_kwargs": {"net_arch": (64, 48)}}
+    net: dict[str, Any] = {"policy_kwargs": {"net_arch": (64, 48)}}
     dqn, ppo = (agent_of(name, "one_hot", S1, np.float32, **net).weights() for name in AGENTS)
     for weights, biases in zip(dqn[::2], dqn[1::2], strict=True):
         bound = 1 / np.sqrt(len(weights))
