@@ -23,49 +23,99 @@ from benchmark.trials import Choice, Choices, Chosen, Finalist, Search, Span, tr
 from envs import InputError, load_scenario
 from envs.inputs import Table
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.support import small_experiment, toml, variant
 
 COMPARED = load_experiment("compare_deep", smoke=True)
 LARGE = ("tuning", "tuning_map", "tuning_tables")  # with the most conditions
-ASKED = {"question": "a", "answer": "b"}
-RATE = {"learning_rate": {"low": 0.03, "high": 1.0, "scale": "log"}}
-SEARCH = {
-    "scenarios": ["FarCorner"],
-    "search": {"trials": 4, "finalists": 2, "first_seed": 10, "seeds": 3},
-    "algorithms": {
-        "q": variant("q_learning", "index", "offset", settings={"discount": 0.8}, search=RATE)
-    },
-}
-TUNED = {
-    "mine": variant(
-        "q_learning",
-        "index",
-        "offset",
-        first_seed=100,
-        tuned_by="search.toml:q",
-        settings={"epsilon": 0.3},
-    ),
-    "plain": {
-        "algorithm": "tests.agents.plain:Q_LEARNING",
-        "reference_for": "mine",
-        "seeds": 1,
-        "first_seed": 100,
-    },
-}
+BASE = """
+description = "A table in a scene."
+scenarios = ["S1"]
+horizon = 50
+evaluation_every = 100
+map_every = 200
+settings = { budget = 200 }
+"""
+SMALL = f"""{BASE}
+[algorithms.table]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 2
+"""
+SEARCH = f"""{BASE.replace("S1", "FarCorner")}
+search = {{ trials = 4, finalists = 2, first_seed = 10, seeds = 3 }}
+
+[algorithms.q]
+algorithm = "q_learning"
+observations = ["index", "offset"]
+seeds = 2
+settings = {{ discount = 0.8 }}
+search = {{ learning_rate = {{ low = 0.03, high = 1.0, scale = "log" }} }}
+"""
+TUNED = f"""{BASE}
+[algorithms.mine]
+algorithm = "q_learning"
+observations = ["index", "offset"]
+seeds = 2
+first_seed = 100
+tuned_by = "search.toml:q"
+settings = {{ epsilon = 0.3 }}
+
+[algorithms.plain]
+algorithm = "tests.agents.plain:Q_LEARNING"
+reference_for = "mine"
+seeds = 2
+first_seed = 101
+"""
+GRIDS = """
+[algorithms.rest]
+algorithm = "sarsa"
+observations = ["index"]
+seeds = 2
+
+[algorithms.unnamed]
+algorithm = "expected_sarsa"
+observations = ["index"]
+seeds = 2
+
+[grids.both]
+learners = ["table"]
+scenario = { "rewards.other" = -0.05 }
+axes.rate = { "0.6" = {}, "0.2" = { settings = { learning_rate = 0.2 } } }
+axes.limit.20.settings = { time_limit = 20 }
+
+[grids.other]
+learners = ["rest"]
+axes.limit.5.settings = { time_limit = 5 }
+"""
+READINGS = """
+[readings.limit]
+question = "Is there a longest episode?"
+answer = "20 steps"
+settings = { time_limit = 20 }
+
+[readings.default]
+question = "Is there a longest episode?"
+answer = "no"
+"""
 
 
-def made(path: Path, **changes: Any) -> Experiment:
-    """Loads a small experiment with these changes, which is written to a file; None drops a key."""
-    text = re.sub(r"\w+ = none\n", "", small_experiment(**changes))
+def made(path: Path, text: str) -> Experiment:
+    """Loads an experiment, which is written to a file."""
     path.write_text(text, encoding="utf-8")
     return load_experiment(path)
 
 
-def extended(path: Path, base: object = "reproduce", **changes: Any) -> Experiment:
-    """Loads an extension, written to a file; __ in a key stands for a dot."""
-    table = {key.replace("__", "."): value for key, value in changes.items()}
-    path.write_text(f"{toml({'extends': str(base), 'description': '-'})}\n[changes]\n{toml(table)}")
-    return load_experiment(path)
+def changed(text: str, *changes: tuple[str, str]) -> str:
+    """Returns a text with these replacements."""
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def extended(path: Path, changes: str = "", base: str = "reproduce") -> Experiment:
+    """Loads an extension, which is written to a file."""
+    text = f'extends = "{base}"\ndescription = "-"\n[changes]\n{changes}'
+    return made(path, text)
 
 
 # What is declared
@@ -135,13 +185,13 @@ def test_learners_have_titles_that_say_what_they_are() -> None:
 
 def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    mine = extended(path, "sb3", algorithms__sb3_dqn__seeds=3).declared
+    mine = extended(path, '"algorithms.sb3_dqn.seeds" = 3', "sb3").declared
     assert mine.report is not None
     assert (mine.note, mine.report["question"]) == ("", "")
     assert mine.algorithms["sb3_dqn"].seeds == 3
-    assert extended(path, note="mine").declared.note == "mine"
-    made(tmp_path / "base.toml", report={"kind": "comparison"})
-    solved = extended(path, "base.toml", solved={"success": 0.8}, report__kind="map")
+    assert extended(path, 'note = "mine"').declared.note == "mine"
+    made(tmp_path / "base.toml", f'report = "comparison"\n{SMALL}')
+    solved = extended(path, '"report.kind" = "map"\nsolved.success = 0.8', "base.toml")
     assert solved.populations[0].first.map_every == solved.declared.evaluation_every
 
 
@@ -156,39 +206,28 @@ def test_a_miniature_has_two_runs_of_each_learner_and_a_small_budget() -> None:
 
 
 def test_conditions_are_the_points_of_a_grid(tmp_path: Path) -> None:
-    grid = {
-        "scenario": {"rewards.other": -0.05},
-        "learners": ["table"],
-        "axes": {
-            "rate": {"0.6": {}, "0.2": {"settings": {"learning_rate": 0.2}}},
-            "limit": {"20": {"settings": {"time_limit": 20}}},
-        },
-    }
-    other = {"learners": ["rest"], "axes": {"limit": {"5": {"settings": {"time_limit": 5}}}}}
-    names = {name: variant() for name in ("table", "rest", "unnamed")}
-    grids = {"both": grid, "other": other}
-    experiment = made(tmp_path / "grid.toml", algorithms=names, grids=grids)
-    found = {}
+    """A learner that no grid names is in all."""
+    experiment, found = made(tmp_path / "grid.toml", SMALL + GRIDS), {}
     for population in experiment.populations:
         settings = population.first.settings.model_dump()
         values = settings["learning_rate"], settings["time_limit"]
         found[(*population.keys.values(),)] = *values, population.scenario.rewards.other
     assert [*experiment.populations[0].keys] == ["scenario", "grid", "point", "learner"]
     assert found == {
-        ("S1", "both", "rate 0.6, limit 20", "table, index"): (0.6, 20, -0.05),
-        ("S1", "both", "rate 0.6, limit 20", "unnamed, index"): (0.6, 20, -0.05),
-        ("S1", "both", "rate 0.2, limit 20", "table, index"): (0.2, 20, -0.05),
-        ("S1", "both", "rate 0.2, limit 20", "unnamed, index"): (0.2, 20, -0.05),
-        ("S1", "other", "limit 5", "rest, index"): (0.6, 5, -0.1),
-        ("S1", "other", "limit 5", "unnamed, index"): (0.6, 5, -0.1),
+        ("S1", grid, point, f"{name}, index"): values
+        for grid, point, names, values in (
+            ("both", "rate 0.6, limit 20", ("table", "unnamed"), (0.6, 20, -0.05)),
+            ("both", "rate 0.2, limit 20", ("table", "unnamed"), (0.2, 20, -0.05)),
+            ("other", "limit 5", ("rest", "unnamed"), (0.6, 5, -0.1)),
+        )
+        for name in names
     }
 
 
 def test_a_reading_adds_runs_and_keeps_those_of_the_experiment_without_it(tmp_path: Path) -> None:
-    path, limit = tmp_path / "mine.toml", {"settings": {"time_limit": 20}, **ASKED}
-    plain = all_specifications(made(path))
-    readings = {"limit": limit, "default": ASKED}
-    experiment = made(path, readings=readings)
+    path = tmp_path / "mine.toml"
+    plain = all_specifications(made(path, SMALL))
+    experiment = made(path, SMALL + READINGS)
     runs = all_specifications(experiment)
     assert [run.condition for run in runs] == ["default", "limit"] * 2
     assert [run.digest for run in runs[::2]] == [run.digest for run in plain]
@@ -198,7 +237,7 @@ def test_a_reading_adds_runs_and_keeps_those_of_the_experiment_without_it(tmp_pa
 
 
 def test_a_trial_is_a_condition_of_its_variant(tmp_path: Path) -> None:
-    experiment = made(tmp_path / "search.toml", **SEARCH)
+    experiment = made(tmp_path / "search.toml", SEARCH)
     drawn = trials("q", experiment.declared.algorithms["q"].search, 4)
     assert [each.keys["trial"] for each in experiment.populations] == [*np.repeat(range(5), 2)]
     for population in experiment.populations:
@@ -239,7 +278,7 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
         {run.digest for run in all_specifications(experiment, range(2))}
         for experiment in (
             load_experiment("reproduce"),
-            extended(tmp_path / "shared.toml", stream="reproduce"),
+            extended(tmp_path / "shared.toml", 'stream = "reproduce"'),
             extended(tmp_path / "other.toml"),
         )
     ]
@@ -271,7 +310,7 @@ def test_first_runs_are_of_all_populations() -> None:
 @pytest.fixture
 def chosen(tmp_path: Path) -> Path:
     """A search with two picks for each form of observation; returns its folder."""
-    search = made(tmp_path / "search.toml", **SEARCH)
+    search = made(tmp_path / "search.toml", SEARCH)
     effort: Any = {"trials": 4, "runs": 10, "steps": 2000, "cpu_time_s": 0.1}
     learners = {}
     for form, rates in (("index", (0.25, 0.5)), ("offset", (0.75, 1.0))):
@@ -287,56 +326,50 @@ def chosen(tmp_path: Path) -> Path:
 
 def test_runs_take_turns_with_the_picks_for_their_observation(chosen: Path) -> None:
     """A reference implementation has the same pick with each seed."""
-    algorithms = {**TUNED, "plain": TUNED["plain"] | {"seeds": 2, "first_seed": 101}}
-    expected = {
-        "index": {100: 0.25, 101: 0.5, 102: 0.25},
-        "offset": {100: 0.75, 101: 1.0, 102: 0.75},
-    }
-    experiment = made(chosen / "tuned.toml", algorithms=algorithms)
+    expected = {"index": (0.25, 0.5), "offset": (0.75, 1.0)}
+    experiment = made(chosen / "tuned.toml", TUNED)
     assert [[*each.seeds] for each in experiment.populations] == 2 * [[100, 101]] + 2 * [[101, 102]]
     for population in experiment.populations:
         assert [len(population.firsts), population.learner.search] == [2, "search.toml"]
         for run in population.runs():
             settings = run.settings.model_dump()
-            rate = expected[population.learner.observation][run.seed]
+            rate = expected[population.learner.observation][run.seed % 2]
             assert (settings["learning_rate"], settings["discount"]) == (rate, 0.8)
             assert settings["epsilon"] == 0.3
 
 
 @pytest.mark.parametrize(
-    ("changes", "reason"),
+    ("old", "new", "reason"),
     [
-        ({"scenarios": ["S1", "FarCorner"]}, "FarCorner is FarCorner, a scenario of the search"),
-        ({"scenarios": ["Mine.toml"]}, "Mine is FarCorner, a scenario of the search"),
-        ({"first_seed": 1}, "a search uses the seeds 0 to 1: accepted: .* than 1 to 2"),
-        ({"first_seed": 12}, "a search uses the seeds 10 to 12: accepted: .* than 12 to 13"),
-        ({"tuned_by": "search.toml:dqn"}, "unknown variant of .* dqn; accepted: q"),
-        ({"tuned_by": "reproduce:q_learning"}, "accepted: SEARCH:VARIANT of one with a table"),
-        ({"tuned_by": "tuning"}, "accepted: SEARCH:VARIANT of one with a table"),
-        ({"observations": ["offset_one_hot"], "algorithm": "compiled_dqn"}, "unknown learner of"),
+        ('"S1"', '"FarCorner"', "FarCorner is FarCorner, a scenario of the search"),
+        ('"S1"', '"Mine.toml"', "Mine is FarCorner, a scenario of the search"),
+        ("first_seed = 100", "first_seed = 1", "uses the seeds 0 to 1: accepted: .* than 1 to 2"),
+        ("first_seed = 100", "first_seed = 12", "the seeds 10 to 12: accepted: .* than 12 to 13"),
+        ("toml:q", "toml:dqn", "unknown variant of .* dqn; accepted: q"),
+        ("search.toml:q", "reproduce:q_learning", "accepted: SEARCH:VARIANT of one with a table"),
+        ("search.toml:q", "tuning", "accepted: SEARCH:VARIANT of one with a table"),
+        ('"offset"]', '"centred"]', "unknown learner of the search q, centred"),
     ],
-)  # fmt: skip
+)
 def test_what_a_search_does_not_offer_is_refused(
-    chosen: Path, changes: dict[str, Any], reason: str
+    chosen: Path, old: str, new: str, reason: str
 ) -> None:
     text = (SCENARIO_DIRECTORY / "FarCorner.toml").read_text(encoding="utf-8")
     (chosen / "Mine.toml").write_text(re.sub("description.*", 'description = "Mine."', text))
-    scenarios = changes.pop("scenarios", ["S1"])
     with pytest.raises(InputError, match=rf"tuned\.toml: .*{reason}"):
-        made(
-            chosen / "tuned.toml", scenarios=scenarios, algorithms={"mine": TUNED["mine"] | changes}
-        )
+        made(chosen / "tuned.toml", changed(TUNED, (old, new)))
 
 
 def test_only_what_a_search_depends_on_changes_its_digest(chosen: Path) -> None:
-    def digest(**changes: Any) -> str:
-        return digest_of_search(made(chosen / "search.toml", **(SEARCH | changes)).declared)
+    def digest(old: str, new: str) -> str:
+        return digest_of_search(made(chosen / "search.toml", changed(SEARCH, (old, new))).declared)
 
-    assert digest(description="Another text", note="x") == digest()
-    others = [digest(solved={"growth": growth}, map_every=None) for growth in (1.1, 1.2)]
-    assert len({digest(), *others, digest(horizon=51)}) == 4
+    same = digest("A table in a scene.", "Another text.")
+    assert same == digest("map_every", 'note = "-"\nmap_every')
+    others = [digest("map_every = 200", f"solved.growth = {growth}") for growth in (1.1, 1.2)]
+    assert len({same, *others, digest("horizon = 50", "horizon = 51")}) == 4
     with pytest.raises(InputError, match=r"search\.toml has changed since; run it again"):
-        made(chosen / "tuned.toml", algorithms=TUNED)
+        made(chosen / "tuned.toml", TUNED)
 
 
 # Mistakes
@@ -363,58 +396,42 @@ MISTAKES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "old", "new", "expected"), MISTAKES)
-def test_mistakes_get_one_line(
-    tmp_path: Path, name: str, old: str, new: str, expected: str
-) -> None:
-    text = (EXPERIMENT_DIRECTORY / f"{name}.toml").read_text(encoding="utf-8")
-    assert old in text
-    path = tmp_path / "mine.toml"
-    path.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(InputError, match=re.escape(expected)):
-        load_experiment(path)
-
-
-EPSILON = {"settings": {"epsilon": 0.0}}
-LIMIT = {"axes": {"limit": {"5": {"settings": {"time_limit": 5}}}}}
-BUDGET = {"search": {"budget": RATE["learning_rate"]}}
+LAST, MAPS = "seeds = 2\n", "map_every = 200"
+GRID = f"{LAST}[grids.g]\naxes.limit.5.settings.time_limit = 5\n"
+OVERRIDDEN = f"{GRID}settings.epsilon = 0\n[algorithms.table.settings]\nepsilon = 0.5"
+SHARED = "budget = 200 }\n\n[algorithms.table]"
+OWN = f"{SHARED.removeprefix('budget = 200 ')}\nsettings.epsilon = 0.5"
+FOUND = "search = { trials = 4, first_seed = 10 }"
 UNUSED = [
-    ({"settings": {"budget": 200, "epsilon": 0.1}, "own": EPSILON}, "settings.epsilon: no run"),
-    ({"own": EPSILON, "grids": {"g": LIMIT | EPSILON}}, "table.settings.epsilon: no run has it"),
-    ({"grids": {"g": LIMIT | {"settings": {"epsilon": 0.6}}}}, "grids.g.settings changes no run"),
-    ({"grids": {"g": LIMIT | {"scenario": {"ping_limit": 5}}}}, "grids.g.scenario changes no run"),
-    ({"grids": {"g": LIMIT | {"settings": {"time_limit": 9}}}}, "settings.time_limit is named"),
-    ({"readings": {"default": ASKED | {"scenarios": ["S1"]}}}, "readings.default.scenarios ch"),
-    ({"readings": {"default": ASKED}, "grids": {"g": LIMIT}}, "readings and grids: accepted: "),
-    ({"solved": {}, "map_every": 200}, "map_every = 200: accepted: no such key"),
-    ({"solved": {}, "report": "comparison", "map_every": None}, "solved in a comparison: acce"),
-    ({"readings": {"default": ASKED}, "report": "map"}, "readings in a map: accepted: grids"),
-    ({"own": {"search": RATE}}, "table.search: accepted: a table [search] beside it"),
-    ({"search": SEARCH["search"]}, "algorithms.table: accepted: a table search, as the"),
-    ({"search": SEARCH["search"], "own": BUDGET}, "search.budget: accepted: other"),
-    ({"search": SEARCH["search"], "own": {"search": RATE, "first_seed": 9}}, "the seeds 10 to 12"),
-    ({"own": {"reference_for": "table"}}, "reference_for: unknown variant table"),
-    ({"own": {"observations": []}}, "table.observations: accepted: at least one form"),
-    ({"evaluated_from": ["start"]}, "unknown key evaluated_from"),
+    ("", SHARED, f"budget = 200, epsilon = 0.1 {OWN}", "toml: settings.epsilon: no run has it"),
+    ("", LAST, OVERRIDDEN, "algorithms.table.settings.epsilon: no run has it"),
+    ("", LAST, f"{GRID}settings.epsilon = 0.6", "grids.g.settings changes no run"),
+    ("", LAST, f"{GRID}scenario.ping_limit = 5", "grids.g.scenario changes no run"),
+    ("", LAST, f"{GRID}settings.time_limit = 9", "settings.time_limit is named twice"),
+    ("", LAST, f"{LAST}{READINGS}scenarios = ['S1']", "readings.default.scenarios changes no run"),
+    ("", LAST, f"{GRID}{READINGS}", "readings and grids: accepted: one of"),
+    ("", LAST, f'{LAST}{READINGS}[report]\nkind = "map"', "readings in a map: accepted: grids"),
+    ("", MAPS, f"{MAPS}\nsolved = {{}}", "map_every = 200: accepted: no such key"),
+    ("", MAPS, 'report = "comparison"\nsolved = {}', "solved in a comparison: accepted: no"),
+    ("", MAPS, FOUND, "algorithms.table: accepted: a table search, as the"),
+    ("", LAST, f"{LAST}search.epsilon.values = [0, 1]", "table.search: accepted: a table [search]"),
+    ("", LAST, f'{LAST}reference_for = "table"', "reference_for: unknown variant table"),
+    ("", '"index"', "", "table.observations: accepted: at least one form"),
+    ("", MAPS, 'evaluated_from = ["start"]', "unknown key evaluated_from"),
+    ("tuning", "seeds = 6", "seeds = 6\nfirst_seed = 99", "first_seed: a search uses the seeds"),
+    ("tuning", "epsilon = {", "budget = {", "search.budget: accepted: other settings"),
+    ("compare_deep", '"ppo"\n', '"ppo"\npolicy = "greedy"\n', "takes it from ppo"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("changes", "expected"), UNUSED)
-def test_what_nobody_would_read_is_refused(
-    tmp_path: Path, changes: dict[str, Any], expected: str
+@pytest.mark.parametrize(("name", "old", "new", "expected"), MISTAKES + UNUSED)
+def test_mistakes_and_what_nobody_would_read_get_one_line(
+    tmp_path: Path, name: str, old: str, new: str, expected: str
 ) -> None:
-    algorithms = {"table": variant() | changes.get("own", {})}
-    rest = {key: value for key, value in changes.items() if key != "own"}
-    with pytest.raises(InputError, match=rf"mine\.toml: .*{re.escape(expected)}"):
-        made(tmp_path / "mine.toml", algorithms=algorithms, **rest)
-
-
-@pytest.mark.parametrize("key", ["settings", "policy", "tuned_by"])
-def test_a_reference_sets_nothing_that_it_takes(tmp_path: Path, key: str) -> None:
-    own = {"settings": EPSILON["settings"], "policy": "greedy", "tuned_by": "tuning:dqn"}
-    other = {"algorithm": "sarsa", "reference_for": "table", "seeds": 2, key: own[key]}
-    with pytest.raises(InputError, match=rf"algorithms\.other\.{key}: .* takes it from table"):
-        made(tmp_path / "mine.toml", algorithms={"table": variant(), "other": other})
+    shipped = EXPERIMENT_DIRECTORY / f"{name}.toml"
+    text = shipped.read_text(encoding="utf-8") if name else SMALL
+    with pytest.raises(InputError, match=re.escape(expected)):
+        made(tmp_path / "mine.toml", changed(text, (old, new)))
 
 
 @pytest.mark.parametrize("table", ["algorithms", "readings"])
@@ -433,12 +450,7 @@ def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "first.toml").write_text("")
-    with pytest.raises(InputError, match=r"extends = .*first\.toml\": accepted: another"):
-        extended(tmp_path / "first.toml", "second.toml", x=extended_by(tmp_path))
-
-
-def extended_by(folder: Path) -> int:
-    """Writes an experiment that extends the first one."""
     text = 'extends = "first.toml"\ndescription = ""\nchanges = {}\n'
-    return (folder / "second.toml").write_text(text)
+    (tmp_path / "second.toml").write_text(text)
+    with pytest.raises(InputError, match=r"extends = .*first\.toml\": accepted: another"):
+        extended(tmp_path / "first.toml", base="second.toml")

@@ -21,7 +21,7 @@ from benchmark.trials import (
     write_choices,
 )
 from envs import InputError
-from envs.inputs import parse
+from envs.inputs import Table, parse
 
 SPACE: Space = {
     "learning_rate": Span(low=0.01, high=1, scale="log"),
@@ -59,30 +59,29 @@ def test_parts_of_a_search_are_evenly_spread() -> None:
         assert sorted(share * 16 // 1 for share in shares) == pytest.approx(np.arange(16), abs=1)
 
 
-@pytest.mark.parametrize(
-    ("keys", "reason"),
-    [
-        ({"trials": 63, "parts": 3}, "parts = 3: accepted: a number that divides trials + 1 = 64"),
-        ({"trials": 63, "parts": 16, "finalists": 5}, "finalists = 5: accepted: at most 4"),
-        ({"trials": 3}, "finalists = 4: accepted: at most 3"),
-        ({"trials": 0}, "trials = 0: input should be greater than or equal to 1"),
-    ],
-)
-def test_a_search_that_cannot_be_is_refused(keys: dict[str, object], reason: str) -> None:
-    with pytest.raises(InputError, match=re.escape(reason)):
-        parse(Search, {"first_seed": 0, **keys}, "mine.toml")
+EFFORT = {"first_seed": 0, "trials": 63}
 
 
 @pytest.mark.parametrize(
-    ("keys", "reason"),
+    ("cls", "keys", "reason"),
     [
-        ({"low": 0.0, "high": 1.0, "scale": "log"}, "low = 0.0: accepted: above 0"),
-        ({"low": 1.0, "high": 1.0}, "low = 1.0: accepted: less than high = 1.0"),
+        (
+            Search,
+            EFFORT | {"parts": 3},
+            "parts = 3: accepted: a number that divides trials + 1 = 64",
+        ),
+        (Search, EFFORT | {"parts": 16, "finalists": 5}, "finalists = 5: accepted: at most 4"),
+        (Search, EFFORT | {"trials": 3}, "finalists = 4: accepted: at most 3"),
+        (Search, EFFORT | {"trials": 0}, "trials = 0: input should be greater than or equal to 1"),
+        (Span, {"low": 0.0, "high": 1.0, "scale": "log"}, "low = 0.0: accepted: above 0"),
+        (Span, {"low": 1.0, "high": 1.0}, "low = 1.0: accepted: less than high = 1.0"),
     ],
 )
-def test_an_empty_range_is_refused(keys: dict[str, object], reason: str) -> None:
+def test_what_cannot_be_searched_is_refused(
+    cls: type[Table], keys: dict[str, object], reason: str
+) -> None:
     with pytest.raises(InputError, match=re.escape(reason)):
-        parse(Span, keys, "mine.toml")
+        parse(cls, keys, "mine.toml")
 
 
 def test_chosen_settings_are_read_as_they_were_written(tmp_path: Path) -> None:
