@@ -18,11 +18,23 @@ import pandas as pd
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from benchmark.folder import README, alone, replaced, write_csv, write_manifest
+from benchmark.folder import README, alone, write_text
 from benchmark.provenance import provenance
 from envs import Model, compile_scenario, load_scenario
 from envs.inputs import parse, read_toml
 
+_ABOUT: Final = """# Speed against alternatives
+
+Steps per second of CPU time while training in S1: of this project, of an alternative in the same
+process (`baseline`), and how many times as many the first makes. Rows named `net_` train with the
+settings of `speed_nets.toml`. `make speed` measures all of it anew.
+
+```text
+{table}
+```
+
+Measured on: {machine}. Machines differ and are noisy; ratios differ, too.
+"""
 _ENV: Final = "envs:Proxemic/S1-v0"
 _NETS: Final = Path(__file__).with_name("speed_nets.toml")
 _LOOP: Final = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
@@ -49,13 +61,14 @@ def main(options: argparse.Namespace) -> int:
 
     agents.sb3.use_same_instructions()
     folder = options.results / ("speed_smoke" if options.smoke else "speed")
-    with alone(options.results), replaced(folder) as aside:
+    with alone(options.results):
         frame = measured(all_rows(options.smoke))
-        write_csv(frame, aside / "speed.csv")
         made = provenance("q_learning")
-        write_manifest(aside, {"experiment": "speed", "command": "make speed"} | made)
-        text = _readme(frame, str(made["machine"]))
-        (aside / README).write_text(text, encoding="utf-8")
+        text = _ABOUT.format(
+            table=frame.to_string(index=False, float_format="{:,.1f}".format),
+            machine=f"{made['machine']}, {made['processor']}",
+        )
+        write_text(folder / README, text)
     print(f"{text}\nwritten to {folder}")
     return 0
 
@@ -79,22 +92,6 @@ def measured(rows: Iterable[Row]) -> pd.DataFrame:
         )
         table.append((name, ours, other, ours / other, against))
     return pd.DataFrame(table, columns=["name", "per_second", "baseline", "ratio", "against"])
-
-
-def _readme(frame: pd.DataFrame, machine: str) -> str:
-    table = frame.to_string(index=False, float_format="{:,.1f}".format)
-    return f"""# Speed against alternatives
-
-Steps per second of CPU time while training in S1: of this project, of an alternative in the same
-process, and how many times as many the first makes. `make speed` measures all of it anew; the
-numbers are in speed.csv. Rows named `net_` train with the settings of `speed_nets.toml`.
-
-```text
-{table}
-```
-
-Measured on: {machine}. Machines differ and are noisy; ratios differ, too.
-"""
 
 
 def all_rows(smoke: bool) -> list[Row]:
