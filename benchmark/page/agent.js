@@ -4,12 +4,6 @@ function unzipped(node) {
   return new Response(zipped.stream().pipeThrough(new DecompressionStream("gzip"))).json();
 }
 
-// The running sums of changes.
-function summed(changes) {
-  let sum = 0;
-  return Int32Array.from(changes, (change) => (sum += change));
-}
-
 const parts = await Promise.all([...document.querySelectorAll("script.agents")].map(unzipped));
 const explorer = parts[0]; // all are alike but for agents and rooms
 const PING = explorer?.actions.indexOf("PING");
@@ -17,22 +11,12 @@ const PING = explorer?.actions.indexOf("PING");
 // The numbers of the actions in a mask.
 const members = (mask) => range(explorer.actions.length).filter((a) => (mask >> a) & 1);
 
-// Values from integers, which are differences from the map before.
-function unpacked(changes, nMaps) {
-  const integers = Float64Array.from(changes);
-  for (let i = integers.length / nMaps; i < integers.length; i++) integers[i] += integers[i - integers.length / nMaps];
-  return integers.map((value) => (value === explorer.no_number ? NaN : value / 10 ** explorer.decimals));
-}
-
-const masksOf = (text) => Uint8Array.from(text, (letter) => letter.charCodeAt(0) - explorer.first_mask);
-
 // An agent: its values and actions at every map, or only its last actions.
 class Agent {
   constructor(packed, room, sight) {
     Object.assign(this, packed, { room, sight });
     this.hasValues = packed.values !== null;
-    this.values = this.hasValues && unpacked(packed.values, packed.steps.length);
-    this.greedy = masksOf(packed.greedy);
+    this.values = this.hasValues && Float64Array.from(packed.values, (value) => value ?? NaN); // null of one that diverged
     this.nObservations = this.greedy.length / this.steps.length;
     this.timeline = this.steps; // of its learner
     this.seeds = packed.seeds.map(String);
@@ -79,7 +63,7 @@ class Agent {
     return Object.assign(Object.create(Agent.prototype), this, {
       seed,
       hasValues: false,
-      greedy: masksOf(others.greedy).slice(i * nObservations, (i + 1) * nObservations),
+      greedy: others.greedy.slice(i * nObservations, (i + 1) * nObservations),
       steps: [timeline.at(-1)],
       score: [others.score[i]],
       success: [others.success[i]],
@@ -89,6 +73,5 @@ class Agent {
 
 const agents = parts.flatMap((part) => {
   const rooms = part.scenes.map((packed) => new Room(packed));
-  const sights = part.sights.map(({ observed, changes }) => ({ observed, of: summed(changes) }));
-  return part.agents.map((packed) => new Agent(packed, rooms[packed.scene], sights[packed.sight]));
+  return part.agents.map((packed) => new Agent(packed, rooms[packed.scene], part.sights[packed.sight]));
 });

@@ -29,8 +29,6 @@ MAX_VALUED: Final = 500  # observations of a learner whose values are shown
 MAX_STATES: Final = 200_000  # of a scenario that is shown
 MAX_MASKS: Final = 480  # per learner: final policies of as many agents as fit, at least one
 _PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene`
-_NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
-_FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one on
 
 
 def write(
@@ -65,9 +63,6 @@ _CONSTANTS: Final = {
     "actions": ACTIONS,
     "events": EVENTS,
     "zones": ZONES,
-    "decimals": VALUE_DECIMALS,
-    "no_number": _NO_NUMBER,
-    "first_mask": _FIRST_MASK,
     "tolerance": OPTIMUM_TOLERANCE,
     "colours": [*map(to_hex, colour_map(drawn.COLOUR_MAP)(np.linspace(0, 1, 33)))],
     "palette": {name: "#{:02x}{:02x}{:02x}".format(*drawn.COLOURS[name]) for name in _PALETTE},
@@ -110,20 +105,20 @@ def _agents(learner: Learner, records: Records) -> dict[str, object]:
         "steps": [records.evaluation_steps[point] for point in points],
         "score": _listed(scores[0, points]),
         "success": _listed(first["success"][points]),
-        "values": _integers(first["values"][chosen]) if has_values else None,
-        "greedy": _characters(first["greedy"][points]),
+        "values": _listed(first["values"][chosen], VALUE_DECIMALS) if has_values else None,
+        "greedy": first["greedy"][points].ravel().tolist(),
         "seeds": records.seeds,
         "others": {  # after the first
             "score": _listed(scores[1:, -1]),
             "success": _listed(records.arrays["success"][1:, -1]),
-            "greedy": _characters(np.array(others, dtype=np.uint8)),
+            "greedy": np.ravel(others).astype(int).tolist(),
         },
     }
 
 
 def _sight(model: Model) -> dict[str, object]:
     observed = [component.name for component in model.components]
-    return {"observed": observed, "changes": np.diff(model.observation, prepend=0).tolist()}
+    return {"observed": observed, "of": model.observation.tolist()}
 
 
 @kept_with_model
@@ -163,18 +158,6 @@ def _scene(model: Model) -> dict[str, object]:
     }
 
 
-def _listed(values: NDArray[np.float64]) -> list[float | None]:
-    return [None if math.isnan(value) else round(value, 6) for value in values.tolist()]
-
-
-def _integers(maps: NDArray[np.floating]) -> list[int]:
-    """Returns maps, (V, O, A), as integer differences from the map before: mostly zeros."""
-    scaled = np.rint(maps.astype(np.float64) * 10**VALUE_DECIMALS)
-    # Only the values of nets about to diverge exceed two million; their digits are noise.
-    whole = np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1)
-    whole[np.isnan(scaled)] = _NO_NUMBER
-    return [int(change) for change in np.diff(whole.astype(np.int64), axis=0, prepend=0).ravel()]
-
-
-def _characters(masks: NDArray[np.uint8]) -> str:
-    return (masks.ravel() + np.uint8(_FIRST_MASK)).tobytes().decode("ascii")
+def _listed(values: NDArray[np.floating], decimals: int = 6) -> list[float | None]:
+    rounded = np.round(values.astype(np.float64).ravel(), decimals).tolist()
+    return [None if math.isnan(value) else value for value in rounded]

@@ -1,4 +1,4 @@
-// The walk: an agent takes greedy actions, and the room says what follows. `benchmark/drawing/film.py` has the rule.
+// The walk: an agent takes greedy actions, and the room says what follows.
 //
 // It ends when the episode ends, at the horizon, or when the agent returns to a state in which it has been since
 // it last had a choice between several greedy actions or outcomes: from there it would go in circles.

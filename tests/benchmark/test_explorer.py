@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from benchmark.experiment import Experiment, load_experiment
 from benchmark.page import explorer
@@ -38,7 +37,6 @@ def made(runs: list[RunSpecification]) -> Records:
     n, n_observed = len(runs), compile_seen(runs[0].scenario, runs[0].observation).n_observations
     values = np.zeros((n, 4, n_observed, 5), dtype=np.float32)
     values[0, 2, 13] = (0.12345, -0.5, 0.25, np.nan, 2.0)  # row 1, column 1
-    values[0, 3, 13] = (1e9, -0.5, 0.25, 0, -2.0)
     values[1:] = 99
     greedy = np.full((n, 7, n_observed), RIGHT, dtype=np.uint8)
     greedy[0, 6, 13] = UP | PING
@@ -66,27 +64,22 @@ def written(shown: Experiment, seeds: range | None = None) -> dict[str, Any]:
     return dict(json.loads(gzip.decompress(path.read_bytes())))
 
 
-def masks(text: str) -> NDArray[np.uint8]:
-    return (np.frombuffer(text.encode(), np.uint8) - ord("0")).reshape(-1, 120)
-
-
 def test_first_agent_over_training_and_the_final_policies_of_others(tmp_path: Path) -> None:
     data = written(experiment(tmp_path, "S1", table=["index"]), range(4, 60))
     (agent,) = data["agents"]
     named = [agent[key] for key in ("scenario", "learner", "family", "kind", "scene", "sight")]
     assert named == ["S1", "table", "tabular", "q", 0, 0]
     assert agent["steps"] == [0, 200, 300]  # every second map, and the last
-    values = np.array(agent["values"]).reshape(3, 120, 5).cumsum(axis=0)
-    assert values[1, 13].tolist() == [123, -500, 250, data["no_number"], 2000]
-    assert values[2, 13].tolist() == [2**31 - 1, -500, 250, 0, -2000]  # clipped
-    assert not values[0].any()
-    greedy = masks(agent["greedy"])
+    values = np.array(agent["values"]).reshape(3, 120, 5)
+    assert values[1, 13].tolist() == [0.123, -0.5, 0.25, None, 2]
+    assert not values[[0, 2]].any()
+    greedy = np.reshape(agent["greedy"], (-1, 120))
     others = np.delete(greedy.ravel(), 2 * 120 + 13)
     assert (greedy[2, 13], {*others}) == (UP | PING, {RIGHT})
     assert agent["seeds"] == [4, 5, 6, 7]
     assert MAX_MASKS == 4 * 120
     assert agent["others"]["success"] == [1 / 4, 2 / 4, 3 / 4]
-    assert np.unique(masks(agent["others"]["greedy"])).tolist() == [RIGHT]
+    assert agent["others"]["greedy"] == [RIGHT] * 3 * 120
 
 
 @pytest.mark.parametrize("name", ["Turning", "Moody", "Walking", "Walls", "TwoPeople", "Delayed"])
@@ -105,7 +98,7 @@ def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) ->
     for key in ("grid_reward", "issuer_reward", "terminated", "event"):
         assert (kinds[key] == getattr(model, key)).all()
     assert (kinds["over"][:, 0] == model.is_over).all()
-    assert (np.cumsum(data["sights"][0]["changes"]) == model.observation).all()
+    assert data["sights"][0]["of"] == model.observation.tolist()
     # The number of a state, and of the view that shows it.
     _, n_ticks, n_delayed, n_pings = scene["shape"]
     block = np.arange(n_states) // len(model.position) // n_pings // n_delayed
