@@ -34,6 +34,7 @@ from envs.packages import needed_by
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
+    parse_jobs(options.jobs)  # refused before the store is made
     experiment = load_experiment(options.experiment, smoke=options.smoke)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     _check_report(experiment, seeds, is_drawn=options.report)
