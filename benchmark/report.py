@@ -150,12 +150,12 @@ def folder_name(experiment: Experiment, seeds: range | None) -> str:
 
 def certificate(folder: Path) -> str:
     """Says whether a folder is as in the last commit; returns an empty text if this has none."""
-    name, manifest = folder.name, committed(folder.name, MANIFEST)
-    if manifest is None:
+    name, published = folder.name, committed(folder.name, MANIFEST)
+    if published is None:
         return ""
-    there = {file.name: file.read_bytes() for file in folder.iterdir() if file.suffix != ".html"}
-    files = sorted({*there, *json.loads(manifest)["files"], README})
-    if different := [file for file in files if there.get(file) != committed(name, file)]:
+    files = {*Folder(folder).files, *json.loads(published)["files"], README, MEANINGS, MANIFEST}
+    there = {file: (folder / file).read_bytes() for file in files if (folder / file).is_file()}
+    if different := sorted(file for file in files if there.get(file) != committed(name, file)):
         return f"{name}: different from the published results: {', '.join(different)}."
     return f"{name}: identical to the published results."
 
@@ -323,9 +323,10 @@ def write_texts(results: Path) -> Path:
 
 
 def _published(results: Path) -> list[Folder]:
-    """Returns the folders of published results that are there, in the order of README."""
+    """Returns the folders of published results that have been drawn, in the order of README."""
     paths = [results / name for name in PUBLISHED]
-    return [Folder(path) for path in paths if (path / MANIFEST).is_file()]
+    folders = [Folder(path) for path in paths if (path / MANIFEST).is_file()]
+    return [folder for folder in folders if "experiment" in folder.manifest]
 
 
 def _write_texts(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> None:
