@@ -94,7 +94,7 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
     if run.solved:  # of these, the store has only curves
         curves = {name: array for name, array in record.arrays.items() if name not in POLICY}
         record = replace(record, arrays=curves)
-    if not store.ended([run.digest]):
+    if run.digest not in store.ended():
         store.add([record])
     elif found := difference_of(store.get([run.digest])[0], record):
         raise InputError(f"{title}: not written, since the repeated run {found}.")

@@ -108,15 +108,11 @@ class _Stacked(dict[str, Array]):
 
 
 def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
-    """Reads the records of runs of a population; an InputError says if any is missing."""
-    ended = store.ended(run.digest for run in runs)
-    if missing := [run.seed for run in runs if run.digest not in ended]:
-        found = (
-            f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name}"
-        )
-        which = f"are missing or failed (the first is seed {missing[0]})"
-        raise InputError(f"{found} {which}: run the experiment first.")
-    records = store.get([run.digest for run in runs])
+    """Reads the records of runs of a population; an InputError says if one is not valid."""
+    records = store.get(run.digest for run in runs)
+    for run, record in zip(runs, records, strict=True):
+        if record.status == "failed":
+            raise InputError(f"{run.folder}: this run failed: run the experiment again.")
     arrays = [record.arrays for record in records]
     return Records(runs, arrays, [record.provenance for record in records])
 

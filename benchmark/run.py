@@ -106,7 +106,8 @@ def _train(name: str, runs: list[RunSpecification], store: Store, options: Any) 
         failed = f"{len(errors)} runs failed; the same command tries them again"
         print(f"error: {failed}. First error: {errors[0]}", file=sys.stderr)
         return 1
-    n_diverged = [*store.statuses(run.digest for run in todo).values()].count("diverged")
+    statuses = store.statuses()
+    n_diverged = [statuses[run.digest] for run in todo].count("diverged")
     which = f", {n_diverged} of them diverged" if n_diverged else ""
     print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
     return 0

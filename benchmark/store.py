@@ -10,7 +10,6 @@ import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -147,19 +146,14 @@ class Store:
             lock(file.fileno(), f"{self._path}: {waiting} ...")
             yield
 
-    def statuses(self, digests: Iterable[str] | None = None) -> dict[str, str]:
-        """Returns the status of stored runs, of all or of these, by digest."""
-        query = "SELECT digest, status FROM runs"
+    def statuses(self) -> dict[str, str]:
+        """Returns the status of all stored runs, by digest."""
         with self._input_errors():
-            if digests is None:
-                return dict(self._connection.execute(query))
-            one = f"{query} WHERE digest = ?"
-            found = (self._connection.execute(one, (digest,)).fetchall() for digest in digests)
-            return dict(chain.from_iterable(found))
+            return dict(self._connection.execute("SELECT digest, status FROM runs"))
 
-    def ended(self, digests: Iterable[str] | None = None) -> set[str]:
-        """Returns which runs, of all or of these, have a valid record: done or diverged."""
-        return {digest for digest, status in self.statuses(digests).items() if status != "failed"}
+    def ended(self) -> set[str]:
+        """Returns the digests of all runs that have a valid record: done or diverged."""
+        return {digest for digest, status in self.statuses().items() if status != "failed"}
 
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure a valid one."""
@@ -182,7 +176,7 @@ class Store:
         row = self._connection.execute(query, (digest,)).fetchone()
         # The checksum covers the digest asked for: a damaged index may lead to another run.
         if row is None or not _is_whole(digest, *row[1:]):
-            what = f"the record of run {digest[:12]} is damaged"
+            what = f"the record of run {digest[:12]} is missing or damaged"
             raise InputError(f"{self._path}: {what}; run its experiment again, which repeats it.")
         _, specification, status, error, provenance, _, _, arrays = row
         made = json.loads(provenance)

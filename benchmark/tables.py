@@ -7,10 +7,10 @@ Both begin with the columns that name a population: `scenario`; `grid` and `poin
 `trial`; and `learner`. `seed` and, in `runs`, `run`, the beginning of the run's digest, follow.
 """
 
-import csv
 import gzip
 import io
 import json
+import re
 import sys
 import zlib
 from collections.abc import Callable, Iterable, Sequence
@@ -27,7 +27,7 @@ from benchmark.records import Array, Records, load_records, random_success
 from benchmark.specification import RunSpecification, solved
 from benchmark.store import Store, evaluated
 from envs import ZONES, InputError
-from envs.inputs import shortened, whole_number
+from envs.inputs import shortened
 
 RUNS: Final = "runs.csv.gz"
 CURVES: Final = "curves.csv.gz"
@@ -53,7 +53,6 @@ _NEEDED: Final = {
 }
 _MAX_BYTES: Final = 3_000_000  # of a published file
 _AGAIN: Final = "run the experiment again, which makes them anew"
-MAX_SEEDS: Final = 1_000_000
 
 
 class Group(NamedTuple):
@@ -74,7 +73,7 @@ def tables(groups: Iterable[Group], store: Store) -> tuple[pd.DataFrame, pd.Data
     runs, curves = [], []
     for population, own in groups:
         records, policy = load_records(own, store), population.learner.policy
-        steps, seeds = records.evaluation_steps, records.seeds
+        steps, seeds, arrays = records.evaluation_steps, records.seeds, records.arrays
         found = _over_training(records, policy)
         columns = population.keys | {
             "seed": seeds,
@@ -83,14 +82,17 @@ def tables(groups: Iterable[Group], store: Store) -> tuple[pd.DataFrame, pd.Data
             "budget": steps[-1],
             **{name: values[:, -1] for name, values in found.items()},
             **_unseen(records, policy),
-            **_training(records),
+            "training_wrong_pings": arrays["disagreements"][:, -1],
+            "diverged_at": np.where(arrays["diverged_at"] < 0, np.inf, arrays["diverged_at"]),
+            "updates": arrays["updates"],
+            "parameters": arrays["parameters"],
         }
         runs.append(pd.DataFrame(columns).join(_measured(records)))
         progress = {
             "seed": np.repeat(seeds, len(steps)),
             "step": np.tile(steps, len(seeds)),
             "success": found["success"].ravel(),
-            "training_wrong_pings": records.arrays["disagreements"].ravel(),
+            "training_wrong_pings": arrays["disagreements"].ravel(),
         }
         if "score" in found:
             progress["score"] = found["score"].ravel()
@@ -134,17 +136,6 @@ def _unseen(records: Records, policy: str) -> dict[str, Any]:
     found = records.arrays["unseen_success"]  # (N, 2, 2), or without unseen places (N, 0, 2)
     which = {name: (when, (of or policy) == "stochastic") for name, (when, of) in _UNSEEN.items()}
     return {name: found[:, i, int(j)] if found.size else np.nan for name, (i, j) in which.items()}
-
-
-def _training(records: Records) -> dict[str, Array]:
-    """Returns what training took, (N,) each."""
-    arrays, diverged_at = records.arrays, records.arrays["diverged_at"]
-    return {
-        "training_wrong_pings": arrays["disagreements"][:, -1],
-        "diverged_at": np.where(diverged_at < 0, np.inf, diverged_at),
-        "updates": arrays["updates"],
-        "parameters": arrays["parameters"],
-    }
 
 
 def _measured(records: Records) -> pd.DataFrame:
@@ -205,16 +196,15 @@ def _kept(made: bytes, *known: bytes | None) -> bytes:
 
 
 def _unmeasured(packed: bytes) -> object:
-    """Returns the cells of a compressed table but measured ones, or a file's content."""
+    """Returns the content of a compressed file, without measured columns if it is a table."""
     try:
         content = gzip.decompress(packed)
     except (OSError, EOFError, zlib.error):
         return packed
-    if not content.startswith(b"scenario,") or b",versions\n" not in content[:1000]:
+    if not content.startswith(b"scenario,"):
         return content
-    names, *rows = csv.reader(io.StringIO(content.decode()))
-    kept = [i for i, name in enumerate(names) if name not in MEASURED]
-    return [[row[i] for i in kept] for row in [names, *rows]]
+    table = pd.read_csv(io.BytesIO(content), dtype=str, keep_default_na=False)
+    return table.drop(columns=[*MEASURED], errors="ignore").to_csv()
 
 
 def read(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -253,23 +243,18 @@ def check_declared(
 ) -> None:
     """Checks that the published runs are those that an experiment declares, or with other seeds.
 
-    Of a search, the second stage depends on the first, so its runs are checked but not demanded.
+    Of a search, the second stage depends on the first, so none of its runs is demanded.
     """
-    populations = {(*each.keys.values(),): each for each in experiment.populations}
     declared = {
-        (*names, run.seed, run_id(run))
-        for names, population in populations.items()
+        (*population.keys.values(), run.seed, run_id(run))
+        for population in experiment.populations
         for run in population.runs(population.taken(seeds))
     }
     keys = [*experiment.populations[0].keys, "seed", "run"]
     is_alike = {*keys} <= {*table}
     found = {*table[keys].itertuples(index=False, name=None)} if is_alike else set()
-    others, search = found - declared, experiment.declared.search
-    if search is not None:
-        for *names, seed, run in [*others]:
-            population = populations.get((*names,))
-            if population and seed in search.fresh and run == run_id(population.runs([seed])[0]):
-                others.remove((*names, seed, run))
+    search = experiment.declared.search
+    others = {row for row in found - declared if search is None or row[-2] not in search.fresh}
     missing = len(declared - found)
     if others or missing:
         what = f"{missing} of {len(declared)} declared runs are missing, {len(others)} are others"
@@ -285,13 +270,11 @@ def parse_seeds(text: str | None) -> range | None:
     """
     if text is None:
         return None
-    first, dash, last = text.partition("-")
-    try:
-        low = whole_number(first, "--seeds", 0, MAX_SEEDS - 1)
-        high = whole_number(last, "--seeds", low, MAX_SEEDS - 1) if dash else low
-    except InputError:
-        accepted = f"A-B with A at most B, as in 0-29, or one seed, as in 7; below {MAX_SEEDS:,}"
-        raise InputError(f"--seeds {shortened(text)}: accepted: {accepted}.") from None
+    match = re.fullmatch(r"([0-9]{1,6})(?:-([0-9]{1,6}))?", text)
+    low, high = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+    if low > high:
+        accepted = "A-B with A at most B, as in 0-29, or one seed, as in 7; below 1,000,000"
+        raise InputError(f"--seeds {shortened(text)}: accepted: {accepted}.")
     return range(low, high + 1)
 
 

@@ -138,7 +138,7 @@ def _difference(group: Group, published: Tables | None, store: Store, repeated: 
     (record,) = repeated.get([run.digest])
     if record.error:
         return f"failed: {record.error}"
-    if store.ended([run.digest]):
+    if run.digest in store.ended():
         (before,) = store.get([run.digest])
         if found := difference_of(before, record):
             return found

@@ -8,6 +8,7 @@ import pytest
 
 from benchmark.executors import Threads
 from benchmark.experiment import load_experiment
+from benchmark.job import failures
 from benchmark.records import anchors, check_scores, load_records, optimal_values
 from benchmark.run import execute
 from benchmark.store import Store
@@ -19,20 +20,21 @@ from tests.support import specifications
 SMOKE = load_experiment("reproduce", smoke=True)
 
 
-def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "default", "S2", "q_learning", "index", range(6))
+def test_records_are_read_in_order_unless_one_is_not_valid(tmp_path: Path) -> None:
+    runs = specifications(SMOKE, "default", "S2", "q_learning", "index", range(3))
     with Store(tmp_path / "runs.db") as store:
-        execute(runs[:2] + runs[3:], store, 1, executor=Threads(1))
-        with pytest.raises(
-            InputError, match=r"1 of 6 runs of q_learning in S2 .* \(the first is seed 2\)"
-        ):
+        store.add(failures(runs[:1], ValueError("oh"), 0.0))
+        execute(runs[1:], store, 1, executor=Threads(1))
+        loaded = load_records([runs[2], runs[1]], store)
+        (record,) = store.get([runs[1].digest])
+        with pytest.raises(InputError, match=r"S2/q_learning_index/seed_0: this run failed"):
             load_records(runs, store)
-        execute(runs, store, 1, executor=Threads(1))
-        loaded = load_records(runs[::-1], store)
-        assert list(loaded.seeds) == [5, 4, 3, 2, 1, 0]
-        (record,) = store.get([runs[0].digest])
+        other = runs[0].with_seed(7)
+        with pytest.raises(InputError, match=rf"run {other.digest[:12]} is missing or damaged"):
+            load_records([other], store)
+    assert loaded.seeds == [2, 1]
     for name, values in record.arrays.items():
-        assert np.array_equal(loaded.arrays[name][5], values)
+        assert np.array_equal(loaded.arrays[name][1], values)
 
 
 def test_scores_lie_between_the_exact_anchors() -> None:

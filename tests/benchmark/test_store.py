@@ -51,7 +51,7 @@ def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
         assert store.ended() == {"x", "y"}
         second, first = store.get(["y", "x"])
         assert (second.arrays, first.arrays["a"].tolist()) == ({}, [1, 1, 1])
-        with pytest.raises(InputError, match="the record of run other"):
+        with pytest.raises(InputError, match="the record of run other is missing"):
             store.get(["other"])
 
 
@@ -137,7 +137,7 @@ def test_foreign_files_are_refused_and_left_alone(tmp_path: Path) -> None:
             with pytest.raises(InputError, match=rf"{path.name}.*move it away"):
                 Store(path, read_only=read_only)
         assert path.read_bytes() == before
-    with pytest.raises(InputError, match=r"runs\.db: cannot be used as the store .*text"):
+    with pytest.raises(InputError, match=r"runs\.db: cannot be used as the store .*exists"):
         Store(text / "runs.db")
 
 
