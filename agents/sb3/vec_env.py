@@ -1,4 +1,4 @@
-"""Stable-Baselines3's `VecEnv` over a compiled scenario: look-ups in arrays, not a Python env per member."""
+"""Stable-Baselines3's `VecEnv` over a compiled scenario: look-ups in arrays, no env per member."""
 
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -19,23 +19,23 @@ _NO_LIMIT = 2**62  # steps
 class SB3VecEnv(VecEnv):
     """N envs of a model that step together, with the rules of `envs.ProxemicEnv`.
 
-    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated` and `is_success` where
-    an episode ended. A single generator serves all envs; `seed(s)` seeds it, where SB3's envs would seed
-    env i with `s + i`.
+    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated`, `is_success`
+    where an episode ended. A single generator serves all envs; `seed(s)` seeds it, where SB3's envs
+    would seed env i with `s + i`.
     """
 
-    def __init__(self, model: Model, n: int, observation: str, time_limit: int | None = None) -> None:
+    def __init__(self, model: Model, n: int, form: str, time_limit: int | None = None) -> None:
         """Makes envs, each of which is reset in the step that ends its episode."""
         self.model, self.render_mode = model, None
         self.disagreements = 0  # wrong PINGs of all envs since the last reset
         self._limit = time_limit or _NO_LIMIT
-        self._table = observation_table(model, observation)
+        self._table = observation_table(model, form)
         self._state = np.full(n, model.start, dtype=np.intp)
         self._steps = np.zeros(n, dtype=np.int64)  # of the episode
         self._generator = np.random.default_rng()
         self._seed: int | None = None
         self._actions: NDArray[np.integer] = np.zeros(n, dtype=np.int64)
-        space = observation_space(self._table, observation)
+        space = observation_space(self._table, form)
         super().__init__(n, space, spaces.Discrete(len(ACTIONS)))
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
@@ -62,7 +62,8 @@ class SB3VecEnv(VecEnv):
         pairs = self._state * len(ACTIONS) + self._actions  # serve all flat tables over (S, A)
         reward = model.issuer_reward.take(pairs)
         if model.is_noisy:
-            reward = draw_issuer_reward(reward, model.issuer_noise.take(pairs), self._draw(self.num_envs))
+            noise = model.issuer_noise.take(pairs)
+            reward = draw_issuer_reward(reward, noise, self._draw(self.num_envs))
         reward = model.grid_reward.take(pairs) + reward
         outcome = pairs * k
         if k > 1:
@@ -100,7 +101,7 @@ class SB3VecEnv(VecEnv):
 
     def env_method(self, method_name: str, *_: object, **__: object) -> NoReturn:
         """Refuses what would be for single envs, as does `set_attr`."""
-        raise NotImplementedError(f"{method_name}: accepted: nothing; all envs share what they have.")
+        raise NotImplementedError(f"{method_name}: accepted: nothing; envs share all they have.")
 
     set_attr = env_method  # type: ignore[assignment]
 
