@@ -610,21 +610,6 @@ class Experiment:
         given = name if name in experiment_names() else f"{name}.toml"
         return f"{given} --smoke" if self.declared.is_miniature else given
 
-    def population(self, condition: str, scenario: str, learner: str) -> Population:
-        """Returns a population by its names; the scenario may be any other, by name or path."""
-        name = Path(scenario).stem
-        found = next(
-            each
-            for each in self.populations
-            if (each.condition.name, each.learner.name) == (condition, learner)
-            and (each.scenario.name == name or name not in self.scenarios)
-        )
-        if name in self.scenarios:
-            return found
-        other = load_scenario(scenario, found.condition.scenario(name))
-        firsts = tuple(replace(first, scenario=other) for first in found.firsts)
-        return replace(found, scenario=other, firsts=firsts)
-
 
 def load_experiment(experiment: str | Path, *, smoke: bool = False) -> Experiment:
     """Reads an experiment, and checks it together with the algorithms and scenarios that it names.
@@ -836,27 +821,25 @@ class _Loading:
                 where = f"{axis}s.{value}.{kind}"
                 if getattr(change, kind) and is_idle.get(where, True):
                     less = change.model_copy(update={kind: getattr(Change(), kind)})
-                    without = replace(each.condition, changes=(less, *others))
-                    is_idle[where] = not self.differs(each, without)
+                    condition = replace(each.condition, changes=(less, *others))
+                    is_idle[where] = self.is_same(each, condition)
         for where in [key for key, is_so in is_idle.items() if is_so]:
             raise InputError(f"{self.path}: {where} changes no run; remove it.")
 
-    def differs(self, population: Population, condition: Condition) -> bool:
-        """Returns whether the runs of a population would differ under another condition."""
-        settings = [run.settings for run in population.firsts]
+    def is_same(self, population: Population, condition: Condition) -> bool:
+        """Returns whether the runs of a population would be the same under another condition."""
         with suppress(InputError):
-            return (
-                population.scenario not in self.changed(condition)
-                or self.settings(population.learner, condition) != settings
-            )
-        return True
+            settings = self.settings(population.learner, condition)
+            is_alike = settings == [run.settings for run in population.firsts]
+            return is_alike and population.scenario in self.changed(condition)
+        return False
 
 
 def digest_of_search(search: Declaration) -> str:
     """Returns a digest of what a search depends on: its file but texts, scenarios and versions."""
-    texts = {"description": True, "note": True, "report": True}
-    excluded = texts | {"algorithms": {"__all__": {"title"}}}
-    content = search.model_dump(mode="json", exclude=excluded)
+    content = search.model_dump(mode="json", exclude={"description", "note", "report"})
+    for variant in content["algorithms"].values():
+        del variant["title"]
     scenarios = map(load_scenario, search.scenarios)
     content["scenarios"] = [scenario.model_dump(mode="json") for scenario in scenarios]
     algorithms = [load_algorithm(each.algorithm).version for each in search.algorithms.values()]

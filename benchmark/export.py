@@ -22,7 +22,7 @@ from benchmark.job import POLICY
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
 from benchmark.style import check_file
-from envs import InputError
+from envs import InputError, load_scenario
 from envs.inputs import unknown_name, whole_number
 from envs.observations import compile_seen, observation_table
 
@@ -66,8 +66,14 @@ def find_run(
     conditions = {each.condition.name for each in alike if each.learner.name == name}
     if condition not in conditions:
         unknown_name(f"{experiment.name}: {name}", "condition", condition, conditions)
-    scenario = scenario or next(iter(experiment.scenarios))
-    return experiment.population(condition, scenario, name).runs([number])[0]
+    wanted = condition, name
+    found = next(each for each in alike if (each.condition.name, each.learner.name) == wanted)
+    (run,) = found.runs([number])
+    if scenario is None:
+        return run
+    stem = Path(scenario).stem
+    known = experiment.scenarios.get(stem, scenario)
+    return replace(run, scenario=load_scenario(known, found.condition.scenario(stem)))
 
 
 def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None:

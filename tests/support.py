@@ -113,7 +113,13 @@ def specifications(
     seeds: Iterable[int] | None = None,
 ) -> list[RunSpecification]:
     """Lists the runs of a population, as the experiment names it."""
-    return experiment.population(condition, scenario, f"{variant}, {observation}").runs(seeds)
+    names = condition, scenario, f"{variant}, {observation}"
+    (population,) = (
+        each
+        for each in experiment.populations
+        if (each.condition.name, each.scenario.name, each.learner.name) == names
+    )
+    return population.runs(seeds)
 
 
 def few_places(name: str, n: int = 6) -> dict[str, Any]:

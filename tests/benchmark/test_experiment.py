@@ -150,7 +150,7 @@ def test_every_key_has_a_docstring() -> None:
 
 def test_reproduce_declares_what_the_paper_says() -> None:
     experiment = load_experiment("reproduce")
-    runs = experiment.population("default", "S1", "q_learning, index").runs()
+    runs = experiment.populations[0].runs()  # of the default in S1
     assert [run.seed for run in runs] == list(range(1000))  # ten times as many as the paper's 100
     settings = runs[0].settings.model_dump()
     defaults = load_algorithm("q_learning").settings().model_dump()

@@ -14,7 +14,7 @@ from benchmark.specification import evaluation_steps, given_up, solved
 from envs import load_scenario
 from tests.support import small_experiment, variant
 
-RUN = load_experiment("sb3").population("default", "S1", "q_learning, index").first
+RUN = load_experiment("sb3").populations[0].first  # of Q-learning in S1
 
 
 def test_an_identity_is_the_digest_of_all_that_a_result_depends_on() -> None:
