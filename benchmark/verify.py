@@ -117,7 +117,8 @@ def _stored(
         drawn = np.random.default_rng(seed).permutation(sorted(groups))[:n].tolist()
         with Store(made / "repeated.db") as repeated:
             execute([groups[digest][0].runs[0] for digest in drawn], repeated, jobs)
-            found = {digest: _difference(*groups[digest], store, repeated) for digest in drawn}
+            stored = {digest: store if digest in ended else None for digest in drawn}
+            found = {d: _difference(*groups[d], stored[d], repeated) for d in drawn}
         different = {digest: text for digest, text in found.items() if text}
         for digest, text in different.items():
             yield f"{groups[digest][0].runs[0].folder} ({digest[:12]}): the repeated run {text}."
@@ -132,13 +133,15 @@ def _published(folder: Path) -> Tables | None:
     return None
 
 
-def _difference(group: Group, published: Tables | None, store: Store, repeated: Store) -> str:
+def _difference(
+    group: Group, published: Tables | None, store: Store | None, repeated: Store
+) -> str:
     """Returns in what a repeated run differs from its record and from its rows in the tables."""
     run, names = group.runs[0], group.population.keys
     (record,) = repeated.get([run.digest])
     if record.error:
         return f"failed: {record.error}"
-    if run.digest in store.ended():
+    if store is not None:
         (before,) = store.get([run.digest])
         if found := difference_of(before, record):
             return found
