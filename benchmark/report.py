@@ -13,7 +13,7 @@ import shutil
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib.machinery import SourceFileLoader
@@ -189,12 +189,10 @@ class Study:
     def text(self, name: str, data: Data) -> str:
         """Returns one of the study's texts; empty if there is none.
 
-        Tables without runs are of an earlier version, and may lack what the text needs.
+        Tables without runs are of an earlier version, which had other rules.
         """
-        function = getattr(self.module, name, lambda _: "")
-        with nullcontext() if len(data.runs) else suppress(InputError):
-            return str(_called(function, data))
-        return ""
+        function = getattr(self.module, name, None)
+        return str(_called(function, data)) if function and len(data.runs) else ""
 
 
 def study_of(experiment: Experiment) -> Study:
@@ -488,7 +486,8 @@ def _made(study: Study, folder: Folder) -> str:
     made = (
         f"`{manifest['command']}` made these results ({manifest['runs']} runs, commit {commits})."
     )
+    again = "Its runs are not published, so tables and verdicts are of an earlier version."
     if tables.RUNS in folder.files:
         source = "stored runs" if hasattr(study.module, "READS_STORE") else f"`{tables.RUNS}`"
-        made = f"{made} `report {study.experiment.argument}` draws them again from {source}."
-    return "\n\n".join(["## How it was made", *filter(None, [note]), made])
+        again = f"`report {study.experiment.argument}` draws them again from {source}."
+    return "\n\n".join(["## How it was made", *filter(None, [note]), f"{made} {again}"])

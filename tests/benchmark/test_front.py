@@ -8,7 +8,9 @@ import pytest
 
 from benchmark import front
 from benchmark.experiment import PUBLISHED
-from benchmark.folder import MANIFEST, README, Folder, read_csv, write_csv, write_manifest
+from benchmark.folder import MANIFEST, MEANINGS, README, Folder, read_csv, write_csv, write_manifest
+from benchmark.report import MAX_WORDS
+from benchmark.tables import RUNS
 from envs import InputError
 from tests.support import ROOT
 
@@ -20,6 +22,15 @@ def test_readme_is_what_the_tables_make() -> None:
     assert (ROOT / README).read_text(encoding="utf-8") == text
     assert len(text.split()) <= 700
     assert (RESULTS / README).read_text(encoding="utf-8") == front.index(RESULTS)
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_readme_of_a_folder_is_short_and_its_columns_are_explained(name: str) -> None:
+    text = (RESULTS / name / README).read_text(encoding="utf-8")
+    assert len(text.split()) <= MAX_WORDS
+    if RUNS in Folder(RESULTS / name).files:
+        meanings = read_csv(RESULTS / name / MEANINGS)
+        assert meanings["meaning"].ne("").all()
 
 
 @pytest.fixture
