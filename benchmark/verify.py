@@ -105,7 +105,7 @@ def _stored(
             which = f"{len(damaged)} records are damaged (the first: {damaged[0][:12]})"
             yield f"{path}: {which}; run their experiments again, which repeats them."
         else:
-            print(f"{path}: the checksums of all {len(ended)} records are correct.")
+            print(f"{path}: the checksums of all {len(ended)} stored records are correct.")
         groups = dict[str, tuple[Group, Tables | None]]()
         for experiment in experiments:
             published = _published(results / experiment.name)

@@ -61,7 +61,7 @@ def test_what_is_as_it_was_made_is_verified_with_and_without_stored_runs(
     before = {path: path.read_bytes() for path in results.rglob("*.*") if path.is_file()}
     code, said = verify(results, capsys, "--seed", "3")
     assert code == 0, said
-    assert "the checksums of all 8 records are correct." in said
+    assert "the checksums of all 8 stored records are correct." in said
     drawn = "2 of 8 runs were repeated, drawn with --seed 3; 2 are identical."
     assert drawn in said
     (results / "runs.db").unlink()
