@@ -13,24 +13,11 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from benchmark import __version__
+from envs.inputs import InputError
+from envs.packages import contained, needed_by
+from envs.sources import VARIABLES
 
-_CORE: Final = ("gymnasium", "numpy", "pydantic")  # packages without which nothing works
 _INTERRUPTED: Final = "interrupted: what is stored is kept; repeat the command to go on."
-
-try:
-    from envs.inputs import InputError
-    from envs.packages import contained, needed_by
-    from envs.sources import VARIABLES
-except KeyboardInterrupt:  # imports take a second
-    print(_INTERRUPTED, file=sys.stderr)
-    sys.exit(130)
-except ModuleNotFoundError as error:
-    if error.name not in _CORE:
-        raise
-    installer = f"pip install {error.name} installs it (in a checkout: make .venv/.base)"
-    print(f"error: the package {error.name} is not installed; {installer}.", file=sys.stderr)
-    sys.exit(2)
-
 _EPILOG: Final = """\
 examples:
   python -m benchmark list                         scenarios, algorithms, experiments

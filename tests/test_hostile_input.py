@@ -150,11 +150,6 @@ def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture
     assert not (tmp_path / "out").exists()
 
 
-def test_arguments(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "--seeds 999" in refused(capsys, "run", "reproduce", "--seeds", "9" * 5000)
-    assert "EXPERIMENT; 'python -m benchmark run --help'" in refused(capsys, "run")
-
-
 @pytest.mark.slow
 def test_closed_and_full_outputs(tmp_path: Path) -> None:
     def bash(command: str) -> subprocess.CompletedProcess[str]:

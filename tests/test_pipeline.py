@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.folder import digests
 from benchmark.tables import MEASURED, read
 from tests.support import mistyped_columns
 
@@ -42,10 +41,3 @@ def test_results_do_not_depend_on_how_the_work_was_split(results: Path, tmp_path
     ):
         columns = frame.columns.difference([*MEASURED])
         pd.testing.assert_frame_equal(frame[columns], other[columns], check_exact=True)
-
-
-def test_drawing_again_changes_nothing(results: Path) -> None:
-    folder = results / "reproduce_smoke"
-    before = digests(folder)
-    assert main(["report", "reproduce", "--smoke", "--results", str(results)]) == 0
-    assert digests(folder) == before

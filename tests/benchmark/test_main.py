@@ -28,6 +28,8 @@ FILES = {
         ("run FOLDER/reproduce.toml", "reproduce"),  # results would be those of the shipped one
         ("run reproduce --jobs 0", "--jobs 0: "),
         ("run reproduce --seeds 9-2", "--seeds 9-2: "),
+        (f"run reproduce --seeds {'9' * 5000}", "--seeds 999"),
+        ("run", "EXPERIMENT; 'python -m benchmark run --help'"),
         ("run reproduce --results FOLDER/file/results", "/file/results"),
         ("speed --smoke --results FOLDER/file/results", "/file/results"),
         ("report", "FOLDER"),  # no results
@@ -75,17 +77,16 @@ def test_list_and_help_describe_everything(capsys: pytest.CaptureFixture[str]) -
     assert "(default: compare_deep)" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("package", ["agents", "envs", "numpy"])
-def test_a_package_that_hides_ours_or_is_not_installed_is_named(
-    package: str, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("package", ["agents", "envs"])
+def test_a_package_that_hides_ours_is_named(package: str, tmp_path: Path) -> None:
     (file := tmp_path / package / "__init__.py").parent.mkdir()
-    file.write_text('raise ModuleNotFoundError("planted", name="numpy")', encoding="utf-8")
+    file.touch()
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     command = [sys.executable, "-m", "benchmark", "list"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
-    said = f"ImportError: {file} is found in place of this project's package {package}; rename it."
-    if package == "numpy":
-        said = "error: the package numpy is not installed; pip install numpy installs it"
-    assert done.stderr.splitlines()[-1].startswith(said)
-    assert done.returncode == (2 if package == "numpy" else 1)
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert (
+        last
+        == f"ImportError: {file} is found in place of this project's package {package}; rename it."
+    )
