@@ -4,19 +4,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import optimize, sparse
 
 from agents.dynamic_programming import evaluate, solve
 from envs import EVENTS, ZONES, Model, compile_scenario, load_scenario
+from envs.arrays import Floats
 from envs.observations import compile_seen
+from tests.agents import Changes
 
 
 def model_of(name: str, **overrides: Any) -> Model:
     return compile_scenario(load_scenario(name, overrides))
 
 
-def linear_programme(model: Model, discount: float) -> NDArray[np.float64]:
+def linear_programme(model: Model, discount: float) -> Floats:
     """Optimal values by the primal linear programme (Puterman 1994, section 6.9.1)."""
     n_states, n_actions, _ = model.next_state.shape
     rows = np.arange(n_states * n_actions)
@@ -68,7 +69,7 @@ def test_evaluation_by_hand() -> None:
     assert evaluate(model, always[1], 3).grid_return == pytest.approx(-1.2)
 
 
-def backward(model: Model, policy: NDArray[np.float64], horizon: int) -> NDArray[np.float64]:
+def backward(model: Model, policy: Floats, horizon: int) -> Floats:
     """All expectations from the start, (5 + zones,), by sweeping the policy's Bellman operator backwards."""
     zones = [((model.zone[model.next_state] == z) * model.probability).sum(2) for z in range(len(ZONES))]
     gains = np.stack(
@@ -88,20 +89,20 @@ def backward(model: Model, policy: NDArray[np.float64], horizon: int) -> NDArray
     return np.asarray(totals[:, model.starts].mean(axis=1))
 
 
-def check(model: Model, policy: NDArray[np.float64], horizon: int) -> None:
+def check(model: Model, policy: Floats, horizon: int) -> None:
     result = evaluate(model, policy, horizon)
     sums = [result.grid_return, result.scenario_return, result.success, result.steps, result.wrong_pings]
     assert [*sums, *result.zone_steps] == pytest.approx(backward(model, policy, horizon), abs=1e-9)
 
 
 CIRCLE = {"kind": "circle", "radius": 1}
-ROOM: dict[str, Any] = {
+ROOM: Changes = {
     "grid.rows": 4, "grid.columns": 5, "grid.start": "anywhere", "ping_limit": 2,
     "observe": ["agent", "issuer"], "issuer.position": "anywhere", "group": {"people": 2, "apart": [2, 2.3]},
     "regions": {"uncomfortable": CIRCLE, "target": CIRCLE | {"radius": 1.5}},
 }  # fmt: skip
 WALK = {"others": [{"position": [0, 1], "walk": {"corners": [[0, 3]]}}], "ping_limit": 1}
-PHASES: list[dict[str, Any]] = [
+PHASES: list[Changes] = [
     {"name": "calm", "next": {"tense": 0.3}},
     {"name": "tense", "heading": "up", "next": {}},
 ]
@@ -112,6 +113,6 @@ TALKING = {"group": {"people": 3, "apart": [2, 3]}, "regions.target": {"kind": "
 @pytest.mark.parametrize(
     "scene", [{}, WALK, {"phases": PHASES}, TALKING], ids=["strangers", "walk", "moods", "talking"]
 )
-def test_evaluation_of_groups_equals_backward_sweep(scene: dict[str, Any], form: str) -> None:
+def test_evaluation_of_groups_equals_backward_sweep(scene: Changes, form: str) -> None:
     model = compile_seen(load_scenario("S1", ROOM | scene), form)
     check(model, np.random.default_rng(1).dirichlet(np.ones(5), model.n_observations), 25)

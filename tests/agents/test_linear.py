@@ -10,6 +10,7 @@ from agents import Schedule, load_algorithm
 from envs import Model, load_scenario
 from envs.observations import compile_seen
 from envs.tiles import tiles_of
+from tests.agents import Changes
 from tests.agents.test_tabular import MOVES
 from tests.agents.words import textbook
 
@@ -20,7 +21,7 @@ def model_of(scenario: str, observation: str, **overrides: Any) -> Model:
     return compile_seen(load_scenario(scenario, overrides), observation)
 
 
-CROWD: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.places": 3, "onlookers.ways": 5}
+CROWD: Changes = {"grid.rows": 5, "grid.columns": 6, "issuer.places": 3, "onlookers.ways": 5}
 
 
 @pytest.mark.parametrize(
@@ -66,7 +67,7 @@ def test_tiles_of_two_tilings_by_hand(
     ],
 )
 def test_kernel_equals_a_loop_in_plain_python(
-    name: str, scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
+    name: str, scenario: str, overrides: Changes, changes: Changes
 ) -> None:
     model, algorithm = model_of(scenario, "coordinates", **overrides), load_algorithm(name)
     settings: Any = algorithm.settings(budget=2000, time_limit=50, **changes)

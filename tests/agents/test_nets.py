@@ -32,7 +32,8 @@ from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from agents.tabular import learner
 from envs import Model, compile_scenario, load_scenario
-from tests.agents import MOODS
+from envs.arrays import Floats, Ints
+from tests.agents import MOODS, Changes
 from tests.agents.words import uniform, xoshiro
 from tests.support import ROOT
 
@@ -57,11 +58,11 @@ ANYWHERE = compile_scenario(
     load_scenario("S1", {"issuer.position": "anywhere", "observe": ["agent", "issuer"]})
 )
 SCENES = {"S1": S1, "moods": MOODY, "noisy moods": NOISY_MOODY, "anywhere": ANYWHERE}
-AGENTS: dict[str, Any] = {"compiled_dqn": DqnAgent, "compiled_ppo": PpoAgent}
-SHARED: dict[str, Any] = {
+AGENTS: Changes = {"compiled_dqn": DqnAgent, "compiled_ppo": PpoAgent}
+SHARED: Changes = {
     "budget": 400, "time_limit": 30, "gamma": 0.875, "policy_kwargs": PolicyArguments(net_arch=(24, 16)),
 }  # fmt: skip
-SETTINGS: dict[str, Any] = {
+SETTINGS: Changes = {
     "compiled_dqn": DqnSettings(
         train_freq=2, learning_rate=1e-3, target_update_interval=50, exploration_fraction=0.8, **SHARED
     ),
@@ -117,13 +118,13 @@ class Chance:
         if len(self.model.starts) > 1:
             self.queue.append([next(self.acting) for _ in range(env.num_envs)])
 
-    def random(self, n: int) -> NDArray[np.float64]:
+    def random(self, n: int) -> Floats:
         """Returns what `SB3VecEnv` draws."""
         numbers = np.array(self.queue.popleft())
         assert numbers.shape == (n,)
         return numbers
 
-    def actions(self, choose: Callable[[int], int]) -> NDArray[np.int64]:
+    def actions(self, choose: Callable[[int], int]) -> Ints:
         """Returns an action for each env, and draws what their steps take, env after env."""
         actions, noise, outcome, start = [], [], [], []
         for e, state in enumerate(self.env._state):
@@ -187,13 +188,13 @@ def check_weights(parts: list[torch.Tensor], values: list[NDArray[Any]]) -> None
         assert np.linalg.norm(value.T - theirs) <= 1e-8 * np.linalg.norm(theirs)
 
 
-def in_turn(*cases: tuple[str, dict[str, Any]]) -> list[tuple[str, str, dict[str, Any]]]:
+def in_turn(*cases: tuple[str, Changes]) -> list[tuple[str, str, Changes]]:
     """Gives the cases the forms of observation by turns."""
     return [(OBSERVATIONS[i % len(OBSERVATIONS)], *case) for i, case in enumerate(cases)]
 
 
 # Whatever it computes in, Stable-Baselines3 rounds discounts to float32. Those here are the same then.
-DQN_CASES: list[tuple[str, dict[str, Any]]] = [
+DQN_CASES: list[tuple[str, Changes]] = [
     ("S1", {}),
     ("S1", {"learning_rate": 1e-2, "gamma": 0.625, "policy_kwargs": {"net_arch": ()}, "learning_starts": 173,
             "train_freq": 4, "gradient_steps": 3}),
@@ -213,7 +214,7 @@ DQN_CASES: list[tuple[str, dict[str, Any]]] = [
 @pytest.mark.filterwarnings("ignore:The number of environments used")
 @pytest.mark.parametrize(("observation", "scene", "changes"), in_turn(*DQN_CASES), ids=str)
 def test_dqn_is_stable_baselines3s(
-    observation: str, scene: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    observation: str, scene: str, changes: Changes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = SCENES[scene]
     changes = {"budget": 600} | changes
@@ -237,9 +238,9 @@ def test_dqn_is_stable_baselines3s(
         actions = chance.actions(choose)
         return actions, actions
 
-    drawn: deque[NDArray[np.int64]] = deque()
+    drawn: deque[Ints] = deque()
 
-    def draw(low: int, high: int, size: Any) -> NDArray[np.int64]:
+    def draw(low: int, high: int, size: Any) -> Ints:
         nonlocal n_updates
         assert low == 0
         if not drawn:  # rows of the buffer; then envs
@@ -259,7 +260,7 @@ def test_dqn_is_stable_baselines3s(
     check_weights(linear_layers(stock.q_net), ours.weights())
 
 
-PPO_CASES: list[tuple[str, dict[str, Any]]] = [
+PPO_CASES: list[tuple[str, Changes]] = [
     ("S1", {}),
     ("S1", {"batch_size": 40, "ent_coef": 0.05, "n_epochs": 20, "policy_kwargs": {"net_arch": (128, 128)}}),
     ("S1", {"batch_size": 17, "gae_lambda": 0.5, "vf_coef": 1.5, "normalize_advantage": False,
@@ -272,7 +273,7 @@ PPO_CASES: list[tuple[str, dict[str, Any]]] = [
 
 @pytest.mark.parametrize(("observation", "scene", "changes"), in_turn(*PPO_CASES), ids=str)
 def test_ppo_is_stable_baselines3s(
-    observation: str, scene: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    observation: str, scene: str, changes: Changes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = SCENES[scene]
     settings = settings_of("compiled_ppo", **changes)
@@ -287,7 +288,7 @@ def test_ppo_is_stable_baselines3s(
         up_to = distribution.probs.numpy().cumsum(axis=1)[:, :-1]
         return torch.from_numpy(chance.actions(lambda e: int((next(chance.acting) >= up_to[e]).sum())))
 
-    def permute(n: int) -> NDArray[np.int64]:
+    def permute(n: int) -> Ints:
         order = list(range(n))
         for i in range(n - 1, 0, -1):
             j = int(next(chance.learning) * (i + 1))
@@ -310,7 +311,7 @@ def test_ppo_is_stable_baselines3s(
 
 def test_first_weights_are_those_of_pytorch() -> None:
     """Of DQN uniform, bounded by 1 / sqrt(inputs); of PPO orthogonal, with Stable-Baselines3's gains."""
-    net: dict[str, Any] = {"policy_kwargs": {"net_arch": (64, 48)}}
+    net: Changes = {"policy_kwargs": {"net_arch": (64, 48)}}
     dqn, ppo = (agent_of(name, "one_hot", S1, np.float32, **net).weights() for name in AGENTS)
     for weights, biases in zip(dqn[::2], dqn[1::2], strict=True):
         bound = 1 / np.sqrt(len(weights))
@@ -335,7 +336,7 @@ def equal(one: Any, other: Any, rows: Any = slice(None)) -> bool:
     )
 
 
-CASES: dict[str, list[dict[str, Any]]] = {
+CASES: dict[str, list[Changes]] = {
     "compiled_dqn": [
         {"policy_kwargs": {"net_arch": (48, 40)}, "batch_size": 64},
         {"policy_kwargs": {"net_arch": ()}, "n_steps": 3, "batch_size": 128},

@@ -16,7 +16,6 @@ import pytest
 import torch
 from gymnasium import spaces
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from agents import DeepTraining, Schedule, check_training, load_algorithm
@@ -28,19 +27,20 @@ from agents.sb3.tables import saved_table
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, compile_scenario, load_scenario
+from envs.arrays import Floats
 from envs.inputs import parse
 from envs.observations import compile_seen
-from tests.agents import MOODS
+from tests.agents import MOODS, Changes
 
 S1 = compile_scenario(load_scenario("S1"))
 DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
 PPO = PpoSettings(budget=400, time_limit=50, n_steps=50, n_envs=2, batch_size=32, n_epochs=2)
-METHODS: dict[str, Any] = {"sb3_dqn": algorithms.DQN, "sb3_ppo": algorithms.PPO}
-COMPILED: dict[str, Any] = {name: load_algorithm(name) for name in ("compiled_dqn", "compiled_ppo")}
+METHODS: Changes = {"sb3_dqn": algorithms.DQN, "sb3_ppo": algorithms.PPO}
+COMPILED: Changes = {name: load_algorithm(name) for name in ("compiled_dqn", "compiled_ppo")}
 SETTINGS: dict[str, Sb3Settings] = {"sb3_dqn": DQN, "sb3_ppo": PPO, "compiled_dqn": DQN, "compiled_ppo": PPO}
 
 # Random starts, random changes of an observed phase and, in S2, random feedback.
-CHANGING: dict[str, Any] = {
+CHANGING: Changes = {
     "grid.start": [[0, 0], [9, 0], [0, 11]],
     "observe": ["agent", "phase", "wrong_pings"],
     "phases": MOODS,
@@ -67,7 +67,7 @@ def vec_env(
     ],
 )
 def test_vec_env_steps_as_stable_baselines3s_own_does(
-    scenario: str, n: int, overrides: dict[str, Any], observation: str
+    scenario: str, n: int, overrides: Changes, observation: str
 ) -> None:
     ours: Any = vec_env(n, scenario, observation, **overrides)
     arguments: Any = {"observation": observation, "overrides": overrides, "max_episode_steps": 7}
@@ -137,7 +137,7 @@ def test_default_net_is_sb3s(name: str) -> None:
          "PPO cannot be trained: policy_kwargs: features_extractor_class torch.nn:Linear: accepted"),
     ],
 )  # fmt: skip
-def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], expected: str) -> None:
+def test_settings_that_cannot_be_are_refused(name: str, values: Changes, expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         parse(load_algorithm(name).settings, values, "mine.toml")
 
@@ -152,7 +152,7 @@ def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], 
     ],
 )
 def test_a_rollout_whose_length_is_not_set_divides_the_budget(
-    name: str, values: dict[str, Any], expected: int
+    name: str, values: Changes, expected: int
 ) -> None:
     settings: Any = parse(load_algorithm(name).settings, values, "mine.toml")
     length = settings.train_freq if name == "sb3_dqn" else settings.n_steps
@@ -266,9 +266,9 @@ def test_divergence_is_reported_and_counts_as_random(name: str) -> None:
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_after_an_early_end_the_last_policy_stays(name: str) -> None:
-    whole, asked = trained(name, points=[*range(0, 401, 50)]), list[NDArray[np.float64]]()
+    whole, asked = trained(name, points=[*range(0, 401, 50)]), list[Floats]()
 
-    def may_end(i: int, table: NDArray[np.float64]) -> bool:
+    def may_end(i: int, table: Floats) -> bool:
         assert i == len(asked)
         asked.append(table)
         return i == 4

@@ -12,6 +12,7 @@ from agents.process import draw_word
 from agents.tabular.learner import Q_LEARNING, Settings
 from envs import InputError, compile_scenario, load_scenario
 from envs.inputs import parse
+from tests.agents import Changes
 from tests.agents.words import textbook, xoshiro
 
 
@@ -41,7 +42,7 @@ MOVES = {
     "observe": ["agent", "phase"],
 }
 RULES = ("q_learning", "sarsa", "expected_sarsa", "watkins_q_lambda")
-CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
+CASES: dict[str, tuple[str, Changes, Changes]] = {
     "S2": ("S2", {}, {}),
     "S3": ("S3", {}, {"epsilon": 0.4}),
     "time limit": ("S1", {}, {"time_limit": 15, "initial_value": -0.7, "halved_after": 400}),
@@ -109,7 +110,7 @@ def test_snapshots_are_the_table_at_their_steps_and_disturb_nothing() -> None:
         ("linear_q_lambda", {"tile_width": 0}, "tile_width = 0"),
     ],
 )
-def test_wrong_settings_get_one_sentence(name: str, change: dict[str, Any], expected: str) -> None:
+def test_wrong_settings_get_one_sentence(name: str, change: Changes, expected: str) -> None:
     with pytest.raises(InputError) as caught:
         parse(load_algorithm(name).settings, change, "mine.toml")
     (line,) = caught.value.args

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from agents import Schedule, load_algorithm
 from envs import Model, compile_scenario, load_scenario
+from tests.agents import Changes
 
 # A room of 25 cells that the agent enters anywhere, and an issuer whose mood changes at random. Since the
 # first wrong PING ends the episode, and cell and mood are seen, the agent knows its state.
 
 
-def learned(name: str, model: Model, settings: dict[str, Any]) -> NDArray[np.float64]:
+def learned(name: str, model: Model, settings: Changes) -> NDArray[np.float64]:
     """Returns the action values (O, A) of an agent that is trained by an algorithm."""
     algorithm, budget = load_algorithm(name), settings["budget"]
     values: Any = algorithm.settings.model_validate({"record_every": budget} | settings)
@@ -25,13 +26,13 @@ def learned(name: str, model: Model, settings: dict[str, Any]) -> NDArray[np.flo
 # Three cells in a column below the issuer. UP, the first action, leads on, and to the issuer from the last,
 # which ends the episode with a reward of 1.
 REWARDS: Final = dict.fromkeys(load_scenario("S1").rewards.model_dump(), 0.0) | {"issuer_reached": 1.0}
-COLUMN: Final[dict[str, Any]] = {
+COLUMN: Final[Changes] = {
     "grid": {"rows": 4, "columns": 1, "start": [3, 0]},
     "issuer.position": [0, 0],
     "regions": {"uncomfortable_radius": 0, "target_radius": 1},
     "rewards": REWARDS,
 }
-GREEDY: Final[dict[str, Any]] = {"epsilon": 0.0, "ties": "lowest", "learning_rate": 0.5, "discount": 0.9}
+GREEDY: Final[Changes] = {"epsilon": 0.0, "ties": "lowest", "learning_rate": 0.5, "discount": 0.9}
 
 
 @pytest.mark.parametrize(
@@ -66,9 +67,7 @@ GREEDY: Final[dict[str, Any]] = {"epsilon": 0.0, "ties": "lowest", "learning_rat
         ),
     ],
 )
-def test_two_episodes_by_hand(
-    name: str, changes: dict[str, Any], first: list[float], second: list[float]
-) -> None:
+def test_two_episodes_by_hand(name: str, changes: Changes, first: list[float], second: list[float]) -> None:
     model = compile_scenario(load_scenario("S1", COLUMN))
     for budget, q in ((3, first), (6, second)):
         values = learned(name, model, GREEDY | changes | {"budget": budget})

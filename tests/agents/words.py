@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
 
 from agents.tabular.kernel import MIN_TRACE
 from envs import Model
+from envs.arrays import Floats, Indices
+from tests.agents import Changes
 
 WORD = 2**64
 
@@ -69,7 +70,7 @@ class Textbook:
     """
 
     def __init__(
-        self, name: str, model: Model, settings: Any, seed: SeedSequence, tiles: NDArray[np.int32] | None
+        self, name: str, model: Model, settings: Any, seed: SeedSequence, tiles: Indices | None
     ) -> None:
         self.name, self.model, self.settings = name, model, settings
         self.stream = xoshiro(seed.generate_state(4, np.uint64).tolist())
@@ -81,17 +82,17 @@ class Textbook:
         self.episode: list[tuple[int, int, float, int, int, bool]] = []
         self.steps = self.episodes = self.wrong = 0
 
-    def values(self, o: int) -> NDArray[np.float64]:
+    def values(self, o: int) -> Floats:
         return np.asarray(sum(self.weights[tile] for tile in self.tiles[o]))
 
-    def table(self) -> NDArray[np.float64]:
+    def table(self) -> Floats:
         return np.array([self.values(o) for o in range(self.model.n_observations)])
 
-    def best(self, row: NDArray[np.float64]) -> list[int]:
+    def best(self, row: Floats) -> list[int]:
         best = [action for action in range(5) if row[action] == row.max()]
         return best[:1] if self.settings.ties == "lowest" else best
 
-    def choose(self, row: NDArray[np.float64]) -> int:
+    def choose(self, row: Floats) -> int:
         return choose(next(self.stream), self.settings.epsilon, self.best(row))
 
     def value_of_next(self, o: int) -> float:
@@ -156,15 +157,15 @@ def textbook(
     settings: Any,
     seed: SeedSequence,
     points: Sequence[int],
-    tiles: NDArray[np.int32] | None = None,
-) -> dict[str, Any]:
+    tiles: Indices | None = None,
+) -> Changes:
     """Learns by the algorithm of the textbook, from the words of a seed.
 
     Returns:
       What `Training`, or without tiles `TabularTraining`, has of an agent.
     """
     agent = Textbook(name, model, settings, seed, tiles)
-    record: dict[str, Any] = {"greedy": [], "disagreements": [], "max_q": [], "table_max_q": []}
+    record: Changes = {"greedy": [], "disagreements": [], "max_q": [], "table_max_q": []}
     for unit in range(settings.budget + 1):
         if unit in points:
             record["greedy"].append([sum(2**action for action in agent.best(row)) for row in agent.table()])

@@ -9,11 +9,12 @@ import pytest
 from envs import compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table, seen_as
+from tests.envs import Changes
 from tests.envs.test_model import assert_same_arrays, model_of
 
 RADII = {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
 ROOM = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"} | RADII
-PAIR: dict[str, Any] = ROOM | {"group": {"people": 2, "apart": [2, 3]}}
+PAIR: Changes = ROOM | {"group": {"people": 2, "apart": [2, 3]}}
 
 
 @pytest.mark.parametrize(
@@ -25,7 +26,7 @@ PAIR: dict[str, Any] = ROOM | {"group": {"people": 2, "apart": [2, 3]}}
         (PAIR, 5 * 4 + 5 * 3 + 3 * 6 + 2 * 6 + 2 * (4 * 4 + 3 * 5 + 3 * 4)),
     ],
 )
-def test_places_are_nested_and_differ_by_draw(changes: dict[str, Any], n_every: int) -> None:
+def test_places_are_nested_and_differ_by_draw(changes: Changes, n_every: int) -> None:
     every = load_scenario("Anywhere", changes)
     assert len(every.layout.places) == n_every
     assert every.drawn(3) == every
@@ -81,7 +82,7 @@ def test_what_walls_cut_off_is_not_drawn() -> None:
 
 
 def test_a_changed_copy_is_the_reloaded_scenario() -> None:
-    changes: dict[str, Any] = {"issuer.places": 4, "issuer.unseen": 2, "issuer.permuted": 0.5}
+    changes: Changes = {"issuer.places": 4, "issuer.unseen": 2, "issuer.permuted": 0.5}
     first = load_scenario("ThreeTalking", changes)
     assert compile_scenario(first).n_places == 6  # nothing that was derived for this may stay
     reloaded = load_scenario("ThreeTalking", changes | {"draw": 8, "observe": ["offset"]})

@@ -11,6 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from envs import OBSERVATIONS, InputError, ProxemicEnv, scenario_names
+from tests.envs import Changes
 from tests.support import few_places
 
 
@@ -44,7 +45,7 @@ def test_step_returns_python_values() -> None:
 
 @pytest.mark.parametrize(("limit", "expected"), [({}, [199]), ({"max_episode_steps": -1}, [])])
 def test_batches_have_the_registered_time_limit_which_can_be_lifted(
-    limit: dict[str, Any], expected: list[int]
+    limit: Changes, expected: list[int]
 ) -> None:
     envs = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=3, **limit)
     envs.reset(seed=0)
@@ -89,7 +90,7 @@ def test_text_shows_agent_walls_people_and_phase() -> None:
         ({"overrides": {"grid.rows": -1}}, "grid.rows = -1"),
     ],
 )
-def test_wrong_arguments_are_refused(arguments: dict[str, Any], expected: str) -> None:
+def test_wrong_arguments_are_refused(arguments: Changes, expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         ProxemicEnv(**arguments)
 

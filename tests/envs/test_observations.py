@@ -10,17 +10,18 @@ from gymnasium import spaces
 from envs import OBSERVATIONS, InputError, ProxemicEnv, compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_table, seen_as
 from envs.scenario import SCENARIO_DIRECTORY
+from tests.envs import Changes
 from tests.support import few_places
 
 # Five rows and six columns, so that offsets have 9 x 11 values: the number of (r, c) is (r + 4) * 11 + c + 5,
 # and as coordinates it is (r + 4) / 8 and (c + 5) / 10.
-ROOM: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"}
+ROOM: Changes = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"}
 ROOM |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1, "ping_limit": 1}
 WALL = "......\n.#....\n......\n......\n......"
 PAIR, THREE = ({"group": {"people": n, "apart": [2, 4]}} | ROOM for n in (2, 3))
 
 
-def seen(changes: dict[str, Any], agent: tuple[int, int], *people: tuple[int, int]) -> Any:
+def seen(changes: Changes, agent: tuple[int, int], *people: tuple[int, int]) -> Any:
     """Returns what is observed in a cell with people in others: columns that are 1, and coordinates."""
     model = compile_seen(load_scenario("Anywhere", changes), "offset")
     is_here = model.cell == agent[0] * 6 + agent[1]
@@ -96,7 +97,7 @@ def test_planes_by_hand(badge: bool) -> None:
         ("TwoStrangers", {}, "699,600 observations of 480 numbers each; accepted: at most"),
     ],
 )  # fmt: skip
-def test_what_planes_cannot_show_is_refused(name: str, changes: dict[str, Any], expected: str) -> None:
+def test_what_planes_cannot_show_is_refused(name: str, changes: Changes, expected: str) -> None:
     with pytest.raises(InputError, match=rf"observation planes: .*{expected}") as refusal:
         ProxemicEnv(name, "planes", changes)
     assert len(refusal.value.args) == 1

@@ -11,20 +11,21 @@ from agents.dynamic_programming import solve
 from envs import compile_scenario, load_scenario
 from envs.observations import compile_seen, observation_table
 from envs.tiles import Parts, tiles_of
+from tests.envs import Changes
 
 # Twelve cells, of which the person has one of four.
-ROOM: dict[str, Any] = {"grid.rows": 3, "grid.columns": 4, "grid.start": "anywhere"}
+ROOM: Changes = {"grid.rows": 3, "grid.columns": 4, "grid.start": "anywhere"}
 ROOM |= {
     "regions.uncomfortable_radius": 0,
     "regions.target_radius": 1,
     "issuer.places": 4,
     "issuer.unseen": 3,
 }
-CROWD: dict[str, Any] = ROOM | {"onlookers": {"people": 3, "ways": 10}}
+CROWD: Changes = ROOM | {"onlookers": {"people": 3, "ways": 10}}
 ARRAYS = ("grid_reward", "issuer_reward", "terminated", "event", "wrong_pings", "cell", "zone")
 
 
-def model_of(changes: dict[str, Any], **more: Any) -> Any:
+def model_of(changes: Changes, **more: Any) -> Any:
     return compile_scenario(load_scenario("Anywhere", changes | more))
 
 
@@ -61,7 +62,7 @@ def test_onlookers_stand_in_the_first_free_cells_of_each_way() -> None:
 
 
 @pytest.mark.parametrize("more", [{}, {"badge": True}])
-def test_onlookers_change_nothing_but_what_is_seen(more: dict[str, Any]) -> None:
+def test_onlookers_change_nothing_but_what_is_seen(more: Changes) -> None:
     """In each place, steps, optimum and success are those without onlookers."""
     crowd, alone = model_of(CROWD | {"onlookers": {"people": 3, "ways": 8} | more}), model_of(ROOM)
     block = 12 * alone.scenario.ping_limit

@@ -2,23 +2,22 @@
 
 from typing import Any
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from envs import ZONES, Scenario, load_scenario
+from envs.arrays import Codes, Ints
 from envs.inputs import parse
 from envs.regions import Cell, Grid, Heading, Regions, target_distance, zones
 
 SIGNS = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
 
 
-def drawn(values: NDArray[np.int8], columns: int) -> list[str]:
+def drawn(values: Codes, columns: int) -> list[str]:
     signs = [SIGNS[ZONES[zone]] for zone in values]
     return ["".join(signs[i : i + columns]) for i in range(0, len(signs), columns)]
 
 
-def distances(scenario: Scenario) -> NDArray[np.int_]:
+def distances(scenario: Scenario) -> Ints:
     return target_distance(scenario.regions, scenario.layout.places[0][0], scenario.grid.size)
 
 

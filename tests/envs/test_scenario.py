@@ -8,6 +8,7 @@ import pytest
 from envs import InputError, load_scenario
 from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
+from tests.envs import Changes
 
 S1 = read_toml(SCENARIO_DIRECTORY / "S1.toml") | {"name": "S1"}
 FLOOR = "\n".join(["............"] * 10)
@@ -15,40 +16,40 @@ WALL = "\n".join(["...#........"] * 10)
 CIRCLE = {"kind": "circle", "radius": 1}
 
 
-def shapes(uncomfortable: dict[str, Any], target: dict[str, Any]) -> dict[str, Any]:
+def shapes(uncomfortable: Changes, target: Changes) -> Changes:
     return {"uncomfortable": uncomfortable, "target": target}
 
 
-def person(position: list[int]) -> dict[str, Any]:
+def person(position: list[int]) -> Changes:
     regions = {"uncomfortable_radius": 0, "target_radius": 1}
     return {"position": position, "feedback": {"kind": "none"}, "regions": regions}
 
 
-def phase(name: str = "a", **more: Any) -> dict[str, Any]:
+def phase(name: str = "a", **more: Any) -> Changes:
     return {"name": name, **more}
 
 
 ANYWHERE = {"issuer.position": "anywhere"}
 # 120 cells, 50 phases, in each of which the issuer is elsewhere, 16 wrong PINGs: more observations than the
 # 96,000 states.
-OBSERVING: dict[str, Any] = {
+OBSERVING: Changes = {
     "ping_limit": 16,
     "phases": [phase(f"{i}", steps=1, position=[3 + i // 8, 4 + i % 8]) for i in range(50)],
     "observe": ["agent", "issuer", "phase", "wrong_pings"],
 }
 NAMES = [f"{i}" for i in range(21)]
 WALK = {"issuer.walk": {"corners": [[6, 3]]}}
-PAIR: dict[str, Any] = ANYWHERE | {"group.people": 2, "group.apart": [2, 4]}
+PAIR: Changes = ANYWHERE | {"group.people": 2, "group.apart": [2, 4]}
 RING = {"kind": "ring", "width": 1}
 
 
-def bystander(position: list[int], *corners: list[int], steps: int = 1) -> dict[str, Any]:
+def bystander(position: list[int], *corners: list[int], steps: int = 1) -> Changes:
     walk = {"walk": {"corners": [*corners], "steps": steps}} if corners else {}
     return {"position": position} | walk
 
 
 # Changes of S1, and what the message names.
-MISTAKES: list[tuple[dict[str, Any], str]] = [
+MISTAKES: list[tuple[Changes, str]] = [
     ({"grid.start": [5, 7]}, "grid.start = [5, 7]: accepted: a cell outside every region"),
     ({"issuer.position": [6, 12]}, "issuer.position = [6, 12] is off the grid"),
     ({"grid.depth": 3}, "[grid]: unknown key depth; accepted: columns, metres_per_cell, rows, start, walls."),
@@ -108,7 +109,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("changes", "expected"), MISTAKES)
-def test_mistakes_get_one_sentence(changes: dict[str, Any], expected: str) -> None:
+def test_mistakes_get_one_sentence(changes: Changes, expected: str) -> None:
     with pytest.raises(InputError) as caught:
         load_scenario("S1", changes)
     message = str(caught.value)
