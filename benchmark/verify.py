@@ -110,8 +110,10 @@ def _stored(
         for experiment in experiments:
             published = _published(results / experiment.name)
             ids = {*published[0]["run"]} if published else set[str]()
+            search = experiment.declared.search
+            fresh = search.fresh if search else ()  # seeds of its second stage
             for population in experiment.populations:
-                for run in population.runs():
+                for run in population.runs([*population.seeds, *fresh]):
                     if run.digest in ended or run_id(run) in ids:
                         groups.setdefault(run.digest, (Group(population, [run]), published))
         drawn = np.random.default_rng(seed).permutation(sorted(groups))[:n].tolist()
