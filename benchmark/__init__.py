@@ -1,4 +1,4 @@
-"""Runs experiments, stores their records and publishes reports; see `python -m benchmark --help`."""
+"""Runs experiments, publishes and reports their runs; see `python -m benchmark --help`."""
 
 from importlib import import_module
 from importlib.util import find_spec
@@ -11,7 +11,8 @@ for _name in ("agents", "envs"):  # names that others use, too
     _spec = find_spec(_name)
     if _spec and Path(_spec.origin or "").parent.parent != Path(__file__).parent.parent:
         _found = _spec.origin or _spec.submodule_search_locations
-        raise ImportError(f"{_found} is found in place of this project's package {_name}; rename it.")
+        _ours = f"this project's package {_name}"
+        raise ImportError(f"{_found} is found in place of {_ours}; rename it.")
 
 
 def __getattr__(name: str) -> Any:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
-from markdown_it import MarkdownIt
 
 from benchmark.experiment import Experiment
 from benchmark.specification import RunSpecification
@@ -165,13 +164,6 @@ def copy_compiled(folder: Path) -> None:
             shutil.copy(source, target)
         elif source.suffix == ".py":
             shutil.copystat(source, target)  # by which numba knows a source
-
-
-def markdown_parser() -> MarkdownIt:
-    """Returns a parser of Markdown with tables; it makes links of all targets, safe or not."""
-    parser = MarkdownIt("commonmark").enable("table")
-    parser.validateLink = bool  # type: ignore[assignment, method-assign]
-    return parser
 
 
 def mistyped_columns(path: Path) -> list[str]:

@@ -83,7 +83,8 @@ def test_guide_to_scenarios_lists_all_and_its_examples_are_right() -> None:
     assert sorted(rows) == scenario_names()
     group, others, onlookers = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
     (session,) = re.findall(r"```pycon\n(.*?)```", guide, flags=re.DOTALL)
-    result = doctest.DocTestRunner().run(doctest.DocTestParser().get_doctest(session, {}, "README", None, 0))
+    examples = doctest.DocTestParser().get_doctest(session, {}, "README", None, 0)
+    result = doctest.DocTestRunner().run(examples)
     assert result.attempted > 0
     assert not result.failed
     three = load_scenario("Anywhere", {"grid.metres_per_cell": 0.3, **tomllib.loads(group)})

@@ -26,7 +26,7 @@ def population(
     observation: str = "index",
     **arrays: Any,
 ) -> Records:
-    """Returns the records of a population with these arrays, in which otherwise nothing has been learned.
+    """Returns records of a population with these arrays, in which nothing else has been learned.
 
     N agents, T evaluation steps, V maps, O observations, A = 5 actions, R = 60 records of max Q.
     """
