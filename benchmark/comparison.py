@@ -23,7 +23,16 @@ from agents.dynamic_programming import evaluate
 from benchmark import statistics, style
 from benchmark.experiment import Experiment
 from benchmark.records import unbounded_scores
-from benchmark.statistics import ALPHA, Contrast, Estimate, Floats, Means, with_ends
+from benchmark.statistics import (
+    ALPHA,
+    Contrast,
+    Estimate,
+    Floats,
+    Means,
+    differences,
+    holm,
+    with_ends,
+)
 from benchmark.study import Data, FigureFunction, Report, TableFunction
 from envs import ACTIONS, InputError, compile_scenario
 from envs.inputs import Names, Table, distinct, unknown_name
@@ -34,7 +43,9 @@ from envs.words import listed
 ENDPOINTS: Final = ("success", "score")
 FEWEST_RUNS: Final = 10  # per scenario and learner; with fewer there is no verdict
 WITHIN: Final = "within margin"  # at its end, it may say which side is measurably better
-OPEN: Final = ("undecided", "neither learned", "ahead without learning", "no verdict")
+NEITHER: Final = "neither shown to learn"
+UNEARNED: Final = "ahead, but not shown to learn"
+OPEN: Final = ("undecided", NEITHER, UNEARNED, "no verdict")
 MEASURES: Final = {  # of deep RL, and what readers call them
     "iqm": "interquartile\nmean",
     "median": "median",
@@ -43,6 +54,7 @@ MEASURES: Final = {  # of deep RL, and what readers call them
     "p_improvement": "probability of\nimprovement",
 }
 AGGREGATES: Final = [*MEASURES][:4]
+_DIGITS: Final = 9  # of a difference, which may be as large as the margin
 _DRAWS: Final = 1_000  # of rliable's bootstrap
 _COLUMNS: Final = 3  # of panels
 _MOST_NAMED: Final = 4  # contrasts without a decided difference in a text
@@ -108,7 +120,7 @@ def check(experiment: Experiment, declared: Declared) -> None:
 def verdict(test: Contrast, margin: float, row: Row) -> str:
     """Returns the verdict on x against y, before scenarios are looked at one by one.
 
-    The row of the contrast has the number of runs, and whether x and y beat the random policy. A
+    The row of the contrast has the number of runs, and whether x and y are shown to have learned. A
     difference below the margin makes a learner at most *slightly* better, and one that is not
     shown to have learned is never better.
     """
@@ -117,14 +129,14 @@ def verdict(test: Contrast, margin: float, row: Row) -> str:
         return "no verdict"
     if not (is_within or is_apart):
         return "undecided"
-    if min(row["p_random_x"], row["p_random_y"]) > ALPHA:
-        return "neither learned"
+    if not (row["learned_x"] or row["learned_y"]):
+        return NEITHER
     word, ahead = ("better", "x") if test.difference > 0 else ("worse", "y")
-    is_earned = row[f"p_random_{ahead}"] <= ALPHA
+    is_earned = row[f"learned_{ahead}"]
     if is_within:
         return f"{WITHIN}, but {word}" if is_apart and is_earned else WITHIN
     if not is_earned:
-        return "ahead without learning"
+        return UNEARNED
     return word if abs(test.difference) >= margin else f"slightly {word}"
 
 
@@ -163,22 +175,31 @@ def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
     cells = summary(data).set_index(["learner", "scenario"])
     of = {population.learner.name: population for population in data.experiment.populations}
     sides = [[cells.loc[name].loc[[*names]] for name in pair] for pair, names in cases]
-    p_random = [statistics.holm([*map(_p_random, own)]) for own in zip(*sides, strict=True)]
-    rows = []
-    for i, ((x, y), names) in enumerate(cases):
-        row = {"scenario": names[0] if len(names) == 1 else "", "x": x, "y": y}
-        row |= {"n": min(side["n"].min() for side in sides[i])}
-        row |= {"differs": statistics.differences(of[x], of[y])}
-        rows.append(row | {"p_random_x": p_random[0][i], "p_random_y": p_random[1][i]})
+    rows: list[dict[str, Any]] = [
+        {
+            "scenario": names[0] if len(names) == 1 else "",
+            "x": x,
+            "y": y,
+            "n": min(side["n"].min() for side in both),
+            "differs": differences(of[x], of[y], [side["diverged"].sum() for side in both]),
+        }
+        for ((x, y), names), both in zip(cases, sides, strict=True)
+    ]
+    for side, own in zip("xy", zip(*sides, strict=True), strict=True):
+        for row, cells, p in zip(rows, own, holm([*map(_p_random, own)]), strict=True):
+            rise = (cells["success"] - cells["untrained_success"]).mean()
+            is_risen = round(rise, _DIGITS) >= data.declared.margins.success
+            row |= {f"p_random_{side}": p, f"learned_{side}": p <= ALPHA and is_risen}
     for endpoint in ENDPOINTS:
         margin = getattr(data.declared.margins, endpoint)
         pairs = [(means_of(x, endpoint), means_of(y, endpoint)) for x, y in sides]
-        for i, test in enumerate(statistics.contrasts(pairs, margin)):
-            decided, apart = decide(test, margin, rows[i], *pairs[i])
-            found = {"x": pairs[i][0].mean, "y": pairs[i][1].mean, **test._asdict()}
+        tests = statistics.contrasts(pairs, margin)
+        for row, (x, y), test, (_, names) in zip(rows, pairs, tests, cases, strict=True):
+            decided, apart = decide(test, margin, row, x, y)
+            found = {"x": x.mean, "y": y.mean, **test._asdict()}
             found |= {"verdict": decided, "margin": margin}
-            found["except"] = ", ".join(cases[i][1][scenario] for scenario in apart)
-            rows[i] |= {f"{endpoint}_{key}": value for key, value in found.items()}
+            found["except"] = ", ".join(names[scenario] for scenario in apart)
+            row |= {f"{endpoint}_{key}": value for key, value in found.items()}
     return pd.DataFrame(rows)
 
 
@@ -197,14 +218,17 @@ def summary(data: Data) -> pd.DataFrame:
     """Each learner in each scenario, after training."""
     keys, per = ["scenario", "learner"], data.runs["budget"] / 1000
     runs = data.runs.assign(training_wrong_pings=data.runs["training_wrong_pings"] / per)
-    groups = runs.groupby(keys, sort=False)
+    runs["diverged"] = runs["diverged_at"] <= runs["budget"]
+    groups, curves = runs.groupby(keys, sort=False), data.curves
     means = ["unbounded_score", "steps", "wrong_pings", "uncomfortable_steps", "greedy_success"]
     table = groups[["policy", "budget", "random_success"]].first()
     table.insert(1, "n", groups.size())
-    table = table.join([over_runs(runs, keys), groups[means].mean()])
+    table = table.join([over_runs(runs, keys), groups[means].mean(), groups["diverged"].sum()])
+    untrained = curves[curves["step"] == 0].groupby(keys)["success"].mean()
     rates = groups["training_wrong_pings"]
     wrong = [with_ends(rates.obj.name, statistics.student(own.to_numpy())) for _, own in rates]
-    return table.join(pd.DataFrame(wrong, index=table.index).clip(lower=0)).reset_index()
+    table = table.join(pd.DataFrame(wrong, index=table.index).clip(lower=0))
+    return table.join(untrained.rename("untrained_success")).reset_index()
 
 
 def over_runs(frame: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
@@ -277,16 +301,21 @@ def improvement(x: Floats, y: Floats) -> float:
 def _bootstrap(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats, Floats]:
     """Returns measures of scores, (K,), and the ends of their 95 % intervals.
 
-    Runs are drawn anew within each scenario, by NumPy's global generator, which is seeded.
+    Runs are drawn anew within each scenario, by NumPy's global generator, which is seeded, and then
+    set back.
     """
     from rliable.library import get_interval_estimates
 
-    np.random.seed(0)  # noqa: NPY002
-    points, ends = get_interval_estimates({"": scores}, measure, reps=_DRAWS)
+    state = np.random.get_state()  # noqa: NPY002
+    try:
+        np.random.seed(0)  # noqa: NPY002
+        points, ends = get_interval_estimates({"": scores}, measure, reps=_DRAWS)
+    finally:
+        np.random.set_state(state)  # noqa: NPY002
     return np.atleast_1d(points[""]), *ends[""]
 
 
-def curves(data: Data) -> pd.DataFrame:
+def progress(data: Data) -> pd.DataFrame:
     """Success and score over training, means over runs."""
     return over_runs(data.curves, ["scenario", "learner", "step"]).reset_index()
 
@@ -336,7 +365,7 @@ def draw_contrasts(data: Data) -> Figure | None:
 def draw_curves(data: Data) -> Figure:
     """Mean success during training; shades: 95 % intervals."""
     shown = data.declared.curves or _drawn(data)
-    table = data.tables["curves"]
+    table = data.tables["progress"]
     panels = [*table[table["learner"].isin(shown)].groupby("scenario", sort=False)]
     n_rows, n_columns = ceil(len(panels) / _COLUMNS), min(len(panels), _COLUMNS)
     with style.figure_of(n_rows, n_columns, (style.WIDTH, 2.3 * n_rows + 0.5)) as (figure, axes):
@@ -357,7 +386,7 @@ def draw_curves(data: Data) -> Figure:
 
 
 def draw_rliable(data: Data) -> Figure:
-    """Aggregates of the score, and the probability of improving on the first baseline.
+    """Aggregates of the score and, with a baseline, the probability of exceeding the first one.
 
     Bars are 95 % intervals of a bootstrap within scenarios.
     """
@@ -408,7 +437,7 @@ def _row_name(data: Data, row: Row) -> str:
 
 
 def headline(data: Data) -> str:
-    """Says which verdicts on success there are, and on which learners."""
+    """Says which verdicts on success there are, and on which learners; x is named first."""
     if "contrasts" not in data.tables:
         return "No contrasts were declared, so there are no verdicts."
     table, scenarios = data.tables["contrasts"].fillna(""), data.experiment.scenarios
@@ -431,8 +460,8 @@ success, in the mean over scenarios unless one is named, are {found}. The margin
 def _sentence(data: Data, row: Row) -> str:
     """Says what the verdict on a pair of learners is, and what else differs between them."""
     decided, apart = row["success_verdict"], row.get("success_except")
-    numbers = f"{row['success_x']:.2f} against {row['success_y']:.2f}"
-    where = f"{'contradicted' if decided == 'mixed' else 'not shown'} in {apart} alone"
+    numbers = f"{row['success_x']:.3g} against {row['success_y']:.3g}"
+    where = f"{'' if decided == 'mixed' else 'perhaps '}contradicted in {apart}"
     details = "; ".join(filter(None, [numbers, row.get("differs"), apart and where]))
     return f"{_row_name(data, row)}, against {_title(data, row['y'])}: *{decided}* ({details})"
 
@@ -442,17 +471,18 @@ def reading(data: Data) -> str:
     margins, level = data.declared.margins, data.tables["rliable"]["giving_up"].max()
     return f"""\
 *Success* is the exact probability that an episode of at most {data.experiment.declared.horizon}
-steps ends with a correct PING, by the policy after training. An agent that gives up at once, with
-nothing but wrong PINGs, has a score of {level:.2f}.
+steps ends with a correct PING, by the policy after training; a learner that diverged acts at
+random. An agent that does nothing but PING has a score of {level:.2f}.
 
 Contrasts compare x with y, in the mean over scenarios unless one is named. *Better* and *worse*
 take a significant difference whose estimate is at least the margin, {margins.success:g} of success
 and {margins.score:g} of the score; with *slightly*, it is smaller. *Within margin* means that two
 one-sided tests show a difference below the margin; *but better* and *but worse*, that it is
 significant nevertheless. *Mixed* means that a scenario contradicts the verdict by the margin or
-more. A learner that is not shown to succeed more often than the random policy is not better in
-anything (*neither learned*, *ahead without learning*). With fewer than {FEWEST_RUNS} runs there is
-*no verdict*.
+more. A learner is shown to learn if it succeeds significantly more often than the random policy,
+and more often than before training by the margin; without that, it is not better in anything
+(*{NEITHER}*, *{UNEARNED}*). With fewer than {FEWEST_RUNS} runs of each learner in each scenario,
+there is *no verdict*.
 
 Tests are at the 5 % level. P-values are adjusted by Holm's method, separately for each endpoint,
 for differences and margins, and for contrasts that were declared when results were known (`later`);
@@ -460,7 +490,7 @@ intervals are not. A verdict holds for one look at the declared runs."""
 
 
 TABLES: Final[dict[str, TableFunction]] = {
-    table.__name__: table for table in (curves, contrasts, summary, aggregate, rliable, cost)
+    table.__name__: table for table in (progress, contrasts, summary, aggregate, rliable, cost)
 }
 FIGURES: Final[dict[str, FigureFunction]] = {
     "curves": draw_curves,
@@ -476,8 +506,10 @@ COLUMNS: Final = {
     "n": "runs in each scenario, of a contrast the smaller number",
     "runs": "runs over all scenarios",
     "declared": "`later` if results were known",
-    "p_random_x": "p-value of x succeeding no more often than the random policy, adjusted",
-    "p_random_y": "p-value of y succeeding no more often than the random policy, adjusted",
+    "p_random_*": "p-value of * succeeding no more often than the random policy, adjusted",
+    "learned_*": "whether * is shown to have learned, see README",
+    "diverged": "runs that diverged, and act at random",
+    "untrained_success": "success before training",
     "*_difference": "* of x minus that of y",
     "*_low_90": "lower end of the 90 % interval of *",
     "*_high_90": "upper end of the 90 % interval of *",

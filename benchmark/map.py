@@ -18,6 +18,7 @@ from simulation.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import compress
 from math import lcm, prod
 from textwrap import fill
 from typing import Annotated, Any, Final
@@ -48,7 +49,7 @@ from benchmark.statistics import (
     wins,
     with_ends,
 )
-from benchmark.study import Data, FigureFunction, Report, TableFunction
+from benchmark.study import Data, FigureFunction, Report, TableFunction, giving_up, learning
 from benchmark.style import WIDTH, figure_of, look, name_rows
 from envs import InputError
 from envs.inputs import Label, Names, Table, unknown_name
@@ -268,7 +269,9 @@ def contrasts(data: Data) -> pd.DataFrame:
         of_x, of_y = (pair[side]["steps"].to_numpy() for side in "xy")
         shares = [won.mean() for won in by_pick(wins(of_x, of_y), x, y)]
         row: dict[str, Any] = dict(zip(("grid", "point", "x"), key_of(x), strict=True))
-        row |= {"y": y.learner.name, "key": key, "n": len(seeds), "differs": differences(x, y)}
+        diverged = [(side["diverged_at"] <= side["budget"]).sum() for side in pair.values()]
+        row |= {"y": y.learner.name, "key": key, "n": len(seeds)}
+        row |= {"differs": differences(x, y, diverged)}
         row |= {"learned_x": np.isfinite(of_x).sum(), "learned_y": np.isfinite(of_y).sum()}
         row |= {"picks": len(shares), "picks_faster": sum(share > 0.5 for share in shares)}
         rows.append(row | with_ends("ratio", ratio(of_x, of_y, x.first.settings.budget)))
@@ -320,6 +323,7 @@ LOST: Final = (
 )
 SMALL: Final = "the difference is smaller than the margin"
 _ENDS: Final = 3  # if a verdict is wrong, so is one of three ends of intervals, see above
+_MOST_NAMED: Final = 4  # verdicts of any kind in a text
 _COARSE: Final = 1.25  # largest ratio of successive evaluations that are not too far apart
 
 
@@ -391,12 +395,15 @@ def _flaw(winner: pd.DataFrame, loser: pd.DataFrame, unit: str, margins: Margins
     has_learned = np.isfinite(winner["steps"])
     if has_learned.mean() <= 0.5:
         return NOT_LEARNED
+    if (has_learned & ~winner["untrained"]).mean() <= 0.5:
+        return UNTRAINED
     if unit == "failures":
         gain = loser[unit].mean() - winner[unit].mean()
         return SMALL if round(gain, 9) < margins.unseen else ""
     if winner["lost"][has_learned].mean() >= 0.5:
         return LOST
-    return SMALL if loser[unit].median() < margins.ratio * winner[unit].median() else ""
+    less, more = winner[unit].median(), loser[unit].median()
+    return "" if more > less and more >= round(margins.ratio * less, 9) else SMALL
 
 
 TABLES: Final[dict[str, TableFunction]] = {
@@ -407,8 +414,6 @@ TABLES: Final[dict[str, TableFunction]] = {
 }
 
 # Figures
-
-_NEVER: Final = "never learns"
 
 
 def answer(data: Data) -> Figure | None:
@@ -459,10 +464,12 @@ def _shown(data: Data, grid: str, column: str) -> pd.DataFrame:
     shown = cells[[column, f"{column}_low", f"{column}_high"]]
     texts = shown[column].map("{:.2f}".format)
     if column == "steps":
-        texts = shown[column].map("{:,.0f}".format).replace("inf", _NEVER)
-        shown = shown.clip(100, cells["budget"], axis=0)
+        learned = cells["n_solved"].astype(str) + " of " + cells["n"].astype(str) + " learn"
+        texts = shown[column].map("{:,.0f}".format).where(np.isfinite(shown[column]), learned)
+        shown = shown.clip(data.experiment.declared.evaluation_every, cells["budget"], axis=0)
     shown = shown.set_axis(["value", "low", "high"], axis=1)
-    return shown.assign(point=cells["point"], learner=cells["learner"], text=texts)
+    names, is_never = cells[["point", "learner"]], np.isinf(cells[column])
+    return shown.join(names).assign(text=texts, is_never=is_never)
 
 
 def _format_steps(axis: Axis) -> None:
@@ -472,7 +479,7 @@ def _format_steps(axis: Axis) -> None:
 
 
 def picture(data: Data) -> Figure:
-    """Steps until learners have learned, medians with 95 % intervals; hollow: never learns."""
+    """Steps until learners have learned, medians with 95 % intervals; hollow: half never learn."""
     return _panels(data, data.declared.panels, "steps", "steps until it has learned")
 
 
@@ -524,7 +531,7 @@ def _draw_panel(data: Data, axis: Axes, panel: Panel, column: str) -> dict[str, 
 
 def _draw(data: Data, axis: Axes, rows: pd.DataFrame, x: Any, y: Any, draw_ends: Any) -> Line2D:
     """Draws values of a learner with their intervals; those that are infinite are hollow."""
-    learners, is_never = data.experiment.learners, rows["text"] == _NEVER
+    learners, is_never = data.experiment.learners, rows["is_never"]
     style = look(learners[rows["learner"].iloc[0]], learners.values())
     at = y if draw_ends == axis.hlines else x
     draw_ends(at, rows["low"], rows["high"], color=style["color"], lw=4, alpha=0.35)
@@ -581,52 +588,47 @@ COLUMNS: Final = {
 
 def headline(data: Data) -> str:
     """Says how the contrasts of the first grid ended, by steps."""
-    table, margins, titles = (
-        data.tables["contrasts"],
-        data.declared.margins,
-        data.experiment.learners,
+    table, margins = data.tables["contrasts"].fillna(""), data.declared.margins
+    grid, cells, solved = (
+        table["grid"].iloc[0],
+        data.tables["cells"],
+        data.experiment.declared.solved,
     )
-    table = table[table["grid"] == table["grid"].iloc[0]].fillna("")
-    grid, cells = table["grid"].iloc[0], data.tables["cells"]
-    budgets = " or ".join(f"{n:,}" for n in cells[cells["grid"] == grid]["budget"].unique())
-    lines, undecided = [], []
-    for names, rows in table.groupby(["x", "y", "verdict", "why_none", "differs"], sort=False):
-        x, y, verdict, why, differs = map(str, names)
-        learned = rows[["point", "learned_x", "learned_y"]].itertuples(index=False)
-        points = ", ".join(f"{point} ({n} and {m} runs learn)" for point, n, m in learned)
-        sides = f"{titles[x].title} compared with {titles[y].title}"
-        if verdict == UNDECIDED:
-            undecided.append(f"{sides} at {', '.join(rows['point'])}")
-            continue
-        more = [
-            f"{rows['n'].min()} pairs of runs",
-            f"also different: {differs}" if differs else "",
-            why,
-        ]
-        lines.append(f"- {sides}: {verdict} at {points}; {'; '.join(filter(None, more))}.")
-    lines += [f"- Undecided: {'; '.join(undecided)}."] if undecided else []
-    text, solved = "\n".join(lines), data.experiment.declared.solved
     assert solved is not None
+    table = table[table["grid"] == grid]
     n_decided = table["verdict"].isin(UNITS["steps"][-1]).sum()
+    budgets = " or ".join(f"{n:,}" for n in cells[cells["grid"] == grid]["budget"].unique())
+    groups = [*table.groupby(["x", "y", "verdict", "why_none", "differs"], sort=False)]
+    is_named = [len(groups) <= _MOST_NAMED or names[2] != UNDECIDED for names, _ in groups]
+    lines = [_sentence(data, *map(str, names), rows) for names, rows in compress(groups, is_named)]
+    if not all(is_named):
+        lines.append(f"- All others are {UNDECIDED}, see contrasts.csv.")
+    text = "\n".join(lines)
     return f"""\
 In the grid `{grid}`, one learner is faster in {n_decided} of {len(table)} contrasts: it needs fewer
-steps until success is at or above {solved.success:g} and stays there until twice as many steps, or
-to the end of all {budgets} steps. {_given_up(data)}
+steps until success is at or above {solved.success:g}, at every evaluation until the first one at or
+after twice as many steps, or to the end of all {budgets} steps. {giving_up(data.experiment)}
 
 {text}
 
-*Faster* or *slower* takes a significant difference, a probability of taking less that differs from
-1/2 by {margins.probability:g} or more, and a median at least {margins.ratio:g} times as small."""
+*Faster* or *slower* takes a significant difference at the 5 % level, a probability of taking less
+that differs from 1/2 by {margins.probability:g} or more, and a median at least {margins.ratio:g}
+times as small."""
 
 
-def _given_up(data: Data) -> str:
-    """Says which runs are given up; empty if none is."""
-    solved = data.experiment.declared.solved
-    if solved is None or not solved.given_up_after:
-        return ""
-    return f"""\
-A run is given up, counts as one that never learns, and is scored as it was then, if its success has
-not reached half of this level by {solved.given_up_after:.0%} of the budget."""
+def _sentence(
+    data: Data, x: str, y: str, verdict: str, why: str, differs: str, rows: pd.DataFrame
+) -> str:
+    """Says what the verdict on two learners is at some points, why, and what else differs."""
+    points = []
+    for row in rows.itertuples():
+        picks = f"; faster with {row.picks_faster} of {row.picks} pairs of picks"
+        learned = f"{row.learned_x} and {row.learned_y} runs learn"
+        points.append(f"{row.point} ({learned}{picks if row.picks > 1 else ''})")
+    titles, also = data.experiment.learners, differs and f"also different: {differs}"
+    details = "; ".join(filter(None, [f"{rows['n'].min()} pairs of runs", also, why]))
+    sides = f"{titles[x].title} compared with {titles[y].title}"
+    return f"- {sides}: {verdict} at {', '.join(points)}; {details}."
 
 
 def reading(data: Data) -> str:
@@ -634,12 +636,10 @@ def reading(data: Data) -> str:
     margins, solved = data.declared.margins, data.experiment.declared.solved
     assert solved is not None
     return f"""\
-A run *has learned* after *s* steps if success is at or above {solved.success:g} at every evaluation
-from step *s* until the first one at or after step 2*s*, or until the last one if the budget ends
-before. Successive evaluations are at most about {solved.growth - 1:.0%} apart, but for the first
-ones. {_given_up(data)}
+{learning(data.experiment)}
+Successive evaluations are at most about {solved.growth - 1:.0%} apart, but for the first ones.
 What happens later is measured only in runs that are trained to the budget, as where there are
-unseen places. A learner *never learns* if at least half of its runs do not; its marker is hollow.
+unseen places. In figures, a marker is hollow if at least half of a learner's runs never learn.
 
 Contrasts pair runs of the same seed, which have the same draw of the scenario. A run that never
 learns takes more than every run that does; two such runs are tied, and ties count as a half.
@@ -647,11 +647,11 @@ learns takes more than every run that does; two such runs are tied, and ties cou
 taking less differs from 1/2 significantly, and by {margins.probability:g} or more. The one that
 takes less has a median of steps or wrong PINGs at least {margins.ratio:g} times as small, or a
 success in unseen places that is higher by {margins.unseen:g} or more. It has learned in more than
-half of its runs and, but for unseen places, has not lost the level in half of these: at the end, or
-for half of the evaluations or steps since. Otherwise there is *no verdict*, as where it would
-depend on runs whose evaluations are too far apart, that reach the level in the last evaluation
-only, or that reach it untrained. *{NEITHER.capitalize()}* is said only if no difference is
-significant.
+half of its runs, by training, and, but for unseen places, has not lost the level in half of these:
+at the end, or for half of the evaluations or steps since. Otherwise there is *no verdict*, as where
+it would depend on runs whose evaluations are too far apart, that reach the level in the last
+evaluation only, or that reach it untrained. *{NEITHER.capitalize()}* is said only if no
+difference is significant.
 
 For steps, wrong PINGs, and failures in unseen places at the end of training, the probability of any
 wrong verdict is at most 5 % each (Holm's method; if contrasts share runs, this is known from

@@ -26,9 +26,9 @@ from pydantic import Field
 from benchmark.experiment import Experiment, Learner, digest_of_search
 from benchmark.folder import Folder, digests
 from benchmark.specification import solved
-from benchmark.statistics import ALPHA, Estimate, Means, combined, contrast, with_ends
+from benchmark.statistics import ALPHA, Estimate, Means, contrast, with_ends
 from benchmark.store import Store
-from benchmark.study import Data, Report
+from benchmark.study import Data, Report, giving_up, learning
 from benchmark.style import WIDTH, figure_of, name_rows
 from benchmark.tables import Group, tables
 from benchmark.trials import Choices, Chosen, Finalist, Search, trials, write_choices
@@ -86,14 +86,16 @@ def ranked(means: "pd.Series[float]") -> list[int]:
 
 
 def measured(experiment: Experiment, curves: pd.DataFrame) -> pd.DataFrame:
-    """Returns a row per run: its `measure`, and `steps` until it has learned, inf if it never has.
+    """Returns a row per run: its `measure`, and by how much success has risen in training.
 
-    What is reached only by the end of the budget counts as not learned.
+    With `[solved]`, it has the `steps` until a run has learned, inf if it never has. What is
+    reached only by the end of the budget counts as not learned.
     """
     declared, first = experiment.declared, experiment.populations[0].first
     steps = curves["step"].unique().tolist()
     success = curves["success"].to_numpy().reshape(-1, len(steps))
     runs = curves[["trial", "scenario", "learner", "seed"]][:: len(steps)]
+    runs = runs.assign(rise=success[:, -1] - success[:, 0])
     if declared.solved is None:
         return runs.assign(measure=np.trapezoid(success, steps) / (steps[-1] - steps[0]))
     start, budget, level = first.evaluation_every, steps[-1], declared.solved.success
@@ -205,7 +207,8 @@ def chosen(data: Data) -> pd.DataFrame:
     texts = data.tables["trials"].set_index(["learner", "trial"])["settings"]
     margin, search = data.declared.margin, search_of(data.experiment)
     n_finalists = search.finalists * search.parts * len(data.experiment.learners)
-    rows = []
+    runs, rows = measured(data.experiment, data.curves), []
+    rises = runs[runs["seed"].isin(search.fresh)].groupby(["learner", "trial"])["rise"].mean()
     for outcome in found(data):
         name, picks = outcome.learner.name, outcome.picks
         for part, trial in enumerate(picks, 1):
@@ -216,11 +219,12 @@ def chosen(data: Data) -> pd.DataFrame:
             *gain, _, _, p, _ = contrast(x, y, margin) if trial else [0.0] * 5 + [1.0, 1.0]
             row: dict[str, object] = {"learner": name} | ({"part": part} if len(picks) > 1 else {})
             row |= {"trial": trial, "settings": texts[name, trial]}
-            row |= with_ends("default", _estimate(y)) | with_ends("chosen", _estimate(x))
+            row |= with_ends("default", y.estimate) | with_ends("chosen", x.estimate)
             row |= with_ends("gain", Estimate(*gain)) | {"p": min(1.0, p * n_finalists)}
+            row |= {"rise": rises[name, trial]}
             rows.append(row)
     table = pd.DataFrame(rows)
-    has_learned = table["chosen_low"] > random_of(data)
+    has_learned = (table["chosen_low"] > random_of(data)) & (table["rise"] >= margin)
     is_gain = has_learned & (table["p"] <= ALPHA) & (table["gain"] >= margin)
     return table.assign(verdict=np.where(is_gain, "gain", "no gain shown"))
 
@@ -230,10 +234,6 @@ def random_of(data: Data) -> float:
     if "random_success" not in data.runs:
         return 0.0  # with [solved], it never learns
     return float(data.runs.groupby("scenario")["random_success"].first().mean())
-
-
-def _estimate(means: Means) -> Estimate:
-    return Estimate(means.mean, *combined(means.weights, means.means, means.sizes))
 
 
 def effort(data: Data) -> pd.DataFrame | None:
@@ -341,6 +341,7 @@ COLUMNS: Final = {
     "learned": "first runs of the other trials that have learned",
     "p": "p-value of no gain, times the number of all finalists",
     "part": "part of the search",
+    "rise": "success at the end of fresh runs with the chosen settings, minus that before training",
     "runs": "first runs of all trials, and fresh runs of finalists and picks",
     "settings": "values of the searched settings, as JSON",
     "steps": "budgets of all these runs",
@@ -355,35 +356,27 @@ def headline(data: Data) -> str:
     """Says for which learners a gain is shown, and what is reached."""
     experiment, table = data.experiment, data.tables["chosen"]
     search, settings = search_of(experiment), experiment.populations[0].first.settings
-    titles = {name: learner.title for name, learner in experiment.learners.items()}
     best = table.loc[table.groupby("learner", sort=False)["chosen"].idxmax()]
     budget = f"{settings.budget:,} {getattr(settings, 'budget_unit', 'steps')}"
     runs = f"{search.seeds} fresh seeds in each of {len(experiment.scenarios)} scenarios"
     if best["chosen"].max() <= 0:
         return f"""\
 With settings chosen among {search.trials:,} trials, no run of any learner has learned before the
-end of its {budget} ({runs}). {_given_up(data)}"""
-    gaining = [titles[name] for name in best["learner"][best["verdict"] == "gain"]]
-    top = best[best["chosen"].round(_DIGITS) == best["chosen"].round(_DIGITS).max()]
-    defaults = listed(f"{value:.3g}" for value in top["default"])
+end of its {budget} ({runs}). {giving_up(data.experiment)}"""
+    gaining = best[best["verdict"] == "gain"]
+    gains = [
+        f"{experiment.learners[name].title} ({before:.3g} to {after:.3g})"
+        for name, before, after in zip(
+            *map(gaining.get, ("learner", "default", "chosen")), strict=True
+        )
+    ]
     return f"""\
-Settings chosen among {search.trials:,} trials {"are" if gaining else "are not"} shown to raise
+Settings chosen among {search.trials:,} trials {"are" if gains else "are not"} shown to raise
 {_MEASURES[measure_of(data)]} ({budget}; {runs}) over that of the declared ones for
-{listed(gaining) or "any learner"}. A rise counts if it is above 0 at a level of 5 %, adjusted for
-all finalists, and estimated at {data.declared.margin:g} or more. With chosen settings, the largest
-mean, {top["chosen"].iloc[0]:.3g}, is that of {listed(titles[name] for name in top["learner"])}
-(declared settings: {defaults}; random policy: {random_of(data):.3g}). Learners are not compared
-with each other. {_given_up(data)}"""
-
-
-def _given_up(data: Data) -> str:
-    """Says which runs are given up; empty if none is."""
-    declared = data.experiment.declared.solved
-    if declared is None or declared.given_up_after is None:
-        return ""
-    return f"""\
-A run whose success has not reached {declared.success / 2:g} by {declared.given_up_after:.0%} of the
-budget is given up and counts as one that never learns, even if it would learn late."""
+{listed(gains) or "any learner"}. A gain counts if it is above 0 at a level of 5 %, adjusted for all
+finalists, and estimated at {data.declared.margin:g} or more, and if training with these settings
+raises success by as much. The random policy has {random_of(data):.3g}. Learners are not compared
+with each other. {giving_up(experiment)}"""
 
 
 def reading(data: Data) -> str:
@@ -399,11 +392,10 @@ Trials are compared by the area under the curve of exact success: success averag
         steps = ""
     else:
         measure = f"""\
-Trials are compared by how early runs learn. A run has learned after *s* of its *B* steps if success
-is at or above {level.success:g} at every evaluation from step *s* to the first one at or after
-step 2*s* or, if the budget ends before, to the last one. Its earliness is 1 - log(*s*/*e*) /
+Trials are compared by how early runs learn. {learning(experiment)}
+Its earliness is 1 - log(*s*/*e*) /
 log(*B*/*e*), at most 1, with *e* = {first.evaluation_every:,}; it is 0 if the run learns never, or
-not before the end of the budget. {_given_up(data)}"""
+not before the end of the budget."""
         steps = """\
 In effort.csv, trial 0 runs first. If it does not learn, first runs of the other trials are drawn,
 without replacement, until one has learned. A run that never learns costs the budget, even if it was
@@ -416,8 +408,8 @@ Trial 0 has the declared settings; the other {search.trials:,} trials are points
 sequence. The best {search.finalists:,} of {of} and trial 0 ran again with {search.seeds:,} fresh
 seeds in each of {len(experiment.scenarios)} scenarios. The best of these are chosen, so their
 means and gains are biased upwards. For that, p-values are multiplied by the number of all
-finalists. A gain is shown if p is at most 0.05, the gain at least {data.declared.margin:g}, and the
-interval of the chosen settings above the random policy. Intervals treat runs as independent,
-although trials share random streams.
+finalists. A gain is shown if p is at most 0.05, gain and rise of success in training are at least
+{data.declared.margin:g}, and the interval of the chosen settings is above the random policy.
+Intervals treat runs as independent, although trials share random streams.
 
 {steps}"""

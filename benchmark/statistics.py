@@ -210,6 +210,11 @@ class Means(NamedTuple):
         """The mean over scenarios with its interval."""
         return Estimate(self.mean, *combined(self.weights, *self))
 
+    def minus(self, y: "Means") -> tuple[list[float], list[float], list[int]]:
+        """Returns weights, means and sizes of a difference of means over scenarios."""
+        weights = self.weights + [-weight for weight in y.weights]
+        return weights, [*self.means, *y.means], [*self.sizes, *y.sizes]
+
 
 class Contrast(NamedTuple):
     """A difference, x - y, with the p-values of no difference, and of one as large as a margin."""
@@ -225,15 +230,13 @@ class Contrast(NamedTuple):
 
 def contrast(x: Means, y: Means, margin: float) -> Contrast:
     """Compares two learners in the same scenarios; p-values are not adjusted."""
-    weights = x.weights + [-weight for weight in y.weights]
-    means, sizes = [*x.means, *y.means], [*x.sizes, *y.sizes]
-    signs = weights, [-weight for weight in weights]
+    gap, opposite = x.minus(y), y.minus(x)
     return Contrast(
         round(x.mean - y.mean, _DIGITS),
-        *combined(weights, means, sizes),
-        *combined(weights, means, sizes, 2 * TAIL),
-        p_different=min(1.0, *(2 * p_above(signed, means, sizes, 0.0) for signed in signs)),
-        p_equivalent=max(p_above(signed, means, sizes, -margin) for signed in signs),
+        *combined(*gap),
+        *combined(*gap, ALPHA),
+        p_different=min(1.0, 2 * p_above(*gap, 0.0), 2 * p_above(*opposite, 0.0)),
+        p_equivalent=max(p_above(*gap, -margin), p_above(*opposite, -margin)),
     )
 
 
@@ -255,17 +258,14 @@ def standing_apart(x: Means, y: Means, margin: float, verdict: str) -> tuple[lis
     of the margin or more, else by either. The others do by their own 90 % interval only.
     """
     found, unsure = list[int](), list[int]()
-
-    def contradicts(low: float, high: float) -> bool:
-        is_worse = verdict != "worse" and low <= -margin
-        return is_worse or (verdict != "better" and high >= margin)
-
     for i, (a, n, b, m) in enumerate(zip(*x, *y, strict=True)):
-        test = contrast(Means([a], [n]), Means([b], [m]), margin)
-        if contradicts(test.difference, test.difference):
-            found.append(i)
-        elif contradicts(test.difference_low_90, test.difference_high_90):
-            unsure.append(i)
+        difference = round(a - b, _DIGITS)
+        ends = combined([1, -1], [a, b], [n, m], ALPHA)
+        for where, (low, high) in ((found, (difference, difference)), (unsure, ends)):
+            is_worse = verdict != "worse" and low <= -margin
+            if is_worse or (verdict != "better" and high >= margin):
+                where.append(i)
+                break
     return found, unsure
 
 
@@ -273,26 +273,27 @@ def standing_apart(x: Means, y: Means, margin: float, verdict: str) -> tuple[lis
 _SAME_INPUT: Final = {"index": "one_hot", "offset": "offset_one_hot"}
 
 
-def differences(x: Population, y: Population) -> str:
+def differences(x: Population, y: Population, diverged: Sequence[int] = (0, 0)) -> str:
     """Says what differs between two learners besides their algorithms and their settings' values.
 
-    An empty text says that nothing does.
+    `diverged` says how many runs of each did. An empty text says that nothing differs.
     """
-    sides = zip(_conditions(x).items(), _conditions(y).values(), strict=True)
-    return "; ".join(
-        f"{name} {of_x} against {of_y}" for (name, of_x), of_y in sides if of_x != of_y
-    )
+    of_x, of_y = _conditions(x, diverged[0]), _conditions(y, diverged[1])
+    apart = [name for name in of_x if of_x[name] != of_y[name]]
+    return "; ".join(f"{name} {of_x[name]} against {of_y[name]}" for name in apart)
 
 
-def _conditions(population: Population) -> dict[str, str]:
+def _conditions(population: Population, n_diverged: int) -> dict[str, str]:
     """Returns under which conditions a learner was trained, in words."""
     learner, settings = population.learner, population.first.settings
     form = _SAME_INPUT.get(learner.observation, learner.observation)
     limits = dict.fromkeys(pick.settings.time_limit for pick in population.firsts)
     return {
         "settings": f"searched ({learner.search})" if learner.search else "declared",
+        "picks of settings": f"{len(population.firsts)}",
         "time limit": " or ".join(f"{limit:,}" if limit else "none" for limit in limits),
         "input": OBSERVED.get(form, form),
         "policy": learner.policy,
         "training steps": f"{settings.budget:,}",
+        "diverged runs": f"{n_diverged:,}",
     }

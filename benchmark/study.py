@@ -1,10 +1,12 @@
 """What a study is: a module that turns the runs of an experiment into tables, figures and text.
 
-`[report] kind` names a study of this project, such as `comparison`, or any module, for example one beside the
-experiment's file. The module has, in this order, what experiments declare, tables, figures, and text:
+`[report] kind` names a study of this project, such as `comparison`, or any module, for example one
+beside the experiment's file. The module has, in this order, what experiments declare, tables,
+figures, and text:
 
     Declared   a class of the table `[report]`, by default `Report`
-    check      a function of the experiment and its `[report]`; raises an InputError if they do not fit
+    check      a function of the experiment and its `[report]`; raises an InputError if they
+               do not fit
     TABLES     functions of `Data` that return a data frame, or None, by the name of the CSV file
     FIGURES    functions of `Data` that return a figure, or None, by the name of the SVG file
     SHOWN      columns, separated by spaces, of the tables that README shows, by the table's name
@@ -13,8 +15,8 @@ experiment's file. The module has, in this order, what experiments declare, tabl
     reading    a function of `Data` that returns how to read the tables, in Markdown
     READS_STORE  is there if stored runs are needed, too
 
-Only TABLES is necessary. The first line of a table's docstring says what its file holds, that of a figure is
-its caption, and that of the module is the question if `[report]` has none.
+Only TABLES is necessary. The first line of a table's docstring says what its file holds, that of a
+figure is its caption, and that of the module is the question if `[report]` has none.
 """
 
 from collections.abc import Callable, Mapping
@@ -60,3 +62,24 @@ class Data:
 TableFunction = Callable[[Data], pd.DataFrame | None]
 FigureFunction = Callable[[Data], Figure | None]
 Functions = Mapping[str, Callable[[Data], Any]]
+
+
+def learning(experiment: Experiment) -> str:
+    """States when a run has learned, as it is coded, in an experiment with `[solved]`."""
+    solved = experiment.declared.solved
+    assert solved is not None  # see the studies' `check`
+    return f"""\
+A run *has learned* after *s* of its *B* steps if success is at or above {solved.success:g} at every
+evaluation from step *s* until the first one at or after step 2*s* or, if the budget ends before,
+until the last one. {giving_up(experiment)}"""
+
+
+def giving_up(experiment: Experiment) -> str:
+    """Says which runs are given up; empty if none is."""
+    solved = experiment.declared.solved
+    if solved is None or solved.given_up_after is None:
+        return ""
+    return f"""\
+A run whose success has not reached {solved.success / 2:g} by {solved.given_up_after:.0%} of the
+budget is given up: it counts as one that never learns, even if it would learn late, and is scored
+as it was then."""

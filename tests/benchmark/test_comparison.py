@@ -83,6 +83,7 @@ def made(
             others = ("steps", "wrong_pings", "uncomfortable_steps", "greedy_success", "updates")
             final |= dict.fromkeys((*others, "parameters", "peak_memory_mb"), 1.0)
             final |= {"policy": "greedy", "budget": 400, "random_success": RANDOM}
+            final |= {"diverged_at": np.inf}
             final |= {"cpu_time_s": len(name), "training_wrong_pings": range(len(success))}
             runs.append(pd.DataFrame(keys | final))
             for step in (0, 400):
@@ -90,7 +91,9 @@ def made(
                 curves.append(pd.DataFrame(keys | values))
     declared = parse(Declared, experiment.declared.report or {}, "made.toml")
     comparison.check(experiment, declared)
-    return Data(experiment, declared, pd.concat(runs), pd.concat(curves))
+    return Data(
+        experiment, declared, *(pd.concat(each, ignore_index=True) for each in (runs, curves))
+    )
 
 
 def pair(x: str = "x, index", y: str = "y, index", key: str = "contrasts") -> str:
@@ -124,10 +127,10 @@ def at(table: Any, *key: object) -> Any:
 def decide(difference: float, different: float, equivalent: float, **row: float) -> str:
     """Returns the verdict on a difference with p-values, with a margin of 0.1."""
     test = Contrast(difference, 0, 0, 0, 0, different, equivalent)
-    return verdict(test, 0.1, {"n": 10, "p_random_x": 0.01, "p_random_y": 0.01} | row)
+    return verdict(test, 0.1, {"n": 10, "learned_x": True, "learned_y": True} | row)
 
 
-NOT_X, NOT_Y = {"p_random_x": 0.06}, {"p_random_y": 0.06}
+NOT_X, NOT_Y = {"learned_x": False}, {"learned_y": False}
 
 
 @pytest.mark.parametrize(
@@ -143,15 +146,15 @@ NOT_X, NOT_Y = {"p_random_x": 0.06}, {"p_random_y": 0.06}
         ((0.01, 1, 0.05), {}, "within margin"),
         ((-0.05, 4e-5, 0.01), {}, "within margin, but worse"),
         # Who has not learned is not better, neither slightly nor within the margin.
-        ((0.3, 0.01, 1), NOT_X | NOT_Y, "neither learned"),
-        ((0.01, 1, 0.01), NOT_X | NOT_Y, "neither learned"),
+        ((0.3, 0.01, 1), NOT_X | NOT_Y, comparison.NEITHER),
+        ((0.01, 1, 0.01), NOT_X | NOT_Y, comparison.NEITHER),
         ((0.3, 0.5, 1), NOT_X | NOT_Y, "undecided"),
-        ((0.3, 0.01, 1), NOT_X, "ahead without learning"),
-        ((0.05, 0.01, 1), NOT_X, "ahead without learning"),
+        ((0.3, 0.01, 1), NOT_X, comparison.UNEARNED),
+        ((0.05, 0.01, 1), NOT_X, comparison.UNEARNED),
         ((0.05, 0.01, 0.01), NOT_X, "within margin"),
         ((0.3, 0.01, 1), NOT_Y, "better"),
         ((-0.3, 0.01, 1), NOT_X, "worse"),
-        ((-0.3, 0.01, 1), NOT_Y, "ahead without learning"),
+        ((-0.3, 0.01, 1), NOT_Y, comparison.UNEARNED),
     ],
 )
 def test_verdicts_follow_the_declared_rule(
@@ -165,9 +168,31 @@ def test_a_learner_that_never_trained_wins_nothing_by_score(tmp_path: Path) -> N
     scores = {"x": np.full(100, 0.43), "y": np.full(100, 0.1)}
     row = only(made(tmp_path, {"x": share(0), "y": share(0)}, pair(), scores))
     assert row["score_p_different"] < 0.001
-    assert (row["success_verdict"], row["score_verdict"]) == ("neither learned",) * 2
+    assert (row["success_verdict"], row["score_verdict"]) == (comparison.NEITHER,) * 2
     row = only(made(tmp_path, {"x": share(0), "y": share(0.5)}, pair(), scores))
-    assert (row["success_verdict"], row["score_verdict"]) == ("worse", "ahead without learning")
+    assert (row["success_verdict"], row["score_verdict"]) == ("worse", comparison.UNEARNED)
+
+
+def test_a_learner_that_is_good_untrained_wins_nothing(tmp_path: Path) -> None:
+    """One succeeds before training as often as after, the other only after."""
+    data = made(tmp_path, {"x": share(0.9), "y": share(0.5)}, pair())
+    is_x = data.curves["learner"] == "x, index"
+    data.curves.loc[is_x, "success"] = 0.9 - 0.099 * (data.curves["step"] == 0)
+    row = only(data)
+    assert (row["p_random_x"] < 1e-9, row["learned_x"], row["learned_y"]) == (True, False, True)
+    assert row["success_verdict"] == comparison.UNEARNED
+    data.curves.loc[is_x & (data.curves["step"] == 0), "success"] = 0.8  # lower by the margin
+    assert only(data)["success_verdict"] == "better"
+
+
+def test_runs_that_diverged_are_counted_in_the_sentence(tmp_path: Path) -> None:
+    data = made(tmp_path, {"x": share(0.1), "y": share(0.5)}, pair())
+    data.runs.loc[(data.runs["learner"] == "x, index") & (data.runs["seed"] < 3), "diverged_at"] = (
+        200
+    )
+    contrasts(data)
+    sentence = "x, S1, against y: *worse* (0.1 against 0.5; diverged runs 3 against 0)"
+    assert sentence in comparison.headline(data)
 
 
 def test_the_random_policy_is_beaten_by_an_exact_binomial_test(tmp_path: Path) -> None:
@@ -247,7 +272,7 @@ def test_summary_and_aggregate_by_hand(tmp_path: Path) -> None:
 
 def test_curves_and_cost_by_hand(tmp_path: Path) -> None:
     data = made(tmp_path, {"slow": share(0.75, 8), "y": share(1, 8)})
-    table = comparison.curves(data).set_index(["learner", "step"])
+    table = comparison.progress(data).set_index(["learner", "step"])
     assert [*at(table, "slow, index")["success"]] == [0, 0.75]
     ends = stats.binomtest(6, 8).proportion_ci(method="exact")
     assert [*at(table, "slow, index", 400)[["success_low", "success_high"]]] == pytest.approx(
@@ -261,7 +286,9 @@ def test_usual_measures_are_rliables_and_the_same_every_time(tmp_path: Path) -> 
     drawn = {name: [rng.random(12) for _ in range(2)] for name in ("x", "y")}
     data = made(tmp_path, drawn, 'baseline = ["y, index"]\n' + pair())
     table = comparison.rliable(data)
+    state = np.random.get_state()[1]  # noqa: NPY002
     pd.testing.assert_frame_equal(table, comparison.rliable(data))
+    assert np.array_equal(state, np.random.get_state()[1])  # noqa: NPY002
     rows = table.set_index(["endpoint", "learner"])
     x, y = (np.array(drawn[name]).T for name in ("x", "y"))
     row = at(rows, "success", "x, index")
@@ -290,14 +317,14 @@ def test_a_sentence_names_learners_margin_and_what_else_differs(tmp_path: Path) 
     assert "100 runs" in first
     what = "settings searched (tuning) against declared; time limit 100 against 200"
     assert sentence.startswith("- searched DQN on one-hot cells, S1, against y: *better*")
-    assert sentence.endswith(f"(0.90 against 0.50; {what})")
+    assert sentence.endswith(f"(0.9 against 0.5; {what})")
 
 
 def test_a_measurable_difference_within_the_margin_is_not_called_equivalent(tmp_path: Path) -> None:
     data = made(tmp_path, {"x": share(0.97, 4000), "y": share(1, 4000)}, pair())
     assert only(data)["success_p_different"] < 4e-5
     text = comparison.headline(data)
-    assert "x, S1, against y: *within margin, but worse* (0.97 against 1.00)" in text
+    assert "x, S1, against y: *within margin, but worse* (0.97 against 1)" in text
     assert "equivalent" not in text + comparison.reading(reading_of(data))
 
 
@@ -313,8 +340,8 @@ def test_both_of_two_contradicting_verdicts_name_their_learners(tmp_path: Path) 
     contrasts(data)
     text = comparison.headline(data)
     assert "*better* (1), *worse* (1)" in text
-    assert "- x, S1, against y: *better* (0.90 against 0.50)" in text
-    assert "- z, S1, against y: *worse* (0.10 against 0.50)" in text
+    assert "- x, S1, against y: *better* (0.9 against 0.5)" in text
+    assert "- z, S1, against y: *worse* (0.1 against 0.5)" in text
 
 
 def test_many_undecided_contrasts_are_counted(tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def made(
             has_new = new if population.scenario.issuer.unseen else np.nan
             run = {"run": population.first.with_seed(seed).digest, "budget": BUDGET}
             run |= {"success": success[-1], "unseen_success": has_new, "unseen_budget": has_new}
-            runs.append(keys | run | {"cpu_learned_s": 1.0})
+            runs.append(keys | run | {"cpu_learned_s": 1.0, "diverged_at": np.inf})
     experiment = replace(experiment, populations=populations)
     data = Data(experiment, declared, pd.DataFrame(runs), pd.concat(curves, ignore_index=True))
     for name, function in maps.TABLES.items():
@@ -152,7 +152,7 @@ def test_verdicts_and_ratios_by_hand(
     headline = maps.headline(data)
     assert "shared table of offsets compared with table" in headline
     assert f"grid `places`, one learner is faster in {2 * (verdict in words)} of 2" in headline
-    assert "above 0.9 and stays there until" in headline
+    assert "above 0.9, at every evaluation until" in " ".join(headline.split())
     assert "to the end of all 100,000 steps" in headline
     if verdict != "undecided":
         learned = f"{bool(shared) * N} and {bool(table) * N} runs learn"
@@ -190,6 +190,11 @@ def test_failures_in_unseen_places(
     assert data.tables["contrasts"]["failures_verdict"].notna().sum() == 1
 
 
+def test_a_net_that_knows_all_untrained_does_not_fail_less(tmp_path: Path) -> None:
+    row = row_of(made(tmp_path, [{0: 1}], [{9000: 1}], unseen=(0.8, 0.5)), "new")
+    assert (row["failures_verdict"], row["failures_why"]) == ("no verdict", maps.UNTRAINED)
+
+
 def test_texts_name_what_else_differs_and_who_is_given_up(tmp_path: Path) -> None:
     change = '"offset"]', '"offset"]\nsettings = { time_limit = 9 }'
     headline = maps.headline(made(tmp_path, [{1000: 1}], [{9000: 1}], change=change))
@@ -197,7 +202,7 @@ def test_texts_name_what_else_differs_and_who_is_given_up(tmp_path: Path) -> Non
     assert "given up" not in headline
     data = made(tmp_path, [NEVER], [NEVER], change=("growth", "given_up_after = 0.6, growth"))
     for text in (maps.headline(data), maps.reading(data)):
-        assert "by 60% of the budget" in text
+        assert "by 60% of the budget is given up" in " ".join(text.split())
 
 
 @pytest.mark.parametrize(("budget", "steps"), [(800, 800), (200, 200), (400, np.inf)])
@@ -236,6 +241,18 @@ def test_steps_down_by_hand() -> None:
     first = decided(close, clear).iloc[0]
     assert stats.binom.sf(14, 19, first["faster_low"]) == pytest.approx(0.05 / 3 / 2)
     assert first["faster_low"] < 0.5 < first["faster"]
+
+
+@pytest.mark.parametrize(
+    ("less", "more", "is_small"), [(0, 0, True), (0, 1, False), (3, 3.3, False)]
+)
+def test_medians_of_nothing_do_not_differ(less: float, more: float, *, is_small: bool) -> None:
+    """In half of its runs and one, the learner that takes more needs no wrong PING either."""
+    x, y = np.full(41, less), np.where(np.arange(41) < 21, more, 9.0)
+    winner, loser = pair(np.full(41, 50.0), np.full(41, 50.0)).values()
+    sides = winner.assign(wrong_pings=x), loser.assign(wrong_pings=y)
+    found = maps._flaw(*sides, "wrong_pings", maps.Margins())
+    assert (found == maps.SMALL) == is_small
 
 
 def test_a_small_probability_has_no_verdict() -> None:
@@ -291,6 +308,7 @@ def test_picks_by_hand(tmp_path: Path) -> None:
     data = made(tmp_path, shared, [{2000: 1}, {550: 1}], picks=(3, 2))
     # Below 2,000: 500 and 600; below 550: 500.
     assert row_of(data)[["picks", "picks_faster"]].tolist() == [6, 3]
+    assert "runs learn; faster with 3 of 6 pairs of picks)" in maps.headline(data)
     cells = data.tables["cells"].query("learner == @SHARED").iloc[0]
     found = cells[["picks", "steps_fastest", "steps", "steps_slowest"]].tolist()
     assert found == [3, 500, 600, 3000]
@@ -308,7 +326,7 @@ def test_figures_by_hand(tmp_path: Path) -> None:
     left, right = axes_of("answer", data)
     names = ["All", "shared table of offsets", "table"]
     assert [label.get_text() for label in left.get_yticklabels()] == names
-    assert [text.get_text() for text in left.texts] == ["7,000", "never learns"]
+    assert [text.get_text() for text in left.texts] == ["7,000", f"0 of {N} learn"]
     assert [text.get_text() for text in right.texts] == ["0.50", "0.50"]
     dots = [line for line in left.lines if len(line.get_xdata()) == 1]
     assert [float(*line.get_xdata()) for line in dots] == [7000, BUDGET, BUDGET]

@@ -1,0 +1,231 @@
+"""Assesses any agent exactly: its score, and a map of where it PINGs.
+
+An agent is a function of the observation, or a model of Stable-Baselines3, loaded or saved. It is read as a
+table over all observations, so it has to be memoryless.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs import ACTIONS, ZONES, InputError, Model, Scenario, load_scenario
+from envs.inputs import shortened
+from envs.observations import compile_seen, observation_table
+from envs.packages import contained, needed_by
+from envs.scenario import ScenarioLike
+
+with needed_by("benchmark.assessment"):
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    from agents.dynamic_programming import Evaluation, evaluate
+    from agents.policy import Policy
+    from agents.sb3.algorithms import is_sb3_class
+    from benchmark.analysis.records import anchors, check_anchors, unbounded_scores
+    from benchmark.drawing.maps import draw_policy, policy_legend
+    from benchmark.drawing.style import check_file, figure_of, save_figure
+
+Act = Callable[[Any], object]  # from an observation to an action, or to the probability of each action
+
+HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
+PICTURES: Final = (".png", ".svg")  # endings of files
+_TOLERANCE: Final = 1e-5  # for probabilities, which may be of single precision
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What an agent does in a scenario. O observations, F fresh states, A actions."""
+
+    scenario: Scenario
+    model: Model  # the scenario, compiled for the form of observation
+    observation: str  # the form that the agent is given
+    policy: Policy  # (O, A) its action probabilities
+    evaluation: Evaluation  # exact, from the scenario's starts
+
+    @cached_property
+    def unbounded_score(self) -> float:
+        """The return as a score: 0 for the random policy, 1 for the optimal one; it can be below 0."""
+        return float(unbounded_scores(self.evaluation.grid_return, self.model, HORIZON, "start"))
+
+    @property
+    def score(self) -> float:
+        """The score clipped to [0, 1], as published learners are compared."""
+        return min(max(self.unbounded_score, 0.0), 1.0)
+
+    @property
+    def success(self) -> float:
+        """The probability that an episode ends with a PING in the target region."""
+        return float(self.evaluation.success)
+
+    def __repr__(self) -> str:
+        exact, name = self.evaluation, self.model.scenario.name
+        below = ""
+        if self.unbounded_score < 0:
+            random, _ = anchors(self.model, HORIZON, "start")
+            below = f" (the return, {float(exact.grid_return):g}, is below a random policy's, {random:g})"
+        numbers = {
+            "success": f"{self.success:g}",
+            "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
+            "unbounded score": f"{self.unbounded_score:<10g}{below}".strip(),
+            "steps": f"{float(exact.steps):g}",
+            "wrong PINGs": f"{float(exact.wrong_pings):g}",
+            "uncomfortable steps": f"{float(exact.zone_steps[ZONES.index('uncomfortable')]):g}",
+        }
+        lines = [f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over "]
+        lines[0] += f"episodes of at most {HORIZON} steps"
+        lines += [f"  {label:20} {text}" for label, text in numbers.items()]
+        return "\n".join(lines)
+
+    def draw(self, path: str | Path) -> None:
+        """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
+
+        If it observes more than its cell, the map is of the person's first position and the first phase,
+        before any wrong PING.
+
+        Raises:
+          InputError: The file name has another ending, or there is no such folder.
+        """
+        check_file(Path(path), *PICTURES)
+        save_figure(draw_map(self), Path(path))
+
+
+def assess(
+    agent: object,
+    *,
+    scenario: ScenarioLike,
+    observation: str,
+    algorithm: str | None = None,
+    stochastic: bool = False,
+) -> Assessment:
+    """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
+
+    No code from the file of a model is run; one that needs some is refused. A file does not say behind which
+    wrappers a model was trained. Its last observation shows most that change observations, but not, for
+    example, `1 - o`, or one that changes actions; assess a function then.
+
+    Args:
+      agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`), five
+        probabilities, or what `model.predict` returns; a model of Stable-Baselines3, or its `predict`; or the
+        path of a saved one. A model's wrappers must not change observations or actions.
+      scenario: A name or a path, see `envs.load_scenario`.
+      observation: The form of observation that the agent takes, see `envs.observations`.
+      algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
+      stochastic: Whether a model draws its actions; otherwise it acts greedily.
+
+    Raises:
+      InputError: The scenario, the form of observation or the model cannot be used, or a function returns
+        something else, or another answer when it is asked again.
+    """
+    loaded = load_scenario(scenario)
+    is_path = isinstance(agent, str | Path)
+    if is_path != (algorithm is not None):
+        accepted = "module:class, such as stable_baselines3:PPO, only and always with a saved model's path"
+        raise InputError(f"{agent if is_path else 'agent'}: algorithm = {algorithm}: accepted: {accepted}.")
+    if getattr(agent, "__name__", "") == "predict" and is_sb3_class(type(getattr(agent, "__self__", None))):
+        agent = agent.__self__  # type: ignore[attr-defined]
+    model = compile_seen(loaded, observation)
+    if is_path or is_sb3_class(type(agent)):
+        policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
+    elif not callable(agent):
+        accepted = "a function, a model of Stable-Baselines3, or the path of a saved one"
+        raise InputError(f"agent = {_shown(agent)}: accepted: {accepted}.")
+    elif stochastic:
+        raise InputError("stochastic: accepted only with a model of Stable-Baselines3.")
+    else:
+        policy = _policy_of_function(agent, model, observation)
+    check_anchors(model, HORIZON, "start")
+    return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON))
+
+
+def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
+    """Returns a function's action probabilities, (O, A); it is called twice with every observation.
+
+    The second call, in reverse order, detects functions with memory or randomness.
+    """
+    table = observation_table(model, observation)
+
+    def probabilities(o: int) -> NDArray[np.float64]:
+        # As an environment gives it: a number, or an array that the function may change.
+        given = int(table[o]) if table.ndim == 1 else table[o].copy()
+        try:
+            answer = contained()(act)(given)
+        except Exception as error:  # whatever the function raises
+            reason = f"{type(error).__name__}: {error}".removesuffix(".")
+            raise InputError(f"act: failed for observation {o}: {reason}.") from error
+        row = _row(answer)
+        if row is None:
+            raise InputError(
+                f"act: returned {_shown(answer)} for observation {o}; accepted: an action, a whole number "
+                f"from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to one, or either "
+                "with None, as in (action, None), which predict returns for a model without memory."
+            )
+        return row
+
+    policy = np.stack([probabilities(o) for o in range(len(table))])
+    again = np.stack([probabilities(o) for o in reversed(range(len(table)))])[::-1]
+    if abs(again - policy).max() > _TOLERANCE:
+        found = "act: returned another answer for the same observation, asked again"
+        drawing = f"an agent that draws its actions returns {len(ACTIONS)} probabilities"
+        raise InputError(f"{found}; accepted: one without memory; {drawing}.")
+    return policy
+
+
+def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic: bool) -> Policy:
+    """Reads the policy, (O, A), of a model of SB3, or of a saved one; `given` is for `agent_table`."""
+    where = "agent" if algorithm is None else str(agent)
+    with needed_by(f"{where}: a saved model"):
+        from agents.sb3.tables import agent_table, saved_table
+    if algorithm is None:
+        table, is_value = agent_table(agent, where, *given)
+    else:
+        table, is_value = saved_table(_saved_model(Path(where)), algorithm, *given)
+    if not stochastic:
+        return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
+    if is_value:
+        raise InputError(f"{where}: stochastic = True: accepted only with action probabilities.")
+    return table
+
+
+def _saved_model(path: Path) -> Path:
+    """Returns where Stable-Baselines3 finds a saved model: the name's ending, .zip, may be missing."""
+    whole = path.with_name(f"{path.name}.zip")
+    return whole if not path.is_file() and whole.is_file() else path
+
+
+def _row(answer: object) -> NDArray[np.float64] | None:
+    """Returns the probabilities, (A,), that a function's answer stands for; None if it is no answer."""
+    if isinstance(answer, tuple) and len(answer) == 2 and answer[1] is None:
+        answer = answer[0]  # what a model's `predict` returns without a memory
+    try:
+        values = np.asarray(answer)
+    except (ValueError, TypeError, RuntimeError):  # nested lists, or tensors that need a gradient
+        return None
+    if values.shape == () and values.dtype.kind in "iu" and 0 <= values < len(ACTIONS):
+        return np.asarray(np.eye(len(ACTIONS))[int(values)])
+    if values.shape != (len(ACTIONS),) or values.dtype.kind not in "iuf":
+        return None
+    total = values.sum(dtype=np.float64)
+    is_distribution = (values >= 0).all() and abs(total - 1.0) <= _TOLERANCE
+    return values / total if is_distribution else None
+
+
+def _shown(answer: object) -> str:
+    return shortened(" ".join(repr(answer).split()), 100)
+
+
+def draw_map(assessment: Assessment) -> Figure:
+    """Draws the map of an agent, see `Assessment.draw`."""
+    model, norm = assessment.model, Normalize(0.0, 1.0)
+    rows, columns = model.scenario.grid.rows, model.scenario.grid.columns
+    with figure_of(1, 1, (6.0, 2.1 + 4.6 * rows / columns)) as (figure, axes):
+        figure.set_layout_engine("compressed")  # the colour scale gets the height of the map
+        draw_policy(axes[0, 0], model, assessment.policy, norm)
+        numbers = f"score {assessment.score:.3g}, success {assessment.success:.3g}"
+        axes[0, 0].set_title(f"{model.scenario.name}: {numbers}")
+        policy_legend(figure, [axes[0, 0]], model, norm)
+    return figure

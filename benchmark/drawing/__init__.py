@@ -1,0 +1,1 @@
+"""Figures, maps, films, text and table files; nothing is computed here."""

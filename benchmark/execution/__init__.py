@@ -1,0 +1,1 @@
+"""Plans runs, executes them and stores their records."""

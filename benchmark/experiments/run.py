@@ -1,0 +1,178 @@
+"""A run: everything that its result depends on, and when it is evaluated."""
+
+import hashlib
+import json
+import math
+import re
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from agents import LearnerSettings, Schedule
+from benchmark.experiments.schema import DEFAULT_CONDITION
+from envs import ACTIONS, Scenario
+from envs.observations import seen_as
+from envs.sources import digest_when_loaded
+
+
+@dataclass(frozen=True, eq=False)
+class RunSpecification:
+    """One run, fully resolved: everything its result depends on."""
+
+    stream: str
+    condition: str  # what its experiment calls the condition; the identity has what the condition changes
+    scenario: Scenario
+    variant: str
+    algorithm: str
+    versions: Mapping[str, int]  # of the algorithm, the model and the evaluation
+    observation: str
+    settings: LearnerSettings
+    horizon: int
+    evaluation_every: int
+    map_every: int
+    evaluated_from: tuple[str, ...]
+    seed: int
+    # Of a run that is measured until it has solved its scenario: `Solved`, and the policy that counts.
+    solved: Mapping[str, float | str] | None = None
+    # What else its `Schedule` has; no part of its identity.
+    log: str = ""
+    keep: Callable[[Any], object] | None = None
+
+    @cached_property
+    def population(self) -> str:
+        """The specification without its seed, as canonical JSON: runs that share it train together."""
+        content: dict[str, object] = {
+            "stream": self.stream,
+            "scenario": self.scenario.model_dump(mode="json"),
+            "variant": self.variant,
+            "algorithm": self.algorithm,
+            "versions": dict(self.versions),
+            "observation": self.observation,
+            "settings": self.settings.model_dump(mode="json"),
+            "horizon": self.horizon,
+            "evaluation_every": self.evaluation_every,
+            "map_every": self.map_every,
+            "evaluated_from": list(self.evaluated_from),
+            "solved": self.solved and dict(self.solved),
+        }
+        # Users' modules that it names as `module:attribute`.
+        named = {*re.findall(r'"([\w.]+):[\w.]+"', json.dumps(content, ensure_ascii=False))}
+        if code := {name: digest for name in sorted(named) if (digest := digest_when_loaded(name))}:
+            content["code"] = code
+        return json.dumps(content, sort_keys=True, separators=(",", ":"))
+
+    @property
+    def code(self) -> dict[str, str]:
+        """The digests of users' modules that it depends on, by name, as they were loaded."""
+        return dict(json.loads(self.population).get("code", {}))
+
+    def with_seed(self, seed: int) -> "RunSpecification":
+        """Returns another run of the same population."""
+        run = replace(self, seed=seed)
+        run.__dict__["population"] = self.population  # cached
+        return run
+
+    @property
+    def content(self) -> str:
+        """The whole specification as canonical JSON."""
+        return f'{self.population[:-1]},"seed":{self.seed}}}'
+
+    @cached_property
+    def digest(self) -> str:
+        """The run's identity: SHA-256 of its content."""
+        return hashlib.sha256(self.content.encode()).hexdigest()
+
+    @property
+    def folder(self) -> str:
+        """A readable path for files about this run alone; it names any condition but the default one."""
+        learner = f"{self.stream}/{self.scenario.name}/{self.variant}_{self.observation}"
+        condition = "" if self.condition == DEFAULT_CONDITION else f"{self.condition}/"
+        return f"{learner}/{condition}seed_{self.seed}"
+
+    @property
+    def record_size(self) -> int:
+        """About how many bytes are recorded before compression: greedy actions, and values of all actions."""
+        budget = self.settings.budget
+        if self.solved is not None:
+            return 24 * len(self.schedule.evaluation_steps)
+        n_evaluations, n_maps = (-(-budget // every) + 1 for every in (self.evaluation_every, self.map_every))
+        seen = seen_as(self.scenario, self.observation)
+        return seen.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
+
+    @property
+    def schedule(self) -> Schedule:
+        """When the learner's policy and values are kept."""
+        budget, every = self.settings.budget, self.evaluation_every
+        if self.solved is not None:
+            steps = evaluation_steps(budget, every, float(self.solved["growth"]))
+            return Schedule(budget, tuple(steps), log=self.log, keep=self.keep)
+        steps, map_steps = (evaluation_steps(budget, n) for n in (every, self.map_every))
+        return Schedule(budget, tuple(steps), tuple(map_steps), log=self.log, keep=self.keep)
+
+    @property
+    def drawn_scenario(self) -> Scenario:
+        """The scenario of this run alone: what a scenario draws is drawn anew for every seed."""
+        return self.scenario.drawn(self.seed)
+
+    @property
+    def seed_sequence(self) -> np.random.SeedSequence:
+        """The run's random stream, derived from names and never from a position in a list.
+
+        Conditions share their streams: the scenario enters by its name alone, settings not at all.
+        """
+        names = [self.stream, self.scenario.name, self.variant, self.observation, self.seed]
+        entropy = hashlib.sha256(json.dumps(names).encode()).digest()
+        return np.random.SeedSequence(int.from_bytes(entropy))
+
+
+def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
+    """Lists when policies are evaluated: from 0 to the budget, the end always included.
+
+    All but the budget are multiples of `every`. Each is about `growth` times as late as the one before.
+
+    >>> evaluation_steps(600, 250), evaluation_steps(1600, 100, 1.5)
+    ([0, 250, 500, 600], [0, 100, 200, 300, 500, 800, 1200, 1600])
+    """
+    if growth == 1:
+        return [*range(0, budget, every), budget]
+    steps = [0]
+    while steps[-1] < budget:
+        following = max(steps[-1] + every, math.ceil(steps[-1] * growth / every) * every)
+        steps.append(min(following, budget))
+    return steps
+
+
+def solved(
+    success: Sequence[float], steps: Sequence[int], enough: float, until: float = 2.0
+) -> tuple[int, bool]:
+    """Returns from which evaluation on success stays at or above a level, and whether that is final.
+
+    It has to stay there until `until` times as many steps, or to the end of the curve so far. The result is
+    an index into `steps`, or the curve's length if success never stays there.
+
+    >>> steps = [0, 100, 200, 300, 400, 500]
+    >>> solved([0, 1, 0, 1, 1], steps, 0.9), solved([0, 1, 1, 0], steps, 0.9)
+    ((3, False), (1, True))
+    """
+    first = 0
+    for i, value in enumerate(success):
+        if value < enough:
+            first = i + 1
+        elif i > first and steps[i] >= until * steps[first]:
+            return first, True
+    return first, False
+
+
+def given_up(success: Sequence[float], steps: Sequence[int], enough: float, after: float) -> bool:
+    """Returns whether a run is given up, by its curve so far, see `Solved.given_up_after`.
+
+    >>> steps = [0, 100, 200, 300, 400]
+    >>> [given_up(success, steps, 0.9, 0.6) for success in ([0, 0.4, 0], [0, 0.4, 0, 0], [0, 0.5, 0, 0])]
+    [False, True, False]
+    """
+    first = bisect_left(steps, after * steps[-1])
+    return len(success) > first and max(success[: first + 1]) < enough / 2

@@ -1,0 +1,1 @@
+"""How results become a folder: tables, figures, texts, manifest, and the page."""
