@@ -12,9 +12,8 @@ The tables are made of stored records, since action values are not published.
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial, wraps
+from functools import lru_cache, partial
 from textwrap import fill
 from typing import Any, Final, NamedTuple
 from warnings import catch_warnings
@@ -27,20 +26,10 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy import stats
 
-from agents.policy import contains, greedy_masks
 from benchmark.experiment import Experiment
-from benchmark.records import OPTIMUM_TOLERANCE, Records, anchors, load_records, optimal_values
+from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records, optimal_values
 from benchmark.scenes import colour_bar, dots, heat, region_legend, triangles
-from benchmark.statistics import (
-    LEVEL,
-    Estimate,
-    Numbers,
-    interval,
-    proportion,
-    resample,
-    student,
-    with_ends,
-)
+from benchmark.statistics import LEVEL, Numbers, interval, proportion, resample, student, with_ends
 from benchmark.store import Store
 from benchmark.study import Data, Report
 from benchmark.style import WIDTH, draw_cells, figure_of, norm_of
@@ -70,25 +59,25 @@ _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each c
 def check(experiment: Experiment, _: Report) -> None:
     """Refuses all but one table, which records the maximum Q, in scenes like the paper's."""
     first, *others = experiment.learners.values()
-    is_table = not others and "record_every" in first.algorithm.settings.model_fields
-    default = [each.scenario for each in experiment.populations if each.condition.name == DEFAULT]
-    has_readings = bool(experiment.declared.readings)
-    is_paper = sorted(map(str, default)) == sorted(str(load_scenario(name)) for name in SCENARIOS)
+    default = {each.scenario for each in experiment.populations if each.condition.name == DEFAULT}
     demands = {
-        "algorithms: accepted in a replication: one, a table that records max Q": is_table,
-        "readings: accepted in a replication: at least one": has_readings,
-        f"scenarios: accepted in a replication: the paper's, {listed(SCENARIOS)}": is_paper,
+        "algorithms: accepted in a replication: one, a table that records max Q": (
+            not others and "record_every" in first.algorithm.settings.model_fields
+        ),
+        "readings: accepted in a replication: at least one": bool(experiment.declared.readings),
+        f"scenarios: accepted in a replication: the paper's, {listed(SCENARIOS)}": (
+            default == {*map(load_scenario, SCENARIOS)}
+        ),
     }
     what = "one start, one phase, no walls, squares as regions, the cell observed"
     for population in experiment.populations:
         model, name = compile_scenario(population.scenario), population.condition.name
-        is_square = model.scenario.regions.target_radius is not None
         where = f"scenarios: {model.scenario.name} ({name}): accepted in a replication"
         is_open = model.has_cell_maps and len(model.starts) == 1
+        is_square = model.scenario.regions.target_radius is not None
         demands[f"{where}: {what}"] = is_open and is_square
-    for demand, is_met in demands.items():
-        if not is_met:
-            raise InputError(f"{experiment.argument}: {demand}.")
+    for demand in (demand for demand, is_met in demands.items() if not is_met):
+        raise InputError(f"{experiment.argument}: {demand}.")
 
 
 # The agents
@@ -100,13 +89,13 @@ def load(data: Data) -> Mapping[str, Agents]:
     if data.store is None:
         what = "action values are not published"
         raise InputError(f"{data.experiment.argument}: {what}: run the experiment first.")
-    found = defaultdict[str, dict[str, Records]](dict)
+    found: dict[str, dict[str, Records]] = {}
     seeds = data.runs.groupby(["reading", "scenario"])["seed"]
     with Store(data.store, read_only=True) as store:
         for each in data.experiment.populations:
             reading, scenario = each.condition.name, each.scenario.name
-            runs = each.runs(seeds.get_group((reading, scenario)).tolist())
-            found[reading][scenario] = load_records(runs, store)
+            runs = each.runs(seeds.get_group((reading, scenario)))
+            found.setdefault(reading, {})[scenario] = load_records(runs, store)
     return found
 
 
@@ -118,10 +107,10 @@ def sets_of(data: Data, reading: str = DEFAULT) -> list[Agents]:
     """
     everyone, (learner,) = load(data)[reading], data.experiment.learners.values()
     size = learner.declared.seeds
-    total = min(len(agents.seeds) for agents in everyone.values())
+    total = len(everyone[SCENARIOS[0]].seeds)
     return [
         {name: agents.subset(i, i + size) for name, agents in everyone.items()}
-        for i in range(0, max(total - size, 0) + 1, size)
+        for i in range(0, total - size + 1, size) or [0]
     ]
 
 
@@ -141,7 +130,6 @@ class Part(NamedTuple):
     value: Numbers
     low: Numbers
     high: Numbers
-    note: str = ""
     drawn: float = math.nan  # what the paper's figure shows instead
 
 
@@ -186,17 +174,14 @@ def _ratio(
 ) -> Part:
     (samples, drawn), (samples_of_y, drawn_of_y) = measure(curve, x), measure(curve, y)
     ratio, name = samples / samples_of_y, f"{x.scenario}/{y.scenario}"
-    return Part(name, ratio[0], *interval(ratio), drawn=drawn / drawn_of_y)
+    return Part(name, ratio[0], *interval(ratio), drawn / drawn_of_y)
 
 
 def _near_one(curve: str, agents: Records) -> Part:
-    curves, model = agents.arrays[curve], agents.model
+    curves = agents.arrays[curve]
     samples = _means(agents, np.percentile(curves, 99, axis=1))[:, 0]
-    reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
-    ceiling = reward[agents.in_target].max()
-    note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
     peak = curves.mean(axis=0).max()
-    return Part(agents.scenario, samples[0], *interval(samples), note, peak)
+    return Part(agents.scenario, samples[0], *interval(samples), peak)
 
 
 def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
@@ -210,15 +195,14 @@ def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
 
 def _valued_outside(_: str, agents: Records) -> Part:
     in_target, signs = agents.in_target, _signs(agents)
-    inside = signs[0, in_target].sum()
-    counts = signs[:, ~in_target].sum(axis=1) if inside else [math.nan] * 3  # nothing was learned
-    note = f"{inside} of {in_target.sum()} target cells have one"
-    return Part(agents.scenario, *Estimate(*map(float, counts)), note)
+    has_learned = signs[0, in_target].any()
+    counts = np.where(has_learned, signs[:, ~in_target].sum(axis=1), math.nan)
+    return Part(agents.scenario, *counts)
 
 
 def _missing_inside(_: str, agents: Records) -> Part:
-    value, high, low = (~_signs(agents)[:, agents.in_target]).sum(axis=1)
-    return Part(agents.scenario, float(value), float(low), float(high))
+    value, high, low = (~_signs(agents)[:, agents.in_target]).sum(axis=1).tolist()
+    return Part(agents.scenario, value, low, high)
 
 
 def _reaches(_: str, agents: Records) -> Part:
@@ -230,12 +214,12 @@ def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> Floats:
     return np.asarray((cells & in_target).sum(axis=-1) / (cells | in_target).sum(axis=-1))
 
 
-def _overlap_of_mean(agents: Records, level: float = LEVEL) -> Estimate:
+def _overlap_of_mean(agents: Records, level: float = LEVEL) -> Floats:
     """Returns the overlap of the mean map: as measured, the least and the greatest."""
     in_target, (measured, surely, possibly) = agents.in_target, _signs(agents, level)
     least = np.where(in_target, surely, possibly)
     greatest = np.where(in_target, possibly, surely)
-    return Estimate(*(float(overlap(cells, in_target)) for cells in (measured, least, greatest)))
+    return overlap(np.stack([measured, least, greatest]), in_target)
 
 
 def _mean_map(_: str, agents: Records) -> Part:
@@ -243,16 +227,13 @@ def _mean_map(_: str, agents: Records) -> Part:
 
 
 def _own_maps(_: str, agents: Records) -> Part:
-    valued, in_target = agents.values_ping, agents.in_target
-    hits = (valued & in_target).sum()
-    precision, recall = hits / max(valued.sum(), 1), hits / in_target.sum() / len(valued)
-    note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
-    return Part(f"own maps {agents.scenario}", *student(overlap(valued, in_target)), note)
+    overlaps = overlap(agents.values_ping, agents.in_target)
+    return Part(f"own maps {agents.scenario}", *student(overlaps))
 
 
 def _mean_maps_differ(_: str, *both: Records) -> Part:
     level = (1 + LEVEL) / 2  # of each map, so that both intervals are right at once
-    x, y = (np.array(_overlap_of_mean(agents, level)) for agents in both)
+    x, y = (_overlap_of_mean(agents, level) for agents in both)
     return Part("mean map", *(x - y[[0, 2, 1]]))
 
 
@@ -265,7 +246,6 @@ def _own_maps_differ(_: str, *both: Records) -> Part:
 
 
 _VARIABILITY: Final = (partial(_ratio, _spread),)
-_ITS_OVERLAP: Final = "overlap of the cells with Q of PING above zero and the target region"
 CLAIMS: Final = (
     Claim(
         "variability-S2", "max Q varies most in S2", ">", 1.0, (("S2", "S1"), ("S2", "S3")),
@@ -304,7 +284,8 @@ CLAIMS: Final = (
     Claim(
         "random-helps", "random feedback helps", ">", 0.0, (("S2", "S1"),),
         (_mean_maps_differ, _own_maps_differ),
-        f"{_ITS_OVERLAP} (intersection over union), S2 minus S1",
+        "overlap of the cells with Q of PING above zero and the target region (intersection over "
+        "union), S2 minus S1",
     ),
     Claim(
         "identifies", "S2, S3: region identified", ">", 0.9, (("S2",), ("S3",)),
@@ -326,156 +307,108 @@ def judge(agents: Agents, curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.Da
       curve: Array of the curve of maximum Q that claims are about.
       claims: All claims, or some.
     """
+    seeds = agents[SCENARIOS[0]].seeds
     parts = pd.DataFrame(
-        {"claim": claim.id, "right_side": claim.right_side, "threshold": claim.threshold}
+        {"claim": claim.id, "agents": len(seeds), "first_seed": seeds[0]}
         | measure(curve, *(agents[name] for name in group))._asdict()
+        | {"right_side": claim.right_side, "threshold": claim.threshold}
         for claim in claims
         for measure in claim.measures
         for group in claim.groups
     )
     sign = np.where(parts["right_side"] == ">", 1, -1)
     ends = sign * (parts[["low", "high"]].to_numpy().T - parts["threshold"].to_numpy())
-    states = [ends.min(axis=0) > 0, ends.max(axis=0) <= 0]  # neither of NaN
-    parts["state"] = np.select(states, ["passes", "fails"], "undecided")
-    parts["verdict"] = parts.groupby("claim")["state"].transform(_verdict)
-    seeds = agents[SCENARIOS[0]].seeds
-    return parts.assign(agents=len(seeds), first_seed=seeds[0], last_seed=seeds[-1])
-
-
-def _verdict(states: "pd.Series[str]") -> str:
-    """Returns the verdict on a claim with parts of these states."""
-    if (states == "fails").any():
-        return "does not hold"
-    return "holds" if (states == "passes").all() else "undecided"
+    state = np.select([ends.min(axis=0) > 0, ends.max(axis=0) <= 0], [0, 2], 1)  # 1 of NaN
+    parts["state"] = np.take(["passes", "undecided", "fails"], state)
+    worst = pd.Series(state).groupby(parts["claim"]).transform("max")
+    return parts.assign(verdict=np.take([*VERDICTS], worst))
 
 
 # Tables
 
-_JUDGED: Final = [
-    "part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict",
-]  # fmt: skip
-_IN_SETS: Final = [
-    "first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict",
-]  # fmt: skip
 
-
-def _curve_of(data: Data, reading: str) -> str:
-    return _CURVES[data.experiment.declared.readings[reading].curve]
+def _judged(data: Data, agents: Agents, reading: str = DEFAULT) -> pd.DataFrame:
+    return judge(agents, _CURVES[data.experiment.declared.readings[reading].curve])
 
 
 def claim_sets(data: Data) -> pd.DataFrame:
     """The parts of all claims in each of the disjoint sets of agents."""
-    parts = [judge(agents, _curve_of(data, DEFAULT)) for agents in sets_of(data)]
-    return pd.concat(parts, ignore_index=True)[_IN_SETS]
+    return pd.concat([_judged(data, agents) for agents in sets_of(data)], ignore_index=True)
 
 
 def claims(data: Data) -> pd.DataFrame:
     """The parts of all claims, with few agents and all."""
-    parts = pd.concat(judge(agents, _curve_of(data, DEFAULT)) for agents in few_and_all(data))
-    parts = pd.concat(parts[parts["claim"] == claim.id] for claim in CLAIMS)
-    sets = data.tables["claim_sets"].drop_duplicates(["first_seed", "claim"])
-    parts["sets"] = sets["first_seed"].nunique()
-    verdicts = [*zip(sets["claim"], sets["verdict"], strict=True)]
-    judged = zip(parts["claim"], parts["verdict"], strict=True)
-    parts["sets_agreeing"] = [*map(verdicts.count, judged)]
-    return parts[["claim", *_JUDGED, "note", "drawn", "sets", "sets_agreeing"]]
+    sets = data.tables["claim_sets"].groupby(["claim", "verdict"])["first_seed"].nunique()
+    parts = pd.concat([_judged(data, agents) for agents in few_and_all(data)], ignore_index=True)
+    agreeing = parts[["claim", "verdict"]].apply(tuple, axis=1).map(sets)
+    return parts.assign(sets_agreeing=agreeing.fillna(0).astype(int))
 
 
 def sensitivity(data: Data) -> pd.DataFrame:
     """The parts of all claims under every reading of the paper."""
     parts = [
-        judge(sets_of(data, name)[0], _curve_of(data, name)).assign(reading=name)
+        _judged(data, sets_of(data, name)[0], name).assign(reading=name)
         for name in data.experiment.declared.readings
     ]
-    return pd.concat(parts, ignore_index=True)[["claim", "reading", *_JUDGED]]
-
-
-def by_scenario(columns: Callable[[Records], dict[str, Any]]) -> Callable[[Data], pd.DataFrame]:
-    """Makes a table of the agents that figures show, one scenario after the other."""
-
-    @wraps(columns)
-    def table(data: Data) -> pd.DataFrame:
-        few = sets_of(data)[0].items()
-        frames = [pd.DataFrame({"scenario": name} | columns(agents)) for name, agents in few]
-        return pd.concat(frames, ignore_index=True)
-
-    return table
-
-
-@by_scenario
-def max_q(agents: Records) -> dict[str, Any]:
-    """Maximum Q over training: of the visited cell and of the table."""
-    visited, table = (_over_agents(agents.arrays[key]) for key in _CURVES.values())
-    steps = np.arange(len(visited["mean"])) * agents.run.settings.model_dump()["record_every"]
-    of_table = {f"table_{key}": table[key] for key in ("mean", "min", "max")}
-    return {"step": steps, **visited, **of_table}
-
-
-@by_scenario
-def learning(agents: Records) -> dict[str, Any]:
-    """What greedy policies reach over training."""
-    scores = agents.unbounded_scores()
-    return {
-        "step": agents.evaluation_steps,
-        **with_ends("success", proportion(agents.arrays["success"])),
-        **with_ends("score", proportion(np.clip(scores, 0.0, 1.0))),
-        **with_ends("optimal_share", proportion(scores >= _OPTIMUM)),
-        "unbounded_score": scores.mean(axis=0),
-    }
-
-
-@by_scenario
-def q_values(agents: Records) -> dict[str, Any]:
-    """Final Q and Q* of every cell and action."""
-    best, q, n_actions = optimal_values(agents), agents.arrays["q"], len(ACTIONS)
-    row, column = agents.model.position.repeat(n_actions, axis=0).T
-    values = _over_agents(q) | {"optimal": best, "difference": q.mean(axis=0) - best}
-    values["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
-    return {
-        **{"row": row, "column": column, "action": np.tile(ACTIONS, len(best))},
-        **{name: array.ravel() for name, array in values.items()},
-        "largest_learned": q.max(axis=-1).mean(axis=0).repeat(n_actions),
-        "differs": _differing(agents).repeat(n_actions),
-    }
+    return pd.concat(parts, ignore_index=True)
 
 
 def optimal(data: Data) -> pd.DataFrame:
     """What greedy policies reach after training, with few agents and all."""
-    groups = few_and_all(data)
-    return pd.DataFrame(_reached(agents) for some in groups for agents in some.values())
+    return pd.DataFrame(
+        {
+            "scenario": name,
+            "agents": len(agents.seeds),
+            "step": agents.evaluation_steps[-1],
+            **with_ends("success", proportion(agents.arrays["success"][:, -1])),
+            **with_ends("optimal_share", proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM)),
+        }
+        for some in few_and_all(data)
+        for name, agents in some.items()
+    )
 
 
-def _reached(agents: Records) -> dict[str, object]:
-    """Returns what the greedy policies reach after training, and the exact anchors."""
-    model, seeds, arrays = agents.model, agents.seeds, agents.arrays
-    row = {"scenario": agents.scenario, "agents": len(seeds)}
-    row |= {"first_seed": seeds[0], "last_seed": seeds[-1]}
-    row |= with_ends("success", proportion(arrays["success"][:, -1]))
-    row |= with_ends("optimal_share", proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM))
-    for name in ("grid_return", "scenario_return"):
-        random, best = anchors(model, agents.run.horizon, name)
-        found = {"random": random, "optimal": best, "learned": arrays[name][:, -1].mean()}
-        found["regret"] = best - found["learned"]
-        row |= {f"{name}_{key}": value for key, value in found.items()}
-    start = model.observation[model.start]
-    row["start_value_optimal"] = optimal_values(agents)[start].max()
-    row["start_value_learned"] = arrays["q"][:, start].max(axis=-1).mean()
-    row["cells_differing"] = _differing(agents)[~model.is_over[model.fresh_state]].mean()
-    return row
+def max_q(data: Data) -> pd.DataFrame:
+    """Maximum Q of the visited cell over training."""
+    return _by_scenario(data, _max_q)
+
+
+def _max_q(agents: Records) -> dict[str, Any]:
+    curves = _over_agents(agents.arrays["max_q"])
+    steps = np.arange(len(curves["mean"])) * agents.run.settings.model_dump()["record_every"]
+    return {"step": steps, **curves}
+
+
+def q_values(data: Data) -> pd.DataFrame:
+    """Final Q and Q* of every cell and action."""
+    return _by_scenario(data, _q_values)
+
+
+def _q_values(agents: Records) -> dict[str, Any]:
+    best, n_actions = optimal_values(agents), len(ACTIONS)
+    row, column = agents.model.position.repeat(n_actions, axis=0).T
+    values = _over_agents(agents.arrays["q"]) | {"optimal": best}
+    return {
+        **{"row": row, "column": column, "action": np.tile(ACTIONS, len(best))},
+        **{name: array.ravel() for name, array in values.items()},
+    }
+
+
+def _by_scenario(data: Data, columns: Callable[[Records], dict[str, Any]]) -> pd.DataFrame:
+    """Returns columns of the agents that figures show, one scenario after the other."""
+    few = sets_of(data)[0].items()
+    frames = [pd.DataFrame({"scenario": name} | columns(agents)) for name, agents in few]
+    return pd.concat(frames, ignore_index=True)
 
 
 def _over_agents(values: Floats) -> dict[str, Floats]:
     """Returns statistics over N agents of their (N, ...) values."""
-    spread = {"std": values.std(axis=0, ddof=1), "min": values.min(axis=0)}
-    return {"mean": values.mean(axis=0), **spread, "max": values.max(axis=0)}
-
-
-def _differing(agents: Records) -> Floats:
-    """Returns the share of agents whose greedy action is not optimal, (O,); ties count in part."""
-    best = contains(greedy_masks(optimal_values(agents), OPTIMUM_TOLERANCE))  # (O, A)
-    greedy = contains(agents.arrays["greedy"][:, -1])  # (N, O, A)
-    wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)
-    return np.asarray(wrong.mean(axis=0))
+    return {
+        "mean": values.mean(axis=0),
+        "std": values.std(axis=0, ddof=1),
+        "min": values.min(axis=0),
+        "max": values.max(axis=0),
+    }
 
 
 # Figures
@@ -488,17 +421,19 @@ def figure(data: Data) -> Figure:
     values = data.tables["q_values"]
     models = [compile_scenario(load_scenario(name)) for name in SCENARIOS]
     is_ping = values["action"] == "PING"
-    norms = norm_of(values["mean"][~is_ping]), norm_of(values["mean"][is_ping])
+    shown = values[~is_ping], values[is_ping]
+    norms = [norm_of(each["mean"]) for each in shown]
     with figure_of(3, len(models), (WIDTH, 7.8)) as (figure, axes):
         for (top, moves, pings), model in zip(axes.T, models, strict=True):
             name, kind = model.scenario.name, model.scenario.issuer.feedback.kind
-            own, scene = values["scenario"] == name, scene_of(model)
+            moved, pinged = (each[each["scenario"] == name] for each in shown)
+            scene = scene_of(model)
             top.sharey(axes[0, 0])
             _draw_curve(top, data, name)
-            top.set_title(f"{name}: {FEEDBACK.get(kind, kind)}")
-            triangles(moves, scene, values[own & ~is_ping], norms[0])
-            heat(pings, scene, values["mean"][own & is_ping].to_numpy(), norms[1])
-            learned = values[own & is_ping & (values["mean"] > 0)]
+            top.set_title(f"{name}: {FEEDBACK[kind]}")
+            triangles(moves, scene, moved, norms[0])
+            heat(pings, scene, pinged["mean"].to_numpy(), norms[1])
+            learned = pinged[pinged["mean"] > 0]
             dots(pings, learned["row"], learned["column"])
         axes[0, 0].set(ylabel="max Q of the visited cell")
         for row, norm, of in zip(axes[1:], norms, ("moves", "PING"), strict=True):
@@ -519,7 +454,7 @@ def _draw_curve(axis: Axes, data: Data, scenario: str) -> None:
         steps, curve["min"], curve["max"], color="0.8", lw=0, label="range over agents"
     )
     axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="a correct PING in S1")
-    axis.set_xlabel(f"{budget_of(data)[1]} of training")
+    axis.set_xlabel(f"training ({budget_of(data)})")
     axis.margins(x=0)
     axis.locator_params(axis="x", nbins=3)
 
@@ -544,7 +479,6 @@ TABLES: Final = {
     "claim_sets": claim_sets,
     "claims": claims,
     "sensitivity": sensitivity,
-    "learning": learning,
     "optimal": optimal,
     "max_q": max_q,
     "q_values": q_values,
@@ -554,61 +488,44 @@ SHOWN: Final = {"optimal": "scenario agents success optimal_share"}
 COLUMNS: Final = {
     "action": "action",
     "agents": "agents per scenario",
-    "cells_differing": "share of cells in which a greedy action is not optimal, mean over agents",
     "column": "column of the cell",
     "claim": "claim of the paper",
-    "difference": "`mean` minus `optimal`",
-    "differs": "share of agents whose greedy action in the cell is not optimal",
     "drawn": "`value` as the paper's figure shows it, with the range of agents or their mean",
     "first_seed": "seed of the first agent",
-    "grid_return_*": """\
-sum of the grid's rewards of an episode, by the random, optimal or learned greedy policy; the regret
-is how much the latter falls short of the optimal one""",
     "high": "upper end of its 95 % interval, see `low`",
-    "is_optimal": "whether the action is optimal in the cell",
-    "largest_learned": "largest Q in the cell, mean over agents",
-    "last_seed": "seed of the last agent",
     "low": """\
 lower end of its 95 % interval: bootstrap percentiles for ratios and levels, Student's t for own
 maps, Welch's for differences, simultaneous intervals of all cells' means for counts of cells""",
     "max": "largest over agents",
     "mean": "mean over agents",
     "min": "smallest over agents",
-    "note": "more about the part",
     "optimal": "Q* of an agent that knows how many PINGs were wrong, with none so far",
     "optimal_share": "share of agents whose greedy policy is optimal from the start cell",
     "part": "number of the claim",
-    "reading": "reading of the paper",
     "row": "row of the cell",
     "right_side": "side of the threshold on which the part must lie",
-    "scenario_return_*": "the same, with the person's rewards",
-    "sets": "disjoint sets of agents, each of as many as the paper has",
     "sets_agreeing": "sets with the same verdict on the claim",
-    "start_value_learned": "largest Q in the start cell, mean over agents",
-    "start_value_optimal": "optimal value of the start cell",
     "state": "whether the part passes, fails or is undecided",
     "std": "sample standard deviation over agents",
-    "table_*": "the same, of the largest Q in the table",
     "threshold": "threshold",
     "value": "the number",
     "verdict": "verdict on the claim",
 }
 
 
-def budget_of(data: Data) -> tuple[str, str]:
-    """Returns the budget of the default reading, and its unit."""
-    settings = data.experiment.populations[0].first.settings
-    return f"{settings.budget:,}", getattr(settings, "budget_unit", "steps").removesuffix("s")
+def budget_of(data: Data) -> str:
+    """Returns the budget of the default reading, such as "10,000 steps"."""
+    settings = data.experiment.populations[0].first.settings.model_dump()
+    return f"{settings['budget']:,} {settings['budget_unit']}"
 
 
 def headline(data: Data) -> str:
     """Counts the verdicts on the claims, with all agents."""
-    table, (budget, unit) = data.tables["claims"], budget_of(data)
-    (learner,) = data.experiment.learners.values()
+    table, (learner,) = data.tables["claims"], data.experiment.learners.values()
     n_agents = table["agents"].max()
     verdicts = table[table["agents"] == n_agents].drop_duplicates("claim")["verdict"]
     counts = ", ".join(f"*{name}*: {(verdicts == name).sum()}" for name in VERDICTS)
-    trained = f"{learner.title}, {n_agents:,} agents per scenario, {budget} {unit}s of training"
+    trained = f"{learner.title}, {n_agents:,} agents per scenario, {budget_of(data)} of training"
     return f"Verdicts on the paper's claims by 95 % intervals ({trained}): {counts}."
 
 
@@ -616,9 +533,10 @@ def reading(data: Data) -> str:
     """Says what claims mean and how they are measured."""
     few, all_agents = data.tables["claims"]["agents"].agg(["min", "max"])
     last = data.tables["claims"].groupby("claim").last()  # with all agents
+    n_sets = data.tables["claim_sets"]["first_seed"].nunique()
     claims_of = "\n".join(
         f"- {title} (`{name}`, *{last['verdict'][name]}*, "
-        f"{last['sets_agreeing'][name]}/{last['sets'][name]}): {about}."
+        f"{last['sets_agreeing'][name]}/{n_sets}): {about}."
         for name, title, *_, about in CLAIMS
     )
     readings = "\n".join(

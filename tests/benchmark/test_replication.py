@@ -38,47 +38,31 @@ def data_of(monkeypatch: pytest.MonkeyPatch, few: int, n: int = 4, **arrays: Any
 # Tables
 
 
-def test_learning_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
-    random, optimal = anchors(population().model, population().run.horizon)
-    scores = np.array([[0, -9, 0, 1.0], [0, 0.2, 0, 1], [0, 0.4, 0, 1], [0, 0.9, 1, 1]])
-    data = data_of(monkeypatch, 4, grid_return=random + scores * (optimal - random))
-    frame = replication.learning(data)[:4]
-    assert frame["step"].tolist() == [0, 200, 400, 600]
-    assert frame["score"].to_numpy() == pytest.approx([0, 1.5 / 4, 0.25, 1])  # -9 counts as 0
-    assert frame["unbounded_score"].to_numpy() == pytest.approx([0, -1.875, 0.25, 1])
-    assert frame["optimal_share"].tolist() == [0, 0, 0.25, 1]
-    # The exact interval of 4 of 4 reaches down to the fourth root of 0.025 (Clopper and Pearson).
-    ends = frame[["score_low", "score_high"]].iloc[3].tolist()
-    assert ends == pytest.approx([0.025 ** (1 / 4), 1])
-
-
 def test_optimality_after_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    worse, success = np.full((4, 4), -0.5), np.zeros((4, 4))
-    success[:, -1] = [1, 0.5, 0.5, 0]
-    data = data_of(monkeypatch, 2, grid_return=worse, scenario_return=worse, success=success)
+    random, optimal = anchors(population().model, population().run.horizon)
+    returns, success = np.full((4, 4), float(random)), np.zeros((4, 4))
+    returns[1:, -1], success[:, -1] = optimal, [1, 0.5, 0.5, 0]
+    data = data_of(monkeypatch, 2, grid_return=returns, success=success)
     frame = replication.optimal(data)
     frame = frame[frame["scenario"] == "S1"]
-    keys = ["agents", "first_seed", "last_seed", "success", "optimal_share"]
-    assert frame[keys].to_numpy().tolist() == [[2, 0, 1, 0.75, 0], [4, 0, 3, 0.5, 0]]
-    assert frame["grid_return_regret"].tolist() == pytest.approx([0.5] * 2)
-    assert frame["start_value_optimal"].tolist() == pytest.approx([2 * 0.9**10 - 1] * 2)
+    keys = ["agents", "step", "success", "optimal_share"]
+    assert frame[keys].to_numpy().tolist() == [[2, 600, 0.75, 0.5], [4, 600, 0.5, 0.75]]
 
 
-def test_values_of_cells_and_where_policies_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_values_of_cells_and_curves(monkeypatch: pytest.MonkeyPatch) -> None:
     best = optimal_values(population())
-    optimal = np.array([1 << int(row.argmax()) for row in best], dtype=np.uint8)
-    greedy = np.tile(optimal, (4, 4, 1))
-    # In the start cell, where DOWN and RIGHT are best, one agent goes UP and one draws any action.
-    greedy[:2, -1, 0] = 0b00001, 0b11111
     q = np.tile(best, (4, 1, 1))
     q[:, 13, 4] = [1, 2, 3, 6]  # row 1, column 1, PING
-    frame = replication.q_values(data_of(monkeypatch, 4, q=q, greedy=greedy))[:600]
-    (row,) = frame[frame["difference"] != 0].to_dict("records")
+    data = data_of(monkeypatch, 4, q=q, max_q=np.outer([1, 2, 3, 6], np.arange(60)))
+    frame = replication.q_values(data)[:600]
+    (row,) = frame[~np.isclose(frame["mean"], frame["optimal"])].to_dict("records")
     where = row["scenario"], row["row"], row["column"], row["action"]
     assert where == ("S1", 1, 1, "PING")
-    assert (row["mean"], row["min"], row["max"], row["largest_learned"]) == (3, 1, 6, 3)
+    assert (row["mean"], row["min"], row["max"], row["optimal"]) == (3, 1, 6, best[13, 4])
     assert row["std"] == pytest.approx(np.sqrt(14 / 3))
-    assert frame["differs"].tolist() == pytest.approx([(1 + 3 / 5) / 4] * 5 + [0.0] * 595)
+    curve = replication.max_q(data)[:60]
+    assert curve["mean"].tolist() == (3.0 * np.arange(60)).tolist()
+    assert curve["step"].tolist() == [*range(0, 600, 10)]
 
 
 def test_verdicts_on_disjoint_sets(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,15 +71,15 @@ def test_verdicts_on_disjoint_sets(monkeypatch: pytest.MonkeyPatch) -> None:
     data = data_of(monkeypatch, 2, 5, success=success)
     sets = data.tables["claim_sets"] = replication.claim_sets(data)
     reached = sets[sets["claim"] == "reaches"]
-    seeds_and_shares = reached[["first_seed", "last_seed", "value"]].to_numpy().tolist()
-    assert seeds_and_shares == [[0, 1, 1], [2, 3, 0.5]]
+    assert reached[["first_seed", "value"]].to_numpy().tolist() == [[0, 1], [2, 0.5]]
     frame = data.tables["claims"] = replication.claims(data)
     assert frame["claim"].unique().tolist() == [claim.id for claim in CLAIMS]
     assert frame[frame["claim"] == "reaches"]["agents"].tolist() == [2, 5]
     # Nothing was learned of PING, so there is nothing to count outside.
     assert set(frame["state"][frame["claim"].isin(["ping-S3", "ping-S1"])]) == {"undecided"}
-    agreeing = frame[frame["claim"] == "identifies"][["verdict", "sets", "sets_agreeing"]]
-    assert agreeing.drop_duplicates().to_numpy().tolist() == [["does not hold", 2, 2]]
+    agreeing = frame.groupby("claim")[["verdict", "sets_agreeing"]].last()
+    assert agreeing.loc["identifies"].tolist() == ["does not hold", 2]
+    assert agreeing.loc["reaches"].tolist() == ["does not hold", 0]
     assert "5 agents per scenario, 400 steps" in replication.headline(data)
     text = replication.reading(data)
     assert "(`identifies`, *does not hold*, 2/2)" in text
@@ -180,7 +164,6 @@ def test_nearness_to_one_by_hand() -> None:
     found = parts_of("max-near-1", trio(S1={"max_q": high}))
     assert found["value"].tolist() == pytest.approx([2.8 / 4, 0])
     assert found["drawn"].tolist() == pytest.approx([1.8 / 4, 0])  # the peak of the averaged curve
-    assert found["note"].tolist() == ["70.0% of its ceiling 1.000", "0.0% of its ceiling 0.857"]
 
 
 def test_focus_by_hand() -> None:
@@ -238,7 +221,6 @@ def test_own_maps_have_students_and_welchs_intervals() -> None:
     own = parts_of("identifies", three).iloc[2]
     assert own["part"] == "own maps S2"
     assert own[["value", "low", "high"]].tolist() == pytest.approx([x.mean(), *ends])
-    assert own["note"] == f"precision 1.00, recall {x.mean():.2f}"
     same = three | {"S2": pings("S2", [8] * 4), "S1": pings("S1", [4] * 4)}
     assert numbers("random-helps", same)[1] == [0.25] * 3  # agents that agree have no spread
 
@@ -269,7 +251,7 @@ def test_a_replication_takes_one_table_in_the_papers_scenarios(
 
 def test_without_stored_records_there_are_no_tables() -> None:
     with pytest.raises(InputError, match="reproduce --smoke: action values are not"):
-        replication.claims(Data(EXPERIMENT, MADE, pd.DataFrame(), pd.DataFrame()))
+        replication.claim_sets(Data(EXPERIMENT, MADE, pd.DataFrame(), pd.DataFrame()))
 
 
 def made_tables(**verdicts: str) -> dict[str, pd.DataFrame]:
@@ -277,12 +259,12 @@ def made_tables(**verdicts: str) -> dict[str, pd.DataFrame]:
     known = dict.fromkeys([claim.id for claim in CLAIMS], "holds") | {"ping-S3": "undecided"}
     known |= dict.fromkeys(("identifies", "identifies-S1", "max-near-1"), "does not hold")
     frame = pd.DataFrame({"claim": [*known], "verdict": [*(known | verdicts).values()]})
-    frame = frame.assign(part="S2/S1", value=1.01, low=1.001, sets=10, sets_agreeing=4)
+    frame = frame.assign(part="S2/S1", value=1.01, low=1.001, sets_agreeing=4)
     both = pd.concat(frame.assign(agents=n) for n in (100, 1000))
     of_sets = pd.concat(frame.assign(first_seed=i) for i in range(10))
     equal = frame.assign(reading="equal_pay", verdict="undecided")
-    learning = pd.DataFrame({"step": [0, 10_000]})
-    return {"claims": both, "claim_sets": of_sets, "sensitivity": equal, "learning": learning}
+    optimal = pd.DataFrame({"step": [10_000]})
+    return {"claims": both, "claim_sets": of_sets, "sensitivity": equal, "optimal": optimal}
 
 
 def test_the_finding_says_what_the_tables_show() -> None:
