@@ -1,1 +1,0 @@
-"""Populations of agents, and intervals."""

@@ -1,1 +1,0 @@
-"""Figures, maps, films, text and table files; nothing is computed here."""

@@ -1,1 +1,0 @@
-"""Plans runs, executes them and stores their records."""

@@ -1,1 +1,0 @@
-"""How results become a folder: tables, figures, texts, manifest, and the page."""
