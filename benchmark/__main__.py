@@ -128,7 +128,7 @@ class _Parser(argparse.ArgumentParser):
 COMMANDS: Final = {
     "list": ("show scenarios, algorithms and experiments", ""),
     "run": (
-        "execute the missing runs of an experiment, and publish all of them",
+        "train the missing runs of an experiment, and publish all runs",
         "experiment --results=results --seeds --jobs --smoke --report --cluster --log",
     ),
     "report": (
@@ -136,7 +136,7 @@ COMMANDS: Final = {
         "experiment? --results=results --seeds --smoke",
     ),
     "verify": (
-        "verify checksums, repeat some runs, and make tables, figures, texts and page again",
+        "check published files and stored runs: make the files again, and repeat some runs",
         "experiment? --results=results --runs=20 --seed --jobs --smoke",
     ),
     "watch": (
@@ -168,16 +168,16 @@ _OPTIONS: Final = {
     ),
     "--jobs": (
         "N",
-        "number of jobs to run at a time; results do not depend on it (default: number of cores, "
-        "with --cluster twice that of its workers at the start)",
+        "number of jobs to run at a time; results do not depend on it (default: number of cores; "
+        "in a cluster, twice the number of workers at the start)",
     ),
-    "--smoke": ("", "do it in miniature, as EXPERIMENT_smoke: its numbers mean nothing"),
-    "--report": ("", "then make tables, figures and texts, as 'report' does"),
+    "--smoke": ("", "use a miniature, EXPERIMENT_smoke, whose numbers mean nothing"),
+    "--report": ("", "make tables, figures and texts at the end, as 'report' does"),
     "--cluster": ("tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler"),
     "--log": ("DIR", "log each run below DIR: progress.csv, and events of TensorBoard"),
     "--runs": ("N", "how many runs to repeat, drawn at random"),
-    "--seed": ("N", "the run's seed, or what selects the runs to repeat"),
-    "--experiment": ("EXPERIMENT", "the learner's; a missing run is trained and stored"),
+    "--seed": ("N", "seed of the run; in 'verify', of the draw of runs"),
+    "--experiment": ("EXPERIMENT", "experiment of the learner; a missing run is trained, stored"),
     "--scenario": ("NAME", "a name or a path"),
     "--condition": ("NAME", "a condition of the experiment (default: the learner's first)"),
     "--learner": ("NAME", "a variant, or one with its form, as in 'ppo, one_hot'"),
@@ -188,8 +188,8 @@ _OPTIONS: Final = {
     ),
     "--agent": (
         "MODULE:FUNCTION",
-        "a function of the observation that returns an action, five probabilities or what predict "
-        "returns",
+        "a function of the observation that returns an action, five probabilities or, like predict "
+        "of Stable-Baselines3, a pair of an action and None",
     ),
     "--model": (
         "FILE",
@@ -197,7 +197,7 @@ _OPTIONS: Final = {
     ),
     "--algorithm": ("MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO"),
     "--stochastic": ("", "let a saved model sample its actions (default: greedy)"),
-    "--save": ("FILE", "a film, .webp or .gif, or a map of the agent, .png or .svg"),
+    "--save": ("FILE", "film of 'watch', .webp or .gif; map of 'assess', .png or .svg"),
     "file": ("FILE", "a .zip for Stable-Baselines3 (only nets), or an .npz for NumPy"),
 }
 

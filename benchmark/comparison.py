@@ -243,7 +243,7 @@ def over_runs(frame: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
 
 
 def aggregate(data: Data) -> pd.DataFrame:
-    """Every learner in the mean over scenarios, after training, the most successful first."""
+    """Each learner after training, mean over scenarios; the most successful first."""
     rows = []
     for learner, cells in summary(data).groupby("learner", sort=False):
         row = {"learner": learner, "policy": cells["policy"].iloc[0], "runs": cells["n"].sum()}
@@ -254,7 +254,7 @@ def aggregate(data: Data) -> pd.DataFrame:
 
 
 def rliable(data: Data) -> pd.DataFrame:
-    """The usual measures of deep RL (Agarwal et al. 2021), over runs and scenarios."""
+    """Aggregate metrics of deep RL (Agarwal et al. 2021), over runs and scenarios."""
     baseline = data.declared.baseline[:1]
     rows, drawn = [], _drawn(data) - {*baseline}
     for endpoint, level in {"success": np.nan, "score": giving_up(data.experiment)}.items():
@@ -321,7 +321,7 @@ def progress(data: Data) -> pd.DataFrame:
 
 
 def cost(data: Data) -> pd.DataFrame:
-    """What a run costs, measured: medians over all runs, the cheapest learner first."""
+    """Measured costs of a run: medians over all runs; the cheapest learner first."""
     groups = data.runs.groupby("learner", sort=False)
     names = ["cpu_time_s", "updates", "parameters", "peak_memory_mb"]
     table = groups[names].median()
