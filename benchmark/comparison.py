@@ -14,10 +14,9 @@ from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from agents.dynamic_programming import evaluate
 from benchmark import statistics, style
@@ -33,9 +32,9 @@ from benchmark.statistics import (
     holm,
     with_ends,
 )
-from benchmark.study import Data, FigureFunction, Report, TableFunction
+from benchmark.study import Data, FigureFunction, Pair, Pairs, Report, TableFunction
 from envs import ACTIONS, InputError, compile_scenario
-from envs.inputs import Names, Table, distinct, unknown_name
+from envs.inputs import Names, Table, unknown_name
 from envs.model import PING
 from envs.packages import missing_package
 from envs.words import listed
@@ -60,8 +59,6 @@ _COLUMNS: Final = 3  # of panels
 _MOST_NAMED: Final = 4  # contrasts without a decided difference in a text
 
 Margin = Annotated[float, Field(gt=0, le=0.2)]
-Pair = Annotated[tuple[str, str], AfterValidator(distinct)]
-Pairs = Annotated[tuple[Pair, ...], AfterValidator(distinct)]
 Row = Mapping[Any, Any]
 Case = tuple[Pair, Sequence[str]]  # x and y, and the scenarios in which they are compared
 
@@ -339,25 +336,20 @@ def draw_contrasts(data: Data) -> Figure | None:
     """
     if "contrasts" not in data.tables:
         return None
-    rows: list[tuple[str, Row]] = []
+    rows = list[style.Row]()
     for y, against in data.tables["contrasts"].groupby("y", sort=False):
-        rows.append((f"against {_title(data, y)}", {}))
-        rows += [(_row_name(data, row), row) for row in against.to_dict("records")]
+        rows.append(style.Row(f"against {data.title(y)}", {}))
+        for row in against.to_dict("records"):
+            decided = row["success_verdict"]
+            faded = {"color": "0.6", "mfc": "white"} if decided in OPEN else {}
+            ends = statistics.ends_of("success_difference", row)
+            rows.append(style.Row(_row_name(data, row), data.look(row["x"]) | faded, ends, decided))
     size = style.WIDTH, 0.19 * len(rows) + 0.8
     with style.figure_of(1, 1, size) as (figure, axes):
         axis, margin = axes[0, 0], data.declared.margins.success
         axis.axvspan(-margin, margin, color="0.92", lw=0)
         axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
-        for y, (_, row) in enumerate(rows):
-            if row:
-                decided = row["success_verdict"]
-                faded = {"color": "0.6", "mfc": "white"} if decided in OPEN else {}
-                _draw_estimate(axis, y, row, "success_difference", _look(data, row["x"]) | faded)
-                at_edge = axis.get_yaxis_transform()
-                axis.text(1.02, y, decided, va="center", fontsize="small", transform=at_edge)
-        style.name_rows(axis, [name for name, _ in rows])
-        for label, (_, row) in zip(axis.get_yticklabels(), rows, strict=True):
-            label.set(fontsize="small", fontweight="normal" if row else "bold")
+        style.draw_rows(axis, rows)
         axis.set(xlabel="difference in success")
     return figure
 
@@ -372,11 +364,11 @@ def draw_curves(data: Data) -> Figure:
         for axis, (scenario, rows) in zip(axes.flat, panels, strict=False):
             ends = {}
             for learner, curve in rows.groupby("learner", sort=False):
-                look, step = _look(data, learner), curve["step"]
+                look, step = data.look(learner), curve["step"]
                 axis.plot(step, curve["success"], **look, ms=4, markevery=0.2)
                 shade = {"color": look["color"], "alpha": 0.1, "lw": 0}
                 axis.fill_between(step, curve["success_low"], curve["success_high"], **shade)
-                ends[_title(data, learner)] = curve["success"].iloc[-1], look
+                ends[data.title(learner)] = curve["success"].iloc[-1], look
             axis.set(title=scenario, xlim=(0, rows["step"].max()), ylim=(-0.03, 1.03))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))
         style.name_lines(axis, ends)
@@ -393,22 +385,18 @@ def draw_rliable(data: Data) -> Figure:
     table = data.tables["rliable"]
     table = table[table["learner"].isin(_drawn(data)) & (table["endpoint"] == "score")]
     measures = [name for name in MEASURES if name in table]
-    names = [_title(data, name) for name in table["learner"]]
-    with style.figure_of(1, len(measures), (style.WIDTH, 0.3 * len(names) + 1)) as (figure, axes):
+    size = style.WIDTH, 0.3 * len(table) + 1
+    with style.figure_of(1, len(measures), size) as (figure, axes):
         for axis, measure in zip(axes[0], measures, strict=True):
-            for y, row in enumerate(table.to_dict("records")):
-                _draw_estimate(axis, y, row, measure, _look(data, row["learner"]))
-            style.name_rows(axis, names if axis is axes[0, 0] else [""] * len(names))
+            rows = [
+                style.Row(data.title(name), data.look(name), statistics.ends_of(measure, row))
+                for name, row in table.set_index("learner").iterrows()
+            ]
+            style.draw_rows(axis, rows, is_named=axis is axes[0, 0])
             axis.set(title=MEASURES[measure])
             axis.locator_params(axis="x", nbins=2, min_n_ticks=1)
             axis.margins(x=0.15)
     return figure
-
-
-def _draw_estimate(axis: Axes, y: int, row: Row, name: str, look: Any) -> None:
-    """Draws a number of a row and its interval at a height."""
-    axis.hlines(y, row[f"{name}_low"], row[f"{name}_high"], color=look["color"], lw=2)
-    axis.plot(row[name], y, **look | {"ls": ""})
 
 
 def _drawn(data: Data) -> set[str]:
@@ -418,19 +406,10 @@ def _drawn(data: Data) -> set[str]:
     return named or {*chain(*asked.contrasts)} or {*data.experiment.learners}
 
 
-def _look(data: Data, learner: object) -> style.Look:
-    learners = data.experiment.learners
-    return style.look(learners[str(learner)], learners.values())
-
-
-def _title(data: Data, learner: object) -> str:
-    return data.experiment.learners[str(learner)].title
-
-
 def _row_name(data: Data, row: Row) -> str:
     """Returns what is compared in a row, its scenario, and whether it was declared later."""
     later = row.get("declared") and "declared later"
-    return ", ".join(filter(None, [_title(data, row["x"]), row.get("scenario"), later]))
+    return ", ".join(filter(None, [data.title(row["x"]), row.get("scenario"), later]))
 
 
 # The text
@@ -463,7 +442,7 @@ def _sentence(data: Data, row: Row) -> str:
     numbers = f"{row['success_x']:.3g} against {row['success_y']:.3g}"
     where = f"{'' if decided == 'mixed' else 'perhaps '}contradicted in {apart}"
     details = "; ".join(filter(None, [numbers, row.get("differs"), apart and where]))
-    return f"{_row_name(data, row)}, against {_title(data, row['y'])}: *{decided}* ({details})"
+    return f"{_row_name(data, row)}, against {data.title(row['y'])}: *{decided}* ({details})"
 
 
 def reading(data: Data) -> str:

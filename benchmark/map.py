@@ -18,7 +18,7 @@ from simulation.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import compress
+from itertools import chain, compress
 from math import lcm, prod
 from textwrap import fill
 from typing import Annotated, Any, Final
@@ -49,8 +49,8 @@ from benchmark.statistics import (
     wins,
     with_ends,
 )
-from benchmark.study import Data, FigureFunction, Report, TableFunction, giving_up, learning
-from benchmark.style import WIDTH, figure_of, look, name_rows
+from benchmark.study import Data, FigureFunction, Pairs, Report, TableFunction, giving_up, learning
+from benchmark.style import WIDTH, Row, draw_rows, figure_of
 from envs import InputError
 from envs.inputs import Label, Names, Table, unknown_name
 
@@ -98,7 +98,7 @@ class Margins(Table):
 class Declared(Report):
     """The contrasts that a map decides, and what its figures show."""
 
-    contrasts: Annotated[tuple[tuple[str, str], ...], Field(min_length=1)]
+    contrasts: Annotated[Pairs, Field(min_length=1)]
     """Pairs of learners x, y that are compared, with verdicts, wherever there are both."""
     margins: Margins = Margins()
     """The smallest effects that count."""
@@ -110,36 +110,41 @@ class Declared(Report):
 
 def check(experiment: Experiment, declared: Declared) -> None:
     """Raises an InputError if grids, contrasts, budgets, seeds or figures do not fit a map."""
-    where, given, answer = experiment.argument, experiment.declared, declared.answer
+    where, given = experiment.argument, experiment.declared
     for key, value in {"[grids]": given.grids, "[solved]": given.solved}.items():
         if not value:
             raise InputError(f"{where}: {key} is missing; this report needs it.")
     if len(experiment.scenarios) > 1:
         raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
-    flat = [name for name, grid in given.grids.items() if len(grid.axes) == 1]
-    known = [*experiment.learners]
-    names = [("learner", name, known) for pair in declared.contrasts for name in pair]
-    for panel in declared.panels:
-        names += [("learner", name, known) for name in panel.learners]
-        names.append(("grid with one axis", panel.grid, flat))
-    if answer:
-        names += [("grid with one axis", answer.unseen, flat)] if answer.unseen else []
-        points = {key_of(p)[:2] for p in experiment.populations if p.scenario.issuer.unseen}
-        where_unseen = [", ".join(point) for point in points]
-        names.append(("point with unseen places", f"{answer.grid}, {answer.point}", where_unseen))
-    for kind, name, accepted in names:
-        if name not in accepted:
-            unknown_name(f"{where}: report", kind, name, accepted)
+    _check_names(experiment, declared)
     for contrast in declared.contrasts:
         pairs = compared(experiment, [contrast])
-        if not pairs or any(x is y or _effort(x) != _effort(y) for x, y in pairs):
+        efforts = [{(side.seeds, side.first.settings.budget) for side in pair} for pair in pairs]
+        if not pairs or any(len(both) > 1 for both in efforts):
             found = f"report.contrasts: {' and '.join(contrast)}"
             rule = "two learners in one compared grid, with the same seeds and budget"
             raise InputError(f"{where}: {found}: accepted: {rule}.")
 
 
-def _effort(population: Population) -> tuple[range, int]:
-    return population.seeds, population.first.settings.budget
+def _check_names(experiment: Experiment, declared: Declared) -> None:
+    """Raises an InputError if there is no such learner, grid or point."""
+    panels, answers = declared.panels, [declared.answer] if declared.answer else []
+    learners = chain(*declared.contrasts, *(panel.learners for panel in panels))
+    grids = [panel.grid for panel in panels] + [answer.unseen for answer in answers]
+    flat = [name for name, grid in experiment.declared.grids.items() if len(grid.axes) == 1]
+    points = [each for each in experiment.populations if each.scenario.issuer.unseen]
+    used = {
+        "learner": (learners, experiment.learners),
+        "grid with one axis": (filter(None, grids), flat),
+        "point with unseen places": (
+            [f"{answer.grid}, {answer.point}" for answer in answers],
+            {", ".join(key_of(point)[:2]) for point in points},
+        ),
+    }
+    for kind, (names, accepted) in used.items():
+        for name in names:
+            if name not in accepted:
+                unknown_name(f"{experiment.argument}: report", kind, name, accepted)
 
 
 # Populations
@@ -155,10 +160,8 @@ def compared(
     experiment: Experiment, contrasts: Iterable[tuple[str, str]]
 ) -> list[tuple[Population, Population]]:
     """Lists both populations of each contrast at each compared point that has both."""
-    known, grids = (
-        {key_of(each): each for each in experiment.populations},
-        experiment.declared.grids,
-    )
+    known = {key_of(each): each for each in experiment.populations}
+    grids = experiment.declared.grids
     points = dict.fromkeys(key[:2] for key in known if grids[key[0]].is_compared)
     pairs = [((*point, x), (*point, y)) for point in points for x, y in contrasts]
     return [(known[x], known[y]) for x, y in pairs if {x, y} <= known.keys()]
@@ -171,10 +174,10 @@ def by_pick(values: Numbers, *populations: Population) -> list[Numbers]:
 
 
 def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
-    """Returns the runs of each population, with what they took."""
+    """Returns the runs of each population by seed, with what they took."""
     runs = data.runs.merge(data.tables["took"], on=[*KEYS, "seed"])
-    runs["failures"] = 1 - runs["unseen_budget"]
-    return dict(iter(runs.groupby(KEYS, sort=False)))
+    groups = runs.assign(failures=1 - runs["unseen_budget"]).groupby(KEYS, sort=False)
+    return {key: own.set_index("seed") for key, own in groups}
 
 
 # What runs took
@@ -221,19 +224,13 @@ def cells(data: Data) -> pd.DataFrame:
     runs, rows = _by_key(data), list[dict[str, Any]]()
     for population in data.experiment.populations:
         own = runs[key_of(population)]
-        steps = own["steps"].to_numpy()
-        is_learned = np.isfinite(steps)
+        is_learned = np.isfinite(own["steps"].to_numpy())
         row: dict[str, Any] = dict(zip(KEYS, key_of(population), strict=True))
         row |= {"n": len(own), "budget": own["budget"].iloc[0], "n_solved": is_learned.sum()}
         row |= with_ends("solved", proportion(is_learned))
-        row |= with_ends("steps", median(steps))
-        of_picks = [np.median(values) for values in by_pick(steps, population)]
-        row |= {"picks": len(of_picks)}
-        row |= {"steps_fastest": min(of_picks), "steps_slowest": max(of_picks)}
-        row |= with_ends("wrong_pings", median(own["wrong_pings"].to_numpy()))
-        for name in ("success", "unseen_success", "unseen_budget"):
-            row |= with_ends(name, proportion(own[name].to_numpy()))
-        rows.append(row)
+        for name in ("steps", "wrong_pings"):
+            row |= with_ends(name, median(own[name].to_numpy()))
+        rows.append(row | with_ends("unseen_budget", proportion(own["unseen_budget"].to_numpy())))
     return pd.DataFrame(rows)
 
 
@@ -262,15 +259,13 @@ def contrasts(data: Data) -> pd.DataFrame:
     runs, rows = _by_key(data), list[dict[str, Any]]()
     pairs = dict[str, Pair]()  # by their runs: a contrast in two grids is decided once
     for x, y in compared(data.experiment, data.declared.contrasts):
-        own, other = (runs[key_of(side)].set_index("seed") for side in (x, y))
-        seeds = own.index.intersection(other.index)
-        pair = {"x": own.loc[seeds], "y": other.loc[seeds]}
-        pairs[key := " ".join([*pair["x"]["run"], *pair["y"]["run"]])] = pair
-        of_x, of_y = (pair[side]["steps"].to_numpy() for side in "xy")
+        pair = {"x": runs[key_of(x)], "y": runs[key_of(y)]}
+        pairs[key := " ".join(chain(*(own["run"] for own in pair.values())))] = pair
+        of_x, of_y = (own["steps"].to_numpy() for own in pair.values())
         shares = [won.mean() for won in by_pick(wins(of_x, of_y), x, y)]
+        diverged = [(own["diverged_at"] <= own["budget"]).sum() for own in pair.values()]
         row: dict[str, Any] = dict(zip(("grid", "point", "x"), key_of(x), strict=True))
-        diverged = [(side["diverged_at"] <= side["budget"]).sum() for side in pair.values()]
-        row |= {"y": y.learner.name, "key": key, "n": len(seeds)}
+        row |= {"y": y.learner.name, "key": key, "n": len(of_x)}
         row |= {"differs": differences(x, y, diverged)}
         row |= {"learned_x": np.isfinite(of_x).sum(), "learned_y": np.isfinite(of_y).sum()}
         row |= {"picks": len(shares), "picks_faster": sum(share > 0.5 for share in shares)}
@@ -422,27 +417,29 @@ def answer(data: Data) -> Figure | None:
     if declared is None:
         return None
     panels = _panels_in(data, declared.grid)
-    lines = [line for panel in panels for line in (panel.title, *panel.learners)]
-    titles = {name: each.title for name, each in data.experiment.learners.items()}
-    with figure_of(1, 2, (WIDTH, 1 + 0.3 * len(lines))) as (figure, axes):
+    n_rows = sum(1 + len(panel.learners) for panel in panels)
+    with figure_of(1, 2, (WIDTH, 1 + 0.3 * n_rows)) as (figure, axes):
         left, right = axes[0]
         for axis, column in ((left, "steps"), (right, "unseen_budget")):
             cells = _shown(data, declared.grid, column)
-            names = [fill(titles.get(line, line), 34) for line in lines]
-            name_rows(axis, names if axis is left else [""] * len(names))
-            for y, line in enumerate(lines):
-                if line in titles:
-                    row = cells[(cells["learner"] == line) & (cells["point"] == declared.point)]
-                    _draw(data, axis, row, row["value"], 0 * row["value"] + y, axis.hlines)
-                    place = {"va": "center", "transform": axis.get_yaxis_transform()}
-                    axis.text(1.05, y, row["text"].iloc[0], **place)
+            cells = cells[cells["point"] == declared.point].set_index("learner")
+            rows = list[Row]()
+            for panel in panels:
+                rows.append(Row(panel.title, {}))
+                rows += [_row(data, cells.loc[name]) for name in panel.learners]
+            draw_rows(axis, rows, is_named=axis is left)
         left.set_title(f"{declared.point} ({declared.grid})", loc="left")
         left.set(xscale="log", xlabel="steps until it\nhas learned (← better)")
         _format_steps(left.xaxis)
         right.set(xlim=(0, 1.02), xticks=(0, 0.5, 1), xlabel="success in unseen\nplaces (better →)")
-        for label, line in zip(left.get_yticklabels(), lines, strict=True):
-            label.set(fontsize="small", fontweight="normal" if line in titles else "bold")
     return figure
+
+
+def _row(data: Data, cell: "pd.Series[Any]") -> Row:
+    """Returns a cell as a row of the figure; its marker is hollow if it is infinite."""
+    hollow = {"mfc": "white"} if cell["is_never"] else {}
+    title, ends = fill(data.title(cell.name), 34), (cell["value"], cell["low"], cell["high"])
+    return Row(title, data.look(cell.name) | hollow, ends, cell["text"])
 
 
 def _panels_in(data: Data, grid: str) -> list[Panel]:
@@ -521,23 +518,15 @@ def _draw_panel(data: Data, axis: Axes, panel: Panel, column: str) -> dict[str, 
     cells["at"] = cells["point"].map(places)
     shown = [learner for learner in panel.learners if learner in {*cells["learner"]}]
     for learner, shift in zip(shown, np.linspace(-0.2, 0.2, len(shown)), strict=True):
-        rows = cells[cells["learner"] == learner].sort_values("at")
-        line = _draw(data, axis, rows, rows["at"] + shift, rows["value"], axis.vlines)
-        lines[data.experiment.learners[learner].title] = line
+        rows, own = cells[cells["learner"] == learner].sort_values("at"), data.look(learner)
+        x, y = rows["at"] + shift, rows["value"]
+        axis.vlines(x, rows["low"], rows["high"], color=own["color"], lw=4, alpha=0.35)
+        (lines[data.title(learner)],) = axis.plot(x, y, **own, lw=1.5)
+        hollow, is_never = {"mfc": "white", "ls": ""}, rows["is_never"]
+        axis.plot(x[is_never], y[is_never], **own | hollow)
     axis.set_xticks(range(len(numbers)), numbers)
     axis.set(xlim=(-0.5, len(numbers) - 0.5), xlabel=name)
     return lines
-
-
-def _draw(data: Data, axis: Axes, rows: pd.DataFrame, x: Any, y: Any, draw_ends: Any) -> Line2D:
-    """Draws values of a learner with their intervals; those that are infinite are hollow."""
-    learners, is_never = data.experiment.learners, rows["is_never"]
-    style = look(learners[rows["learner"].iloc[0]], learners.values())
-    at = y if draw_ends == axis.hlines else x
-    draw_ends(at, rows["low"], rows["high"], color=style["color"], lw=4, alpha=0.35)
-    (line,) = axis.plot(x, y, **style, lw=1.5)
-    axis.plot(x[is_never], y[is_never], **style | {"mfc": "white", "ls": ""})
-    return line
 
 
 FIGURES: Final[dict[str, FigureFunction]] = {"answer": answer, "map": picture, "unseen": unseen}
@@ -552,7 +541,7 @@ SHOWN: Final = {
 }
 COLUMNS: Final = {
     "at_last": "whether the run reaches the level in the last evaluation only",
-    "cpu_learned_s": "CPU seconds of training until a run has learned, median; never: half do not",
+    "cpu_learned_s": "CPU seconds of training until a run has learned, median; inf if half do not",
     "failures_verdict": "the verdict on x by failures in unseen places at the end",
     "failures_why": "why there is no verdict by failures",
     "faster": "probability that x takes fewer steps",
@@ -564,18 +553,14 @@ COLUMNS: Final = {
     "lost": "whether success is below the level later: at the end, or for half of the time",
     "n": "runs; of contrasts, pairs of runs",
     "n_solved": "runs that learn",
-    "picks": "picks of settings; of contrasts, pairs of a pick of x and one of y that occur",
+    "picks": "pairs of a pick of settings of x and one of y that occur",
     "picks_faster": "how many of these have x faster in more than half of their pairs of runs",
     "point": "point of the grid",
     "ratio": "median steps of y / of x; a bound, with the budget, if one never learns",
     "solved": "share of runs that learn",
     "steps": "steps until a run has learned, or their median; inf if it never does",
     "steps_before": "steps of the evaluation before",
-    "steps_fastest": "median steps with the pick of settings that needs the fewest",
-    "steps_slowest": "median steps with the pick of settings that needs the most",
-    "success": "success of the last evaluated policy",
     "unseen_budget": "success in unseen places at the end of training, by the policy that counts",
-    "unseen_success": "the same when a run had certainly learned, else at the end",
     "untrained": "whether the untrained policy reaches the level",
     "verdict": "the verdict on x by steps",
     "why_none": "why there is no verdict by steps",
@@ -625,9 +610,9 @@ def _sentence(
         picks = f"; faster with {row.picks_faster} of {row.picks} pairs of picks"
         learned = f"{row.learned_x} and {row.learned_y} runs learn"
         points.append(f"{row.point} ({learned}{picks if row.picks > 1 else ''})")
-    titles, also = data.experiment.learners, differs and f"also different: {differs}"
+    also = differs and f"also different: {differs}"
     details = "; ".join(filter(None, [f"{rows['n'].min()} pairs of runs", also, why]))
-    sides = f"{titles[x].title} compared with {titles[y].title}"
+    sides = f"{data.title(x)} compared with {data.title(y)}"
     return f"- {sides}: {verdict} at {', '.join(points)}; {details}."
 
 

@@ -365,7 +365,7 @@ With settings chosen among {search.trials:,} trials, no run of any learner has l
 end of its {budget} ({runs}). {giving_up(data.experiment)}"""
     gaining = best[best["verdict"] == "gain"]
     gains = [
-        f"{experiment.learners[name].title} ({before:.3g} to {after:.3g})"
+        f"{data.title(name)} ({before:.3g} to {after:.3g})"
         for name, before, after in zip(
             *map(gaining.get, ("learner", "default", "chosen")), strict=True
         )

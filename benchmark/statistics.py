@@ -9,7 +9,7 @@ tests (Schuirmann 1987). P-values of several contrasts are adjusted by Holm's me
 Scandinavian Journal of Statistics 6:65-70): the probability of any wrong claim is at most 5 %.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
@@ -43,6 +43,11 @@ class Estimate(NamedTuple):
 def with_ends(name: str, estimate: Estimate) -> dict[str, Numbers]:
     """Returns the columns of a number, or of several, with its interval."""
     return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+
+
+def ends_of(name: str, row: Mapping[Any, Any]) -> Estimate:
+    """Returns a number of a row of a table with its interval."""
+    return Estimate(row[name], row[f"{name}_low"], row[f"{name}_high"])
 
 
 @lru_cache(maxsize=8)

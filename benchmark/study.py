@@ -22,13 +22,19 @@ figure is its caption, and that of the module is the question if `[report]` has 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pandas as pd
 from matplotlib.figure import Figure
+from pydantic import AfterValidator
 
 from benchmark.experiment import Experiment
-from envs.inputs import Label, Names, Table
+from benchmark.style import Look, look
+from envs.inputs import Label, Names, Table, distinct
+
+Pair = Annotated[tuple[str, str], AfterValidator(distinct)]
+Pairs = Annotated[tuple[Pair, ...], AfterValidator(distinct)]
+"""Learners x, y that are compared."""
 
 
 class Report(Table):
@@ -57,6 +63,15 @@ class Data:
     """The tables that were made before, by name."""
     store: Path | None = None
     """The file of stored records; only a replication reads it, for its tables of Q-values."""
+
+    def title(self, learner: object) -> str:
+        """Returns what readers call a learner."""
+        return self.experiment.learners[str(learner)].title
+
+    def look(self, learner: object) -> Look:
+        """Returns how a learner is drawn."""
+        learners = self.experiment.learners
+        return look(learners[str(learner)], learners.values())
 
 
 TableFunction = Callable[[Data], pd.DataFrame | None]

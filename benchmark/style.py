@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from textwrap import fill
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import matplotlib as mpl
+import numpy as np
 import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
@@ -194,6 +195,28 @@ def name_rows(axis: Axes, names: Sequence[str]) -> None:
     axis.set(ylim=(len(names) - 0.5, -0.5))
     axis.grid(axis="y", lw=0.4, color="0.85")
     axis.tick_params(axis="y", length=0)
+
+
+class Row(NamedTuple):
+    """A number in a chart, with its interval; without a look, its name is a heading."""
+
+    name: str
+    look: Look
+    ends: tuple[float, float, float] = (np.nan, np.nan, np.nan)  # the value, low, high
+    text: str = ""  # right of the chart
+
+
+def draw_rows(axis: Axes, rows: Sequence[Row], *, is_named: bool = True) -> None:
+    """Draws numbers one below the other, the first above."""
+    name_rows(axis, [row.name if is_named else "" for row in rows])
+    for y, (row, label) in enumerate(zip(rows, axis.get_yticklabels(), strict=True)):
+        label.set(fontsize="small", fontweight="normal" if row.look else "bold")
+        value, low, high = row.ends
+        if row.look:
+            axis.hlines(y, low, high, color=row.look["color"], lw=2)
+            axis.plot(value, y, **row.look | {"ls": ""})
+            place = {"va": "center", "transform": axis.get_yaxis_transform()}
+            axis.text(1.02, y, row.text, fontsize="small", **place)
 
 
 def name_lines(axis: Axes, lines: Mapping[str, tuple[float, Look]]) -> None:
