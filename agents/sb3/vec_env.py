@@ -1,117 +1,85 @@
-"""Stable-Baselines3's `VecEnv` over a compiled scenario: look-ups in arrays, no env per member."""
+"""Stable-Baselines3's `VecEnv` over the native vector env, instead of one Python env per member."""
 
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
-from gymnasium import spaces
-from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
-from envs import ACTIONS, Model
-from envs.arrays import Floats, Ints
-from envs.model import TARGET_PING, draw_issuer_reward
-from envs.observations import observation_space, observation_table
-
-_NO_LIMIT = 2**62  # steps
+from envs import ProxemicVectorEnv
+from envs.model import TARGET_PING
+from envs.vector_env import Actions, Observations
 
 
 class SB3VecEnv(VecEnv):
-    """N envs of a model that step together, with the rules of `envs.ProxemicEnv`.
+    """A `ProxemicVectorEnv` with the interface that Stable-Baselines3 expects.
 
-    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated`, `is_success`
-    where an episode ended. A single generator serves all envs; `seed(s)` seeds it, where SB3's envs
-    would seed env i with `s + i`.
+    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated` and `is_success` where
+    an episode ended. A single generator serves the batch; `seed(s)` seeds it, where SB3's envs would seed
+    env i with `s + i`.
     """
 
-    def __init__(self, model: Model, n: int, form: str, time_limit: int | None = None) -> None:
-        """Makes envs, each of which is reset in the step that ends its episode."""
-        self.model, self.render_mode = model, None
+    def __init__(self, env: ProxemicVectorEnv) -> None:
+        """Wraps a batch of envs, in which an env is reset in the step that ends its episode."""
+        self.env = env
         self.disagreements = 0  # wrong PINGs of all envs since the last reset
-        self._limit = time_limit or _NO_LIMIT
-        self._table = observation_table(model, form)
-        self._state = np.full(n, model.start, dtype=np.intp)
-        self._steps = np.zeros(n, dtype=np.int64)  # of the episode
-        self._generator = np.random.default_rng()
+        self._is_disagreement = env.model.is_wrong_ping.ravel()
+        self._is_success = env.model.event.ravel() == TARGET_PING
         self._seed: int | None = None
-        self._actions: NDArray[np.integer] = np.zeros(n, dtype=np.int64)
-        space = observation_space(self._table, form)
-        super().__init__(n, space, spaces.Discrete(len(ACTIONS)))
+        self._generator = np.random.default_rng()
+        self._actions: Actions = np.zeros(env.num_envs, dtype=np.int64)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seeds the generator at the next reset; accepts any integer from 0."""
+        """Seeds the generator of the batch at the next reset; accepts any integer from 0."""
         self._seed = seed
         return [seed] * self.num_envs
 
-    def reset(self) -> NDArray[Any]:
+    def reset(self) -> Observations:
         """Resets every env; returns observations (N, ...)."""
         if self._seed is not None:
             self._generator, self._seed = np.random.default_rng(self._seed), None
-        self._restart(np.arange(self.num_envs))
+        self.env.restart(np.arange(self.num_envs), lambda: self._generator.random(self.num_envs))
         self.disagreements = 0
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        return self._observe()
+        return self.env.observe()
 
-    def step_async(self, actions: NDArray[np.integer]) -> None:
+    def step_async(self, actions: Actions) -> None:
         """Sets the actions of the next step, (N,)."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
         """Steps; returns observations (N, ...), rewards (N,) float32, dones (N,) and N infos."""
-        model, k = self.model, self.model.n_outcomes
-        pairs = self._state * len(ACTIONS) + self._actions  # serve all flat tables over (S, A)
-        reward = model.issuer_reward.take(pairs)
-        if model.is_noisy:
-            noise = model.issuer_noise.take(pairs)
-            reward = draw_issuer_reward(reward, noise, self._draw(self.num_envs))
-        reward = model.grid_reward.take(pairs) + reward
-        outcome = pairs * k
-        if k > 1:
-            chances = model.probability.reshape(-1, k)[pairs, :-1].cumsum(axis=1)
-            outcome += (self._draw(self.num_envs)[:, None] >= chances).sum(axis=1)
-        self._state = model.next_state.take(outcome).astype(np.intp)
-        self._steps += 1
-        self.disagreements += int(np.count_nonzero(model.is_wrong_ping.take(pairs)))
-        terminated = model.terminated.take(pairs)
-        dones = terminated | (self._steps >= self._limit)
+        step = self.env.advance(self._actions, lambda: self._generator.random(self.num_envs))
+        pairs, grid_reward, issuer_reward, terminated, truncated = step
+        observations = self.env.observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        ended = np.flatnonzero(dones)
-        for i, observation in zip(ended.tolist(), self._observe()[ended], strict=True):
-            infos[i]["terminal_observation"] = observation
-            infos[i]["TimeLimit.truncated"] = not terminated[i]
-            infos[i]["is_success"] = model.event.item(pairs[i]) == TARGET_PING
-        if len(ended):
-            self._restart(ended)
-        return self._observe(), reward.astype(np.float32), dones, infos
+        dones = terminated | truncated
+        if dones.any():
+            ended = np.flatnonzero(dones)
+            for i in ended:
+                infos[i]["terminal_observation"] = observations[i].copy()
+                infos[i]["TimeLimit.truncated"] = not terminated[i]
+                infos[i]["is_success"] = self._is_success.item(pairs[i])
+            self.env.restart(ended, lambda: self._generator.random(len(ended)))
+            observations = self.env.observe()
+        self.disagreements += int(np.count_nonzero(self._is_disagreement.take(pairs)))
+        return observations, (grid_reward + issuer_reward).astype(np.float32), dones, infos
 
     def close(self) -> None:
-        """Has nothing to close."""
+        """Closes the env."""
+        self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
-        """Returns an attribute of all envs, repeated for every requested one."""
-        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
+        """Returns an attribute of the batch, repeated for every requested env."""
+        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
-    def env_is_wrapped(
-        self,
-        wrapper_class: type[object],  # noqa: ARG002
-        indices: VecEnvIndices = None,
-    ) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: type[object], indices: VecEnvIndices = None) -> list[bool]:  # noqa: ARG002
         """Returns False for every requested env."""
         return [False] * len(list(self._get_indices(indices)))
 
     def env_method(self, method_name: str, *_: object, **__: object) -> NoReturn:
         """Refuses what would be for single envs, as does `set_attr`."""
-        raise NotImplementedError(f"{method_name}: accepted: nothing; envs share all they have.")
+        raise NotImplementedError(f"{method_name}: accepted: nothing; all envs share what the batch has.")
 
     set_attr = env_method  # type: ignore[assignment]
-
-    def _draw(self, n: int) -> Floats:
-        return self._generator.random(n)
-
-    def _restart(self, envs: Ints) -> None:
-        starts, n = self.model.starts, len(self.model.starts)
-        drawn = (self._draw(len(envs)) * n).astype(np.intp) if n > 1 else 0
-        self._state[envs], self._steps[envs] = starts[drawn], 0
-
-    def _observe(self) -> NDArray[Any]:
-        return self._table.take(self.model.observation.take(self._state), axis=0)

@@ -4,9 +4,9 @@
 
 A step draws one 64-bit word. Its upper half decides whether to explore; its lower half picks one of the
 candidates: all actions when exploring, else the greedy ones. Then it draws, each only if it is needed: a word
-for the reward of a noisy issuer, at each PING; one for the outcome of the action; and, when the episode is
-over, one for the next start. An on-policy rule draws the next step's word before the update, even if the time
-limit then truncates the episode.
+for the reward of a noisy issuer, at each PING; one for the outcome of the action; one for the table that a
+rule with two tables updates; and, when the episode is over, one for the next start. An on-policy rule draws
+the next step's word before the update, even if the time limit then truncates the episode.
 
 Axis letters: N agents, S states, O observations, A actions, K outcomes, B starts, T evaluation steps, V map
 steps, R records.
@@ -101,6 +101,7 @@ class Table(NamedTuple):
     highest: Floats  # (O,) the largest action value of each observation
     greedy: Ints  # (O,) masks of greedy actions
     tree: Floats  # (2,) if the largest value of the table is not recorded; else see `_new_tree`
+    halves: Floats  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
     traced: Ints  # (O * A,) pairs o * A + a with traces, the latest last; (0,) for a rule without traces
     weights: Floats  # (O * A,) of these traces
     kept: Records  # (time limit,) of type STEP, the steps of the episode; (0,) without passes
@@ -111,6 +112,7 @@ class Move(NamedTuple):
 
     o: U
     a: U
+    half: U  # which of two tables is updated
     rate: float
     target: float
     begins: bool
@@ -200,7 +202,7 @@ def _pass_back(
     table: Table, constants: Constants, n_steps: int, rate: float, o_last: U, terminates: bool
 ) -> None:
     """Updates the values of an episode's steps backwards, by Q-learning; the last step led to `o_last`."""
-    q, highest, greedy, tree, _, _, kept = table
+    q, highest, greedy, tree, _, _, _, kept = table
     for _ in range(constants.backward_passes):
         value = 0.0 if terminates else highest[o_last]
         for step in kept[:n_steps][::-1]:
@@ -209,13 +211,22 @@ def _pass_back(
             value = highest[step.o]
 
 
-def _compile_learn(has_traces: bool) -> Callable[..., int]:
+def _compile_learn(update: UpdateRule) -> Callable[..., int]:
+    has_two_tables, has_traces = update.has_two_tables, update.has_traces
+
     @inlined
     def learn(
-        q: Floats, highest: Floats, greedy: Ints, tree: Floats, traced: Ints, weights: Floats, move: Move
+        q: Floats,
+        highest: Floats,
+        greedy: Ints,
+        tree: Floats,
+        halves: Floats,
+        traced: Ints,
+        weights: Floats,
+        move: Move,
     ) -> int:
         """Moves the value of an action, and of earlier ones by traces; returns the number of traces."""
-        o, a, rate, target, begins, n_traces, decay, takes_lowest = move
+        o, a, half, rate, target, begins, n_traces, decay, takes_lowest = move
         if has_traces:
             kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
             n_traces = int(_trace(traced, weights, kept, decay, o * U(N_ACTIONS) + a))
@@ -225,7 +236,11 @@ def _compile_learn(has_traces: bool) -> Callable[..., int]:
                 q[o_traced, a_traced] += rate * error * weights[j]
                 _renew(q, highest, greedy, tree, o_traced, takes_lowest)
             return n_traces
-        q[o, a] += rate * (target - q[o, a])
+        if has_two_tables:
+            halves[o, half, a] += rate * (target - halves[o, half, a])
+            q[o, a] = (halves[o, 0, a] + halves[o, 1, a]) / 2
+        else:
+            q[o, a] += rate * (target - q[o, a])
         _renew(q, highest, greedy, tree, o, takes_lowest)
         return 0
 
@@ -233,12 +248,17 @@ def _compile_learn(has_traces: bool) -> Callable[..., int]:
 
 
 @inlined
-def _choose_if(is_needed: bool, explore_below: U, greedy: int, stream: Stream) -> tuple[U, Stream]:
-    """Chooses an action by a word of its own, if it is needed."""
-    if not is_needed:
-        return U(0), stream
-    word, stream = draw_word(stream)
-    return choose_action(word, explore_below, greedy), stream
+def _draw_if(is_needed: bool, stream: Stream) -> tuple[U, Stream]:
+    return draw_word(stream) if is_needed else (U(0), stream)
+
+
+@inlined
+def _best_of_half(has_two_tables: bool, rows: Floats, row: U, takes_lowest: bool, word: U) -> U:
+    """Returns a best action by one of two tables; a word's lower half chooses."""
+    if not has_two_tables:
+        return U(0)
+    _, mask = find_best(rows, row, takes_lowest)
+    return U(choose_action(word, U(0), mask))
 
 
 def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
@@ -247,8 +267,8 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
     Variables around a function are constants when it is compiled, so what the rule does not need is left out
     of the compiled code instead of being skipped in each step.
     """
-    bootstrap, is_on_policy = njit(update.bootstrap), update.is_on_policy
-    learn = _compile_learn(update.has_traces)
+    bootstrap, learn = njit(update.bootstrap), _compile_learn(update)
+    is_on_policy, has_two_tables = update.is_on_policy, update.has_two_tables
 
     @njit
     def advance(
@@ -264,11 +284,12 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
         # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
         first, outcomes, n_outcomes, _, observation, starts, is_noisy = process
         first_rate, halved_after, discount, epsilon, _, trace_decay, takes_lowest, time_limit, _ = constants
-        q, highest, greedy, tree, traced, weights, kept = table
+        q, highest, greedy, tree, halves, traced, weights, kept = table
         start, state, o, a, begins, episode_steps, steps, episodes, disagreements, n_traces, stream = turn
         by_episode, record_every = plan.by_episode, plan.record_every
         explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
-        a_next, n_records = a, -(-start // record_every)
+        a_next, rows = a, halves.reshape(-1, N_ACTIONS)
+        n_records = -(-start // record_every)
         for unit in range(start, until):
             is_recorded = unit == n_records * record_every
             highest_met = table_highest = -np.inf
@@ -286,13 +307,20 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
                 o_next = o + U(outcome.observation_change)
 
                 # Learn
+                word, stream = _draw_if(has_two_tables, stream)
+                half = word >> U(63)
                 value = 0.0
                 if not outcome.terminates:
-                    a_next, stream = _choose_if(is_on_policy, explore_below, greedy[o_next], stream)
-                    value = bootstrap(Successor(q, o_next, highest[o_next], greedy[o_next], epsilon, a_next))
+                    best = _best_of_half(has_two_tables, rows, U(2) * o_next + half, takes_lowest, word)
+                    word, stream = _draw_if(is_on_policy, stream)
+                    a_next = choose_action(word, explore_below, greedy[o_next])
+                    best_value, mask = highest[o_next], greedy[o_next]
+                    value = bootstrap(
+                        Successor(q, o_next, best_value, mask, epsilon, a_next, halves, half, best)
+                    )
                 rate, target = first_rate / (1.0 + steps / halved_after), reward + discount * value
-                move = Move(o, a, rate, target, begins, n_traces, decay, takes_lowest)
-                n_traces = learn(q, highest, greedy, tree, traced, weights, move)
+                move = Move(o, a, half, rate, target, begins, n_traces, decay, takes_lowest)
+                n_traces = learn(q, highest, greedy, tree, halves, traced, weights, move)
 
                 keep_step(kept, U(episode_steps), o, a, reward)
 
@@ -328,7 +356,7 @@ def compile_kernel(update: UpdateRule) -> Kernel:
 
     On disk, kernels differ by a digest of the rule, of its file's text and of all that its module depends on.
     """
-    advance, has_traces = _compile_advance(update), update.has_traces
+    advance, has_two_tables, has_traces = _compile_advance(update), update.has_two_tables, update.has_traces
 
     def train(process: Process, constants: Constants, plan: Plan, streams: Words, results: Results) -> None:
         """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
@@ -344,6 +372,7 @@ def compile_kernel(update: UpdateRule) -> Kernel:
                 np.full(n_observations, value),
                 np.full(n_observations, 1 if constants.takes_lowest else ALL_ACTIONS),
                 _new_tree(n_observations, value) if has_tree else np.empty(2),
+                np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), value),
                 np.empty(n_pairs, np.int64),
                 np.empty(n_pairs),
                 np.empty(constants.time_limit if constants.backward_passes else 0, STEP),
@@ -360,23 +389,11 @@ def compile_kernel(update: UpdateRule) -> Kernel:
             results.steps_taken[n] = turn.steps
             results.episodes_ended[n] = turn.episodes
 
-    code, around = update.bootstrap.__code__, inspect.getclosurevars(update.bootstrap)
-    cells = [
-        (key, value)
-        for key, value in {**around.globals, **around.nonlocals}.items()
-        if isinstance(value, bool | int | float | tuple | np.ndarray)
-    ]
+    code = update.bootstrap.__code__
+    cells = [cell.cell_contents for cell in update.bootstrap.__closure__ or ()]
     text = linecache.getlines(inspect.getfile(update.bootstrap))
     imported = digest_when_loaded(update.bootstrap.__module__)
-    parts = (
-        update.is_on_policy,
-        has_traces,
-        code.co_code,
-        code.co_consts,
-        code.co_names,
-        cells,
-        text,
-        imported,
-    )
+    flags = update.is_on_policy, has_two_tables, has_traces
+    parts = flags, code.co_code, code.co_consts, code.co_names, cells, text, imported
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):  # all digits of all numbers
         return compiled(train, hashlib.sha256(repr(parts).encode()).hexdigest())

@@ -26,10 +26,9 @@ from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings, Sb3Se
 from agents.sb3.tables import saved_table
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
-from envs import EVENTS, InputError, compile_scenario, load_scenario
+from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.arrays import Floats
 from envs.inputs import parse
-from envs.observations import compile_seen
 from tests.agents import MOODS, Changes
 
 S1 = compile_scenario(load_scenario("S1"))
@@ -50,7 +49,7 @@ CHANGING: Changes = {
 def vec_env(
     n: int, scenario: str = "S1", observation: str = "coordinates", limit: int = 7, **overrides: Any
 ) -> SB3VecEnv:
-    return SB3VecEnv(compile_seen(load_scenario(scenario, overrides), observation), n, observation, limit)
+    return SB3VecEnv(ProxemicVectorEnv(n, scenario, observation, overrides, max_episode_steps=limit))
 
 
 # The adapter

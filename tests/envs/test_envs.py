@@ -43,16 +43,6 @@ def test_step_returns_python_values() -> None:
     assert reward == info["grid_reward"] + info["issuer_reward"]
 
 
-@pytest.mark.parametrize(("limit", "expected"), [({}, [199]), ({"max_episode_steps": -1}, [])])
-def test_batches_have_the_registered_time_limit_which_can_be_lifted(
-    limit: Changes, expected: list[int]
-) -> None:
-    envs = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=3, **limit)
-    envs.reset(seed=0)
-    up = np.zeros(3, dtype=int)  # into the wall: an episode without end
-    assert np.flatnonzero([envs.step(up)[3].all() for _ in range(201)]).tolist() == expected
-
-
 def test_image_rendering_shows_the_agent_where_it_is() -> None:
     env = gymnasium.make("envs:Proxemic/S1-v0", render_mode="rgb_array")
     env.reset()
