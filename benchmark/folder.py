@@ -44,7 +44,7 @@ class Folder:
             raise InputError(
                 f"{path}: there are no results; run the experiment with --report first."
             )
-        with _damaged(path / MANIFEST):
+        with damaged(path / MANIFEST):
             self.manifest = unsealed((path / MANIFEST).read_bytes())
             self.files: dict[str, str] = dict(self.manifest["files"])
             if any(Path(name).name != name for name in self.files):
@@ -52,7 +52,7 @@ class Folder:
 
     def content(self, file: str) -> bytes:
         """Returns a file's content; an InputError says if it is missing, not listed or changed."""
-        with _damaged(path := self.path / file):
+        with damaged(path := self.path / file):
             if path.exists() and not path.is_file():
                 raise ValueError("it is not a regular file")  # it may be a pipe that never ends
             content = path.read_bytes()
@@ -71,7 +71,7 @@ class Folder:
 
     def _table(self, name: str) -> pd.DataFrame:
         content = self.content(name)
-        with _damaged(self.path / name):
+        with damaged(self.path / name):
             table = read_csv(BytesIO(content))
         if {"variant", "observation"} <= {*table}:  # of an earlier version
             learner = table.pop("variant") + ", " + table.pop("observation")
@@ -80,7 +80,7 @@ class Folder:
 
 
 @contextmanager
-def _damaged(path: Path) -> Iterator[None]:
+def damaged(path: Path) -> Iterator[None]:
     """Turns whatever goes wrong while a file is read into an InputError."""
     try:
         yield
@@ -168,11 +168,6 @@ def csv_text(frame: pd.DataFrame) -> str:
 def _number(value: Any) -> str:
     text = f"{0.0 if abs(value) < 1e-12 else value:.6g}"  # zero but for rounding
     return f"{text}.0" if text.lstrip("-").isdecimal() else text
-
-
-def write_csv(frame: pd.DataFrame, path: Path) -> None:
-    """Writes a table, see `csv_text`."""
-    path.write_text(csv_text(frame), encoding="utf-8")
 
 
 def write_text(path: Path, text: str) -> None:

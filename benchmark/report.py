@@ -9,21 +9,21 @@ import argparse
 import hashlib
 import json
 import math
-import shutil
+import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from importlib.machinery import SourceFileLoader
 from importlib.util import find_spec
-from inspect import getdoc, unwrap
+from inspect import getdoc, isfunction, unwrap
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import pandas as pd
+from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 
 from benchmark import front, search, style, tables
@@ -37,8 +37,8 @@ from benchmark.folder import (
     alone,
     committed,
     csv_text,
+    damaged,
     replaced,
-    write_csv,
     write_manifest,
     write_text,
 )
@@ -46,63 +46,67 @@ from benchmark.page import build as page
 from benchmark.scenes import shipped
 from benchmark.study import Data, Report
 from envs import InputError
-from envs.inputs import check_all, parse, unknown_name
-from envs.packages import contained, imported
+from envs.inputs import check_all, is_name, parse, unknown_name
+from envs.packages import imported
 
 STUDIES: Final = ("comparison", "map", "replication", "search")
 MAX_WORDS: Final = 900  # of README
 _MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
 _PACKED: Final = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
-_MADE_BY: Final = ("commit", "machine", "processor")
+_PARTS: Final = ("TABLES", "FIGURES", "SHOWN", "COLUMNS")  # dicts of a study's module
+_MARKDOWN: Final = MarkdownIt("commonmark").enable("table")
+_DRAWN: Final = {"a table": pd.DataFrame, "a figure": Figure, "None": type(None)}
+_TEXT: Final = {"a text": str}
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
-RUN_COLUMNS: Final = {
-    "scenario": "scenario",
-    "grid": "grid of the experiment",
-    "point": "point of the grid",
-    "reading": "a way to read the paper, or a control",
-    "trial": "number of the trial; 0 has the settings as declared",
-    "learner": "an algorithm with its settings, and what it observes",
-    "seed": "seed of the run",
-    "run": "beginning of the run's digest; conditions that change nothing share runs",
-    "policy": "policy that `success` and `score` are about",
-    "budget": "environment steps of training",
-    "step": "environment steps of training so far",
-    "success": "probability that an episode ends with a correct PING, exact",
-    "score": "return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]",
-    "unbounded_score": "the same, not clipped",
-    "steps": "steps of an episode",
-    "wrong_pings": "wrong PINGs of an episode",
-    "uncomfortable_steps": "steps of an episode in the uncomfortable region",
-    "*_success": "success, by the * policy",
-    "unseen_success": "success where the person never stood, when the run had certainly learned",
-    "unseen_greedy": "the same, by the greedy policy",
-    "unseen_stochastic": "the same, by the stochastic policy",
-    "unseen_budget*": "the same at the budget",
-    "training_wrong_pings": "wrong PINGs of training so far",
-    "diverged_at": "step at which values were no longer finite; inf if never",
-    "updates": "updates of the parameters",
-    "parameters": "number of learned parameters",
-    "cpu_time_s": "CPU seconds of training",
-    "cpu_learned_s": "CPU seconds until the run had learned; inf if never",
-    "peak_memory_mb": "peak memory of the process, in MB",
-    "wall_time_s": "duration in seconds",
-    "started_at": "time of the start",
-    "commit": "commit of this project",
-    "machine": "system and cores",
-    "processor": "processor, and library of linear algebra",
-    "versions": "versions of packages, as JSON",
-}
-COLUMNS: Final = {
-    **RUN_COLUMNS,
-    "n": "runs",
-    "x": "the learner that is compared",
-    "y": "the learner that it is compared with",
-    "differs": "what else differs between x and y",
-    "*_low": "lower end of the 95 % interval of *",
-    "*_high": "upper end of the 95 % interval of *",
-    "*_x": "* of x",
-    "*_y": "* of y",
-}
+_OF_RUNS: Final = """\
+scenario: scenario
+grid: grid of the experiment
+point: point of the grid
+reading: a way to read the paper, or a control
+trial: number of the trial; 0 has the settings as declared
+learner: an algorithm with its settings, and what it observes
+seed: seed of the run
+run: beginning of the run's digest; conditions that change nothing share runs
+policy: policy that `success` and `score` are about
+budget: environment steps of training
+step: environment steps of training so far
+success: probability that an episode ends with a correct PING, exact
+score: return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]
+unbounded_score: the same, not clipped
+steps: steps of an episode
+wrong_pings: wrong PINGs of an episode
+uncomfortable_steps: steps of an episode in the uncomfortable region
+*_success: success, by the * policy
+unseen_success: success where the person never stood, when the run had certainly learned
+unseen_greedy: the same, by the greedy policy
+unseen_stochastic: the same, by the stochastic policy
+unseen_budget*: the same at the budget
+training_wrong_pings: wrong PINGs of training so far
+diverged_at: step at which values were no longer finite; inf if never
+updates: updates of the parameters
+parameters: number of learned parameters
+cpu_time_s: CPU seconds of training
+cpu_learned_s: CPU seconds until the run had learned; inf if never
+peak_memory_mb: peak memory of the process, in MB
+wall_time_s: duration in seconds
+started_at: time of the start
+commit: commit of this project
+machine: system and cores
+processor: processor, and library of linear algebra
+versions: versions of packages, as JSON
+"""
+_OF_OTHERS: Final = """\
+n: runs
+x: the learner that is compared
+y: the learner that it is compared with
+differs: what else differs between x and y
+*_low: lower end of the 95 % interval of *
+*_high: upper end of the 95 % interval of *
+*_x: * of x
+*_y: * of y
+"""
+RUN_COLUMNS: Final = dict(line.split(": ", 1) for line in _OF_RUNS.splitlines())
+COLUMNS: Final = RUN_COLUMNS | dict(line.split(": ", 1) for line in _OF_OTHERS.splitlines())
 Function = Callable[[Data], Any]
 
 
@@ -112,22 +116,22 @@ class ClaimError(InputError):
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
+    results = options.results
     if options.experiment is None:
         if options.seeds is not None:
             raise InputError("--seeds: accepted only together with an experiment.")
-        print(f"the page is {write_texts(options.results)}.")
+        print(f"the page is {write_texts(results)}.")
         return 0
     experiment = load_experiment(options.experiment, smoke=options.smoke)
     seeds = other_seeds(experiment, tables.parse_seeds(options.seeds))
-    folder = options.results / folder_name(experiment, seeds)
+    folder = results / folder_name(experiment, seeds)
     write(experiment, folder, seeds)
     if experiment.declared.search is not None:
         search.write_chosen(experiment, folder)
     print(f"{experiment.name}: tables and figures are in {folder}.")
-    if folder.name in PUBLISHED:
-        where = page.write(options.results, _published(options.results))
-    else:
-        where = page.write(folder, [Folder(folder)])
+    is_published = folder.name in PUBLISHED
+    folders = _published(results) if is_published else [Folder(folder)]
+    where = page.write(results if is_published else folder, folders)
     print(f"{experiment.name}: the page is {where}.")
     if text := certificate(folder):
         print(text)
@@ -165,26 +169,19 @@ def certificate(folder: Path) -> str:
 
 @dataclass(frozen=True)
 class Study:
-    """A study, as an experiment declares it. An item may be a table or a figure."""
+    """A study, as an experiment declares it."""
 
     experiment: Experiment
     module: ModuleType
     declared: Any
-    items: dict[str, Function]
+    files: dict[str, Function]  # an item makes one of two: a table (.csv) or a figure (.svg)
+    shown: dict[str, str]
+    columns: dict[str, str]
 
     @property
     def question(self) -> str:
         """The heading of the results."""
-        return str(self.declared.question or first_line(self.module))
-
-    def get(self, name: str) -> dict[str, Any]:
-        """Returns one of the study's dicts, by default an empty one."""
-        return {**getattr(self.module, name, {})}
-
-    def functions(self) -> list[tuple[str, Function]]:
-        """Returns the functions of tables, items and figures, by the names of their files."""
-        groups = self.get("TABLES"), self.items, self.get("FIGURES")
-        return [named for functions in groups for named in functions.items()]
+        return self.declared.question or first_line(self.module) or self.experiment.name
 
     def text(self, name: str, data: Data) -> str:
         """Returns one of the study's texts; empty if there is none.
@@ -192,7 +189,7 @@ class Study:
         Tables without runs are of an earlier version, which had other rules.
         """
         function = getattr(self.module, name, None)
-        return str(_called(function, data)) if function and len(data.runs) else ""
+        return _called(function, data, _TEXT) if function and len(data.runs) else ""
 
 
 def study_of(experiment: Experiment) -> Study:
@@ -201,15 +198,21 @@ def study_of(experiment: Experiment) -> Study:
     if given is None:
         raise InputError(f"{where}: report is missing; add a [report] table.")
     module = load_study(str(given.get("kind", "")), where)
-    declared = parse(getattr(module, "Declared", Report), given, f"{where}: report")
-    items = {name.partition(":")[2]: imported(name, where, "item") for name in declared.items}
-    taken = {*items} & {*module.TABLES, *getattr(module, "FIGURES", ())}
-    if taken or len(items) < len(declared.items) or not all(map(callable, items.values())):
-        what = f"report.items: {', '.join(declared.items)}"
-        raise InputError(f"{where}: {what}: accepted: functions, each with a new name.")
-    if hasattr(module, "check"):
-        module.check(experiment, declared)
-    return Study(experiment, module, declared, cast("dict[str, Function]", items))
+    with mistakes_in(Path(str(module.__file__))):
+        declared = parse(getattr(module, "Declared", Report), given, f"{where}: report")
+        items = {each.partition(":")[2]: imported(each, where, "item") for each in declared.items}
+        made, drawn, shown, columns = ({**getattr(module, name, {})} for name in _PARTS)
+        files = {f"{name}.csv": function for name, function in (made | items).items()}
+        files |= {f"{name}.svg": function for name, function in (drawn | items).items()}
+        names, n_names = {file[:-4] for file in files}, len(made | drawn) + len(declared.items)
+        is_right = len(names) == n_names and all(map(is_name, names)) and "columns" not in names
+        if not is_right or not all(isfunction(unwrap(each)) for each in files.values()):
+            found = f"{where}: report makes {', '.join(sorted(files))}"
+            accepted = "functions, each with a new name, but not columns"
+            raise InputError(f"{found}; accepted: {accepted}.")
+        if hasattr(module, "check"):
+            module.check(experiment, declared)
+    return Study(experiment, module, declared, files, shown, columns)
 
 
 def load_study(name: str, source: str) -> ModuleType:
@@ -226,27 +229,31 @@ def first_line(named: object) -> str:
     return (getdoc(named) or "").partition("\n")[0]
 
 
-def _called(function: Function, data: Data) -> Any:
-    code = getattr(unwrap(function), "__code__", None)
-    with mistakes_in(Path(code.co_filename if code else __file__)):
-        return function(data)
+def _called(function: Function, argument: Any, accepted: Mapping[str, type]) -> Any:
+    code = unwrap(function).__code__
+    with mistakes_in(path := Path(code.co_filename)):
+        made = function(argument)
+    if not isinstance(made, (*accepted.values(),)):
+        what = f"{code.co_name} returns {type(made).__name__}"
+        raise InputError(f"{path}: {what}; accepted: {' or '.join(accepted)}.")
+    return made
 
 
 @contextmanager
 def mistakes_in(path: Path) -> Iterator[None]:
     """Turns whatever a file does wrong, such as dividing by zero, into an InputError."""
     try:
-        with contained():
-            yield
-    except InputError:
+        yield
+    except (InputError, KeyboardInterrupt):
         raise
-    except Exception as error:
+    except BaseException as error:  # such as SystemExit
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == str(path)]
-        line = getattr(error, "lineno", None) or [0, *lines][-1]
-        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error).rstrip(".")
-        kind = ClaimError if isinstance(error, AssertionError) else InputError
-        raise kind(f"{path}, line {line}: {reason or type(error).__name__}.") from error
+        line = getattr(error, "lineno", None) or [None, *lines][-1]
+        where = f"{path}, line {line}" if line else path
+        if isinstance(error, AssertionError):
+            raise ClaimError(f"{where}: {error}.") from error
+        raise InputError(f"{where}: {type(error).__name__}: {error}.") from error
 
 
 # The files of a folder
@@ -267,29 +274,37 @@ def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = No
         raise InputError(f"{experiment.name}: {what}; accepted: at least two of every learner.")
     store = path if (path := folder.parent / "runs.db").is_file() else None
     data = Data(experiment, study.declared, runs, curves, store=store)
-    with alone(folder.parent), replaced(folder, Folder(folder).files) as aside:
-        for name in _PACKED:
-            if (folder / name).is_file():
-                shutil.copyfile(folder / name, aside / name)
-        for name, function in study.functions():
-            made = _called(function, data)
-            if isinstance(made, pd.DataFrame):
-                data.tables[name] = made
-                write_csv(made, aside / f"{name}.csv")
-            elif isinstance(made, Figure):
-                style.save(made, aside / f"{name}.svg")
-            elif made is not None:
-                what = f"{name} returns {type(made).__name__}"
-                raise InputError(f"{experiment.argument}: {what}; accepted: a table or a figure.")
-        write_manifest(aside, _manifest(study, runs, seeds))
-        _write_texts(study, Folder(aside), seeds)
+    published = Folder(folder)
+    with damaged(folder / tables.RUNS):
+        manifest = _manifest(study, runs, seeds)
+    with alone(folder.parent), replaced(folder, published.files) as aside:
+        for name in {*_PACKED} & {*published.files}:
+            (aside / name).write_bytes(published.content(name))
+        for name, function in dict.fromkeys(
+            (file[:-4], made) for file, made in study.files.items()
+        ):
+            _draw(function, data, aside / name)
+        write_manifest(aside, manifest)
+        for name, text in texts(study, Folder(aside), seeds).items():
+            write_text(aside / name, text)
+
+
+def _draw(function: Function, data: Data, path: Path) -> None:
+    """Writes the table or figure that a function makes, if any."""
+    made = _called(function, data, _DRAWN)
+    with mistakes_in(Path(path.name)):
+        if isinstance(made, pd.DataFrame):
+            data.tables[path.name] = made
+            path.with_suffix(".csv").write_text(csv_text(made), encoding="utf-8")
+        elif made is not None:
+            style.save(made, path.with_suffix(".svg"))
 
 
 def _manifest(study: Study, runs: pd.DataFrame, seeds: Sequence[int] | None) -> dict[str, object]:
     """Returns what made the results; drawing again gives the same."""
     experiment, ids = study.experiment, sorted({*runs["run"]})
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
-    made_by = {f"{name}s": sorted({*runs[name].fillna("")}) for name in _MADE_BY}
+    made_by = {f"{name}s": sorted({*runs[name]}) for name in ("commit", "machine", "processor")}
     return {
         "experiment": experiment.name,
         "command": f"python -m benchmark run {experiment.argument}{option} --report",
@@ -312,7 +327,9 @@ def write_texts(results: Path) -> Path:
     with alone(results):
         check_all(*(folder.check for folder in folders))
         for folder in folders:
-            _write_texts(study_of(load_experiment(folder.path.name)), folder)
+            study = study_of(load_experiment(folder.path.name))
+            for name, text in texts(study, folder).items():
+                write_text(folder.path / name, text)
         write_text(results / README, front.index(results))
         write_text(results / "scenes.svg", style.svg(shipped()))
         if results.resolve() == REPOSITORY / "results":
@@ -327,27 +344,24 @@ def _published(results: Path) -> list[Folder]:
     return [folder for folder in folders if "experiment" in folder.manifest]
 
 
-def _write_texts(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> None:
-    for name, text in texts(study, folder, seeds).items():
-        write_text(folder.path / name, text)
-
-
 def texts(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> dict[str, str]:
     """Returns the texts of a folder, which its manifest does not list, by their files."""
     has_runs = tables.RUNS in folder.files
     runs, curves = tables.read(folder.path) if has_runs else (pd.DataFrame(), pd.DataFrame())
     data = Data(study.experiment, study.declared, runs, curves, folder.tables())
-    return {README: readme(study, folder, data, seeds), MEANINGS: csv_text(meanings(study, data))}
+    with mistakes_in(Path(str(study.module.__file__))):
+        meant = csv_text(meanings(study, data))  # before a finding can change a table
+        return {MEANINGS: meant, README: readme(study, folder, data, seeds)}
 
 
 def meanings(study: Study, data: Data) -> pd.DataFrame:
     """Returns what the columns of each table mean."""
-    known = COLUMNS | study.get("COLUMNS")
-    files = {tables.RUNS: (data.runs, RUN_COLUMNS), tables.CURVES: (data.curves, RUN_COLUMNS)}
-    files |= {f"{name}.csv": (table, known) for name, table in data.tables.items()}
+    files = {tables.RUNS: data.runs, tables.CURVES: data.curves}
+    files |= {f"{name}.csv": table for name, table in data.tables.items()}
     rows = [
         (file, column, meaning(str(column), about))
-        for file, (table, about) in files.items()
+        for file, table in files.items()
+        for about in [RUN_COLUMNS if file in _PACKED else COLUMNS | study.columns]
         for column in table
     ]
     return pd.DataFrame(rows, columns=["file", "column", "meaning"])
@@ -359,11 +373,9 @@ def meaning(column: str, known: Mapping[str, str]) -> str:
     >>> meaning("steps_low", {"*_low": "lower end of the interval of *"})
     'lower end of the interval of steps'
     """
-    for pattern in (column, *(name for name in known if "*" in name)):
-        if pattern in known and fnmatchcase(column, pattern):
-            before, _, after = pattern.partition("*")
-            part = column.removeprefix(before).removesuffix(after)
-            return known[pattern].replace("*", part)
+    for pattern, text in sorted(known.items(), key=lambda each: "*" in each[0]):
+        if match := re.fullmatch(re.escape(pattern).replace(r"\*", "(.*)"), column):
+            return text.replace("*", match[match.lastindex or 0])
     return ""
 
 
@@ -372,14 +384,14 @@ def meaning(column: str, known: Mapping[str, str]) -> str:
 
 def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None = None) -> str:
     """Returns README of a folder; tables that would make it too long are left out."""
-    answer, *others = answer_of(study, data, seeds).split("\n\n")
+    shown = [text for name in study.shown if (text := _shown(study, name, data))]
+    answer, *others = _unwrapped(answer_of(study, data, seeds)).split("\n\n")
     figures = [
-        f"![{name}]({name}.svg)\n\n*{first_line(function)}*"
-        for name, function in (study.get("FIGURES") | study.items).items()
-        if f"{name}.svg" in folder.files
+        f"![{file[:-4]}]({file})\n\n*{first_line(function)}*"
+        for file, function in study.files.items()
+        if file.endswith(".svg") and file in folder.files
     ]
-    shown = [text for name in study.get("SHOWN") if (text := _shown(study, name, data))]
-    reading = study.text("reading", data)
+    reading = _unwrapped(study.text("reading", data))
     ends = [f"## How to read this\n\n{reading}"] if reading else []
     ends += [_files(study, folder), _made(study, folder)]
     start = [f"# {study.question}", answer, *figures[:1], *others]
@@ -388,6 +400,16 @@ def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None
         if len(text.split()) <= MAX_WORDS or not shown:
             return text
         shown.pop()
+
+
+def _unwrapped(text: str) -> str:
+    """Returns Markdown with each paragraph on a line; lists, tables and code stay as they are."""
+    lines = text.strip().split("\n")
+    for token in reversed(_MARKDOWN.parse("\n".join(lines))):
+        if token.type == "inline" and token.level == 1 and token.map:
+            part = slice(*token.map)
+            lines[part] = [" ".join(map(str.strip, lines[part]))]
+    return "\n".join(lines)
 
 
 def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> str:
@@ -399,12 +421,12 @@ def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> s
             text = finding(path, data.tables)
         except ClaimError as error:  # nets of Stable-Baselines3 depend on the processor
             print(f"{experiment.name}: the tables do not show a claim: {error}", file=sys.stderr)
-    return text or study.text("headline", data) or experiment.declared.description.strip()
+    return text or study.text("headline", data) or experiment.declared.description
 
 
 def has_finding(path: Path) -> bool:
     """Returns whether there is such a file with a finding; others are not run."""
-    return path.is_file() and "def finding(" in path.read_text(encoding="utf-8")
+    return path.is_file() and b"def finding(" in path.read_bytes()
 
 
 def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
@@ -417,33 +439,29 @@ def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
     module = ModuleType(path.stem)
     with mistakes_in(path):
         SourceFileLoader(path.stem, str(path)).exec_module(module)
-        text = module.finding(published)
-    if not isinstance(text, str):
-        raise InputError(f"{path}: finding returns {type(text).__name__}; accepted: a text.")
-    return text.strip()
+        return str(_called(module.finding, published, _TEXT))
 
 
 def _shown(study: Study, name: str, data: Data) -> str:
     """Returns a table as README shows it; empty if it is long, or not there."""
     frame = data.tables.get(name, pd.DataFrame())
-    names = [column for column in study.get("SHOWN")[name].split() if column in frame]
+    names = [column for column in study.shown[name].split() if column in frame]
     columns = [column for column in names if not frame[column].isin(["", math.nan]).all()]
     if not columns or len(frame) > _MAX_ROWS:
         return ""
     titles = {key: learner.title for key, learner in study.experiment.learners.items()}
-    rows = frame.to_dict("records")
-    shown = {
-        name.replace("_", " "): [_entry(row, name, titles) for row in rows] for name in columns
-    }
-    table = pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True)
-    return f"{first_line(study.get('TABLES').get(name))}\n\n{table}"
+    rows = [[_entry(row, name, titles) for name in columns] for row in frame.to_dict("records")]
+    heads = [name.replace("_", " ") for name in columns]
+    table = pd.DataFrame(rows, columns=heads).to_markdown(index=False, disable_numparse=True)
+    return f"{first_line(study.files[f'{name}.csv'])}\n\n{table}"
 
 
 def _entry(row: Mapping[Any, Any], name: str, titles: Mapping[str, str]) -> str:
     """Returns an entry of a table: a learner's title, or a number with its interval."""
+    text = titles.get(row[name], show(row[name]))
     ends = [row.get(f"{name}_{end}", math.nan) for end in ("low", "high")]
-    interval = f" [{', '.join(map(show, ends))}]" if all(map(math.isfinite, ends)) else ""
-    text = titles.get(row[name], show(row[name])) + interval
+    if all(map(math.isfinite, ends)):
+        text += f" [{', '.join(map(show, ends))}]"
     return " ".join(text.split()).replace("|", "&#124;")
 
 
@@ -453,29 +471,25 @@ def show(value: object) -> str:
     >>> [show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7000, "S1")]
     ['0.123', '1,000', '52,600,000', 'never', '-', '7,000', 'S1']
     """
-    if not isinstance(value, float):
-        return f"{value:,}" if type(value) is int else str(value)
-    if not math.isfinite(value):
-        return "-" if math.isnan(value) else "never"  # of steps until something happens
-    text = f"{value:.3g}"
-    return f"{float(text):,.0f}" if abs(float(text)) >= 1000 else text
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return "-" if math.isnan(value) else "never"  # of steps until something happens
+        value = float(f"{value:.3g}")
+    return f"{value:,.12g}" if type(value) in (int, float) else str(value)
 
 
 def _files(study: Study, folder: Folder) -> str:
     """Returns what each file holds."""
-    tabled = (study.get("TABLES") | study.items).items()
     about = {
         tables.RUNS: "a row per run",
         tables.CURVES: "a row per run and evaluation",
         tables.AGENTS: "what agents have learned, for the page",
-        **{f"{name}.csv": first_line(function) for name, function in tabled},
+        **{file: first_line(each) for file, each in study.files.items() if file.endswith(".csv")},
+        MEANINGS: "what columns mean",
+        MANIFEST: "what made the runs, digests of files",
     }
-    names = [name for name in about | folder.files if name in folder.files]
-    lines = [f"- [{name}]({name}): {about.get(name, '')}" for name in names if name[-4:] != ".svg"]
-    lines += [
-        f"- [{MEANINGS}]({MEANINGS}): what columns mean",
-        f"- [{MANIFEST}]({MANIFEST}): what made the runs, digests of files",
-    ]
+    there = {*folder.files, MEANINGS, MANIFEST}
+    lines = [f"- [{name}]({name}): {text}" for name, text in about.items() if name in there]
     return "\n".join(["## Files\n", *lines])
 
 

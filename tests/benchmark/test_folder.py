@@ -14,11 +14,11 @@ from benchmark.folder import (
     MANIFEST,
     Folder,
     alone,
+    csv_text,
     read_csv,
     replaced,
     sealed,
     unsealed,
-    write_csv,
     write_manifest,
     write_text,
 )
@@ -41,7 +41,7 @@ def folder(tmp_path: Path) -> Path:
     """A folder of results with a table and a file that nobody made."""
     folder = tmp_path / "results" / "mine"
     folder.mkdir(parents=True)
-    write_csv(TABLE, folder / "a.csv")
+    write_text(folder / "a.csv", csv_text(TABLE))
     write_manifest(folder, {"experiment": "mine"})
     (folder / "other.txt").write_text("mine")
     return folder
@@ -54,7 +54,7 @@ def content(folder: Path) -> dict[str, str]:
 def test_tables_are_read_as_they_were_written(folder: Path) -> None:
     assert_frame_equal(Folder(folder).tables()["a"], TABLE)
     old = pd.DataFrame({"n": [1], "variant": ["dqn"], "observation": ["one_hot"]})
-    write_csv(old, folder / "old.csv")
+    write_text(folder / "old.csv", csv_text(old))
     assert read_csv(folder / "old.csv").equals(old)
     write_manifest(folder, {})
     table = Folder(folder).tables()["old"]

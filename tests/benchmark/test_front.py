@@ -8,7 +8,16 @@ import pytest
 
 from benchmark import front
 from benchmark.experiment import PUBLISHED
-from benchmark.folder import MANIFEST, MEANINGS, README, Folder, read_csv, write_csv, write_manifest
+from benchmark.folder import (
+    MANIFEST,
+    MEANINGS,
+    README,
+    Folder,
+    csv_text,
+    read_csv,
+    write_manifest,
+    write_text,
+)
 from benchmark.report import MAX_WORDS
 from benchmark.tables import RUNS
 from envs import InputError
@@ -63,7 +72,7 @@ def test_a_claim_that_tables_do_not_show_is_refused(
 ) -> None:
     table = read_csv(copied / file)
     table[column] = value
-    write_csv(table, copied / file)
+    write_text(copied / file, csv_text(table))
     reseal(copied / Path(file).parent)
     with pytest.raises(InputError, match=f"README: the published tables do not show that {fault}"):
         front.readme(copied)
@@ -73,7 +82,7 @@ def test_numbers_are_those_of_the_tables(copied: Path) -> None:
     table = read_csv(copied / "compare_deep" / "summary.csv")
     is_shown = (table["learner"] == "sb3_ppo, one_hot") & (table["scenario"] == "S2")
     table.loc[is_shown, "success"] = 0.1234
-    write_csv(table, copied / "compare_deep" / "summary.csv")
+    write_text(copied / "compare_deep" / "summary.csv", csv_text(table))
     reseal(copied / "compare_deep")
     before, after = (front.readme(path).splitlines() for path in (RESULTS, copied))
     changed = [(x, y) for x, y in zip(before, after, strict=True) if x != y]

@@ -153,7 +153,7 @@ def test_a_folder_follows_from_its_runs_alone(
         ({"kind": "spread_study", "items": ["spread_study:wrong"]}, "wrong returns int; accepted"),
         (
             {"kind": "spread_study", "items": ["spread_study:divides"]},
-            r"spread_study\.py, line \d+: division by zero",
+            r"spread_study\.py, line \d+: ZeroDivisionError: division by",
         ),
     ],
 )
@@ -183,7 +183,7 @@ def test_findings_assert_their_claims(mine: Path, capsys: pytest.CaptureFixture[
         f"{start}    assert n == 2, 'two'\n    return f'''There are\n{{n}}.\n\n**A.** b.'''\n"
     )
     text = (draw(mine) / README).read_text(encoding="utf-8")
-    assert "There are\n2.\n\n![spread]" in text
+    assert "There are 2.\n\n![spread]" in text
     assert "**A.** b." in text
     path.write_text(f"{start}    assert n == 3, 'there are three'\n    return ''\n")
     text = (draw(mine) / README).read_text(encoding="utf-8")
@@ -192,7 +192,7 @@ def test_findings_assert_their_claims(mine: Path, capsys: pytest.CaptureFixture[
     path.write_text("raise SystemExit\n")  # no finding
     draw(mine)
     path.write_text(f"{start}    return tables['none']\n")
-    with pytest.raises(InputError, match=r"mine\.py, line 3: 'none' is missing"):
+    with pytest.raises(InputError, match=r"mine\.py, line 3: KeyError: 'none'"):
         draw(mine)
     path.write_text(f"{start}    return n\n")
     with pytest.raises(InputError, match="finding returns int; accepted: a text"):
