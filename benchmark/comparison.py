@@ -424,7 +424,7 @@ def headline(data: Data) -> str:
     found = ", ".join(f"*{decided}* ({n})" for decided, n in counts)
     text = f"""\
 After {data.runs["budget"].iloc[0]:,} steps of training in {listed(scenarios)}, the verdicts on
-success, in the mean over scenarios unless one is named, are {found}. The margin is
+success, averaged over scenarios unless one is named, are {found}. The margin is
 {data.declared.margins.success:g}, the level 5 %, and each of these learners has at least
 {table["n"].min()} runs in each scenario.
 """
@@ -453,19 +453,19 @@ def reading(data: Data) -> str:
 steps ends with a correct PING, by the policy after training; a learner that diverged acts at
 random. An agent that does nothing but PING has a score of {level:.2f}.
 
-Contrasts compare x with y, in the mean over scenarios unless one is named. *Better* and *worse*
-take a significant difference whose estimate is at least the margin, {margins.success:g} of success
-and {margins.score:g} of the score; with *slightly*, it is smaller. *Within margin* means that two
-one-sided tests show a difference below the margin; *but better* and *but worse*, that it is
-significant nevertheless. *Mixed* means that a scenario contradicts the verdict by the margin or
+Contrasts compare x with y, averaged over scenarios unless one is named. *Better* and *worse*
+require a significant difference whose estimate is at least the margin, {margins.success:g} of
+success and {margins.score:g} of the score; with *slightly*, it is smaller. *Within margin* means
+that two one-sided tests show a difference below the margin; *but better* and *but worse*, that it
+is significant nevertheless. *Mixed* means that a scenario contradicts the verdict by the margin or
 more. A learner is shown to learn if it succeeds significantly more often than the random policy,
-and more often than before training by the margin; without that, it is not better in anything
+and more often than before training by the margin. Otherwise it is never called better
 (*{NEITHER}*, *{UNEARNED}*). With fewer than {FEWEST_RUNS} runs of each learner in each scenario,
 there is *no verdict*.
 
 Tests are at the 5 % level. P-values are adjusted by Holm's method, separately for each endpoint,
-for differences and margins, and for contrasts that were declared when results were known (`later`);
-intervals are not. A verdict holds for one look at the declared runs."""
+for tests of differences and of margins, and for contrasts that were declared when results were
+known (`later`); intervals are not. Verdicts are valid only if the runs are looked at once."""
 
 
 TABLES: Final[dict[str, TableFunction]] = {
@@ -484,7 +484,7 @@ SHOWN: Final = {
 COLUMNS: Final = {
     "n": "runs in each scenario, of a contrast the smaller number",
     "runs": "runs over all scenarios",
-    "declared": "`later` if results were known",
+    "declared": "`later` if the contrast was declared when results were known",
     "p_random_*": "p-value of * succeeding no more often than the random policy, adjusted",
     "learned_*": "whether * is shown to have learned, see README",
     "diverged": "runs that diverged, and act at random",

@@ -560,7 +560,7 @@ COLUMNS: Final = {
     "solved": "share of runs that learn",
     "steps": "steps until a run has learned, or their median; inf if it never does",
     "steps_before": "steps of the evaluation before",
-    "unseen_budget": "success in unseen places at the end of training, by the policy that counts",
+    "unseen_budget": "success in unseen places at the end of training",
     "untrained": "whether the untrained policy reaches the level",
     "verdict": "the verdict on x by steps",
     "why_none": "why there is no verdict by steps",
@@ -596,9 +596,9 @@ after twice as many steps, or to the end of all {budgets} steps. {giving_up(data
 
 {text}
 
-*Faster* or *slower* takes a significant difference at the 5 % level, a probability of taking less
-that differs from 1/2 by {margins.probability:g} or more, and a median at least {margins.ratio:g}
-times as small."""
+*Faster* and *slower* require a significant difference at the 5 % level, a probability of taking
+less that differs from 1/2 by {margins.probability:g} or more, and medians that differ by a factor
+of {margins.ratio:g} or more."""
 
 
 def _sentence(
@@ -622,23 +622,24 @@ def reading(data: Data) -> str:
     assert solved is not None
     return f"""\
 {learning(data.experiment)}
-Successive evaluations are at most about {solved.growth - 1:.0%} apart, but for the first ones.
-What happens later is measured only in runs that are trained to the budget, as where there are
-unseen places. In figures, a marker is hollow if at least half of a learner's runs never learn.
+Successive evaluations, except the first ones, are at most about {100 * (solved.growth - 1):.0f} %
+apart. What happens later is measured only in runs that are trained to the budget, for example where
+there are unseen places. In figures, a marker is hollow if at least half of a learner's runs never
+learn.
 
 Contrasts pair runs of the same seed, which have the same draw of the scenario. A run that never
-learns takes more than every run that does; two such runs are tied, and ties count as a half.
+learns takes more than every run that does; two such runs are tied, and a tie counts as a half.
 *Faster* and *fewer* mean that x takes less, *slower* and *more* that y does: the probability of
-taking less differs from 1/2 significantly, and by {margins.probability:g} or more. The one that
-takes less has a median of steps or wrong PINGs at least {margins.ratio:g} times as small, or a
-success in unseen places that is higher by {margins.unseen:g} or more. It has learned in more than
-half of its runs, by training, and, but for unseen places, has not lost the level in half of these:
-at the end, or for half of the evaluations or steps since. Otherwise there is *no verdict*, as where
-it would depend on runs whose evaluations are too far apart, that reach the level in the last
-evaluation only, or that reach it untrained. *{NEITHER.capitalize()}* is said only if no
-difference is significant.
+taking less differs from 1/2 significantly, and by {margins.probability:g} or more; the other's
+median of steps or wrong PINGs is at least {margins.ratio:g} times as large, or its success in
+unseen places lower by {margins.unseen:g} or more; and the learner that takes less has learned, by
+training, in more than half of its runs and, except for unseen places, has not lost the level in
+half of these (at the end, or in half of the later evaluations or steps). If another condition fails
+although the difference is significant, or if the verdict would depend on runs whose evaluations are
+too far apart, that reach the level in the last evaluation only, or that reach it untrained, there
+is *no verdict*. *{NEITHER.capitalize()}* is said only if no difference is significant.
 
-For steps, wrong PINGs, and failures in unseen places at the end of training, the probability of any
-wrong verdict is at most 5 % each (Holm's method; if contrasts share runs, this is known from
+The probability of any wrong verdict is at most 5 % for each of steps, wrong PINGs, and failures in
+unseen places at the end of training (Holm's method; if contrasts share runs, this is known from
 simulation). Intervals in `contrasts.csv` are those of its first step, and hold for all contrasts at
 once."""

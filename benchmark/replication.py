@@ -254,11 +254,11 @@ CLAIMS: Final = (
     ),
     Claim(
         "max-near-1", "max Q reaches about 1", ">", 0.95, (("S1",), ("S3",)), (_near_one,),
-        "level that an agent's max Q reaches at 1 % of steps; in S3 no PING pays more than 0.857",
+        "level that an agent's max Q reaches in 1 % of steps; in S3 no PING pays more than 0.857",
     ),
     Claim(
         "variability-S3", "max Q varies least in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
-        _VARIABILITY, "the same",
+        _VARIABILITY, "the same ratios of standard deviations",
     ),
     Claim(
         "moves-focused", "moves are most focused in S3", "<", 1.0, (("S3", "S1"), ("S3", "S2")),
@@ -271,11 +271,11 @@ CLAIMS: Final = (
     ),
     Claim(
         "ping-S3-inside", "S3: all target cells valued", "<", 1.0, (("S3",),), (_missing_inside,),
-        "target cells without one",
+        "target cells where it is not",
     ),
     Claim(
         "ping-S1", "S1: cells outside valued", ">", 0.0, (("S1",),), (_valued_outside,),
-        "cells outside the target region with one",
+        "cells outside the target region where it is",
     ),
     Claim(
         "reaches", "S1: the target is reached", ">", 0.95, (("S1",),), (_reaches,),
@@ -337,7 +337,7 @@ def claim_sets(data: Data) -> pd.DataFrame:
 
 
 def claims(data: Data) -> pd.DataFrame:
-    """The parts of all claims, with few agents and all."""
+    """The parts of all claims, with as many agents as in the paper and with all."""
     sets = data.tables["claim_sets"].groupby(["claim", "verdict"])["first_seed"].nunique()
     parts = pd.concat([_judged(data, agents) for agents in few_and_all(data)], ignore_index=True)
     agreeing = parts[["claim", "verdict"]].apply(tuple, axis=1).map(sets)
@@ -354,7 +354,7 @@ def sensitivity(data: Data) -> pd.DataFrame:
 
 
 def optimal(data: Data) -> pd.DataFrame:
-    """What greedy policies reach after training, with few agents and all."""
+    """Greedy policies after training, with as many agents as in the paper and with all."""
     return pd.DataFrame(
         {
             "scenario": name,
@@ -499,7 +499,7 @@ maps, Welch's for differences, simultaneous intervals of all cells' means for co
     "max": "largest over agents",
     "mean": "mean over agents",
     "min": "smallest over agents",
-    "optimal": "Q* of an agent that knows how many PINGs were wrong, with none so far",
+    "optimal": "Q* of an agent that knows its number of wrong PINGs, before the first one",
     "optimal_share": "share of agents whose greedy policy is optimal from the start cell",
     "part": "number of the claim",
     "row": "row of the cell",
@@ -508,7 +508,7 @@ maps, Welch's for differences, simultaneous intervals of all cells' means for co
     "state": "whether the part passes, fails or is undecided",
     "std": "sample standard deviation over agents",
     "threshold": "threshold",
-    "value": "the number",
+    "value": "what is measured",
     "verdict": "verdict on the claim",
 }
 
@@ -548,7 +548,7 @@ def reading(data: Data) -> str:
 A part of a claim passes if its 95 % interval lies on the right side of the threshold, and fails if
 it lies on the wrong side. A claim holds if all parts pass, does not hold if one fails, and is
 undecided otherwise. Of all thresholds, only "around 1" is the paper's. Figures show {few:,} agents
-per scenario. Verdicts below are with {all_agents:,}; the numbers say in how many of the disjoint
+per scenario. Verdicts below are with {all_agents:,}; the fractions say in how many of the disjoint
 sets of {few:,} they are the same.
 
 {claims_of}

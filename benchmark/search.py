@@ -394,8 +394,8 @@ Trials are compared by the area under the curve of exact success: success averag
         measure = f"""\
 Trials are compared by how early runs learn. {learning(experiment)}
 Its earliness is 1 - log(*s*/*e*) /
-log(*B*/*e*), at most 1, with *e* = {first.evaluation_every:,}; it is 0 if the run learns never, or
-not before the end of the budget."""
+log(*B*/*e*), at most 1, with *e* = {first.evaluation_every:,}; it is 0 if the run never learns, or
+only at the end of the budget."""
         steps = """\
 In effort.csv, trial 0 runs first. If it does not learn, first runs of the other trials are drawn,
 without replacement, until one has learned. A run that never learns costs the budget, even if it was
@@ -408,8 +408,8 @@ Trial 0 has the declared settings; the other {search.trials:,} trials are points
 sequence. The best {search.finalists:,} of {of} and trial 0 ran again with {search.seeds:,} fresh
 seeds in each of {len(experiment.scenarios)} scenarios. The best of these are chosen, so their
 means and gains are biased upwards. For that, p-values are multiplied by the number of all
-finalists. A gain is shown if p is at most 0.05, gain and rise of success in training are at least
-{data.declared.margin:g}, and the interval of the chosen settings is above the random policy.
+finalists. A gain is shown if p is at most 0.05, the gain and the rise of success in training are
+at least {data.declared.margin:g}, and the interval of the chosen settings is above the random policy.
 Intervals treat runs as independent, although trials share random streams.
 
 {steps}"""

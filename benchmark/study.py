@@ -95,6 +95,6 @@ def giving_up(experiment: Experiment) -> str:
     if solved is None or solved.given_up_after is None:
         return ""
     return f"""\
-A run whose success has not reached {solved.success / 2:g} by {solved.given_up_after:.0%} of the
-budget is given up: it counts as one that never learns, even if it would learn late, and is scored
-as it was then."""
+A run whose success has not reached {solved.success / 2:g} by {100 * solved.given_up_after:.0f} % of
+the budget is given up: it counts as one that never learns, even if it would learn late, and is
+scored as it was then."""

@@ -182,7 +182,7 @@ def _changes(experiment: Experiment, folder: Path, made: Path) -> Iterator[str]:
         again = f"'report {experiment.argument}' writes them again"
         yield f"{folder}: different from what its runs make: {', '.join(different)}; {again}."
     else:
-        print(f"{experiment.name}: all {len(names)} files are as its manifest and its runs say.")
+        print(f"{experiment.name}: all {len(names)} files match its manifest and its runs.")
 
 
 def unfounded(experiment: Experiment, folder: Folder) -> Iterator[str]:

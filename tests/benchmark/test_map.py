@@ -202,7 +202,7 @@ def test_texts_name_what_else_differs_and_who_is_given_up(tmp_path: Path) -> Non
     assert "given up" not in headline
     data = made(tmp_path, [NEVER], [NEVER], change=("growth", "given_up_after = 0.6, growth"))
     for text in (maps.headline(data), maps.reading(data)):
-        assert "by 60% of the budget is given up" in " ".join(text.split())
+        assert "by 60 % of the budget is given up" in " ".join(text.split())
 
 
 @pytest.mark.parametrize(("budget", "steps"), [(800, 800), (200, 200), (400, np.inf)])

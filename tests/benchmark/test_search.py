@@ -264,7 +264,7 @@ def test_a_learner_that_is_good_untrained_has_not_gained(tmp_path: Path) -> None
 def test_of_runs_that_are_given_up_nothing_is_claimed(tmp_path: Path) -> None:
     text = headline(tmp_path, [[0.0] * 2] * 4, [[0.0] * 2] * 4, solved=SOLVED)
     assert "no run of any learner has learned before the end of its 400 steps (200 fresh" in text
-    assert "not reached 0.25 by 50% of the budget is given up" in text
+    assert "not reached 0.25 by 50 % of the budget is given up" in text
     assert "even if it would learn late" in text
 
 
