@@ -172,21 +172,17 @@ def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
     cells = summary(data).set_index(["learner", "scenario"])
     of = {population.learner.name: population for population in data.experiment.populations}
     sides = [[cells.loc[name].loc[[*names]] for name in pair] for pair, names in cases]
-    rows: list[dict[str, Any]] = [
-        {
-            "scenario": names[0] if len(names) == 1 else "",
-            "x": x,
-            "y": y,
-            "n": min(side["n"].min() for side in both),
-            "differs": differences(of[x], of[y], [side["diverged"].sum() for side in both]),
-        }
-        for ((x, y), names), both in zip(cases, sides, strict=True)
-    ]
-    for side, own in zip("xy", zip(*sides, strict=True), strict=True):
-        for row, cells, p in zip(rows, own, holm([*map(_p_random, own)]), strict=True):
-            rise = (cells["success"] - cells["untrained_success"]).mean()
-            is_risen = round(rise, _DIGITS) >= data.declared.margins.success
-            row |= {f"p_random_{side}": p, f"learned_{side}": p <= ALPHA and is_risen}
+    p_random = [holm([*map(_p_random, own)]) for own in zip(*sides, strict=True)]
+    rows = list[dict[str, Any]]()
+    for ((x, y), names), both, *p_values in zip(cases, sides, *p_random, strict=True):
+        row = {"scenario": names[0] if len(names) == 1 else "", "x": x, "y": y}
+        row |= {"n": min(own["n"].min() for own in both)}
+        row |= {"differs": differences(of[x], of[y], [own["diverged"].sum() for own in both])}
+        for side, own, p in zip("xy", both, p_values, strict=True):
+            rise = round((own["success"] - own["untrained_success"]).mean(), _DIGITS)
+            has_learned = p <= ALPHA and rise >= data.declared.margins.success
+            row |= {f"p_random_{side}": p, f"learned_{side}": has_learned}
+        rows.append(row)
     for endpoint in ENDPOINTS:
         margin = getattr(data.declared.margins, endpoint)
         pairs = [(means_of(x, endpoint), means_of(y, endpoint)) for x, y in sides]

@@ -49,7 +49,16 @@ from benchmark.statistics import (
     wins,
     with_ends,
 )
-from benchmark.study import Data, FigureFunction, Pairs, Report, TableFunction, giving_up, learning
+from benchmark.study import (
+    Data,
+    FigureFunction,
+    Pairs,
+    Report,
+    TableFunction,
+    giving_up,
+    learning,
+    solved_of,
+)
 from benchmark.style import WIDTH, Row, draw_rows, figure_of
 from envs import InputError
 from envs.inputs import Label, Names, Table, unknown_name
@@ -57,6 +66,7 @@ from envs.inputs import Label, Names, Table, unknown_name
 Numbers = NDArray[np.float64]
 Key = tuple[str, str, str]
 Pair = Mapping[str, pd.DataFrame]  # runs of x and of y, by seed
+_WRONG: Final = "training_wrong_pings"
 KEYS: Final = ["grid", "point", "learner"]  # the columns that name a population
 
 # What an experiment declares
@@ -185,12 +195,10 @@ def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
 
 def took(data: Data) -> pd.DataFrame:
     """Every run: what it took until it had learned, and whether it has lost that later."""
-    solved, tables = data.experiment.declared.solved, list[pd.DataFrame]()
-    assert solved is not None
-    for key, curves in data.curves.groupby(KEYS, sort=False):
-        names = dict(zip(KEYS, key, strict=True))
-        tables.append(pd.DataFrame(names | until_learned(curves, solved.success)))
-    return pd.concat(tables, ignore_index=True)
+    level = solved_of(data.experiment).success
+    groups = data.curves.groupby(KEYS, sort=False)[["seed", "step", "success", _WRONG]]
+    tables = groups.apply(lambda curves: pd.DataFrame(until_learned(curves, level)))
+    return tables.reset_index(KEYS).reset_index(drop=True)
 
 
 def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]:
@@ -203,8 +211,7 @@ def until_learned(curves: pd.DataFrame, level: float) -> dict[str, NDArray[Any]]
     """
     steps = curves["step"].unique()
     success, wrong_pings = (
-        curves[name].to_numpy().reshape(-1, len(steps))
-        for name in ("success", "training_wrong_pings")
+        curves[name].to_numpy().reshape(-1, len(steps)) for name in ("success", _WRONG)
     )
     last, is_there = len(steps) - 1, success >= level
     first = np.array([specification.solved(row, [*steps], level)[0] for row in success.tolist()])
@@ -244,11 +251,9 @@ def needed(cell: "pd.Series[Any]") -> str:
 
 def cpu(data: Data) -> pd.DataFrame:
     """Measured: median CPU seconds of training until a run has learned."""
-    rows = []
-    for key, times in data.runs.groupby(KEYS, sort=False)["cpu_learned_s"]:
-        row = dict(zip(KEYS, key, strict=True)) | {"n": len(times)}
-        rows.append(row | with_ends("cpu_learned_s", median(times.to_numpy())))
-    return pd.DataFrame(rows)
+    times = data.runs.groupby(KEYS, sort=False)["cpu_learned_s"]
+    rows = [{"n": len(own)} | with_ends(times.obj.name, median(own.to_numpy())) for _, own in times]
+    return times.first().index.to_frame(index=False).join(pd.DataFrame(rows))
 
 
 # Which of two learners took less
@@ -324,9 +329,7 @@ _COARSE: Final = 1.25  # largest ratio of successive evaluations that are not to
 
 def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.DataFrame:
     """Decides contrasts in a unit: columns of `UNITS`, by the keys of pairs of runs."""
-    found: Any = pd.DataFrame(
-        [evidence(pair, unit, margins) for pair in pairs.values()], index=[*pairs]
-    )
+    found: Any = pd.DataFrame([evidence(pair, unit, margins) for pair in pairs.values()])
     verdict, why, less, words = UNITS[unit]
     adjusted = np.array(holm((_ENDS * found["p_known"]).clip(upper=1)))
     n_open, tail = (adjusted > ALPHA).sum(), ALPHA / _ENDS / len(found)
@@ -339,7 +342,9 @@ def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.Dat
     decided = np.select([*cases.values()], [*cases], UNDECIDED)
     table = {verdict: decided, why: found["why"].where(decided == NO_VERDICT, "")}
     ends = proportion_interval(found["less"], found["n"], tail)
-    return pd.DataFrame(table | with_ends(less, Estimate(found["less"], *ends)), index=[*pairs])
+    return pd.DataFrame(table | with_ends(less, Estimate(found["less"], *ends))).set_index(
+        [[*pairs]]
+    )
 
 
 def evidence(pair: Pair, unit: str, margins: Margins) -> dict[str, object]:
@@ -574,12 +579,7 @@ COLUMNS: Final = {
 def headline(data: Data) -> str:
     """Says how the contrasts of the first grid ended, by steps."""
     table, margins = data.tables["contrasts"].fillna(""), data.declared.margins
-    grid, cells, solved = (
-        table["grid"].iloc[0],
-        data.tables["cells"],
-        data.experiment.declared.solved,
-    )
-    assert solved is not None
+    grid, cells = table["grid"].iloc[0], data.tables["cells"]
     table = table[table["grid"] == grid]
     n_decided = table["verdict"].isin(UNITS["steps"][-1]).sum()
     budgets = " or ".join(f"{n:,}" for n in cells[cells["grid"] == grid]["budget"].unique())
@@ -587,12 +587,13 @@ def headline(data: Data) -> str:
     is_named = [len(groups) <= _MOST_NAMED or names[2] != UNDECIDED for names, _ in groups]
     lines = [_sentence(data, *map(str, names), rows) for names, rows in compress(groups, is_named)]
     if not all(is_named):
-        lines.append(f"- All others are {UNDECIDED}, see contrasts.csv.")
+        lines.append(f"- All others in this grid are {UNDECIDED}, see contrasts.csv.")
     text = "\n".join(lines)
     return f"""\
 In the grid `{grid}`, one learner is faster in {n_decided} of {len(table)} contrasts: it needs fewer
-steps until success is at or above {solved.success:g}, at every evaluation until the first one at or
-after twice as many steps, or to the end of all {budgets} steps. {giving_up(data.experiment)}
+steps until success is at or above {solved_of(data.experiment).success:g}, at every evaluation until
+the first one at or after twice as many steps, or to the end of all {budgets} steps.
+{giving_up(data.experiment)}
 
 {text}
 
@@ -606,10 +607,10 @@ def _sentence(
 ) -> str:
     """Says what the verdict on two learners is at some points, why, and what else differs."""
     points = []
-    for row in rows.itertuples():
-        picks = f"; faster with {row.picks_faster} of {row.picks} pairs of picks"
-        learned = f"{row.learned_x} and {row.learned_y} runs learn"
-        points.append(f"{row.point} ({learned}{picks if row.picks > 1 else ''})")
+    for row in rows.to_dict("records"):
+        picks = f"; faster with {row['picks_faster']} of {row['picks']} pairs of picks"
+        learned = f"{row['learned_x']} and {row['learned_y']} runs learn"
+        points.append(f"{row['point']} ({learned}{picks if row['picks'] > 1 else ''})")
     also = differs and f"also different: {differs}"
     details = "; ".join(filter(None, [f"{rows['n'].min()} pairs of runs", also, why]))
     sides = f"{data.title(x)} compared with {data.title(y)}"
@@ -618,8 +619,7 @@ def _sentence(
 
 def reading(data: Data) -> str:
     """Explains learning, contrasts and unseen places."""
-    margins, solved = data.declared.margins, data.experiment.declared.solved
-    assert solved is not None
+    margins, solved = data.declared.margins, solved_of(data.experiment)
     return f"""\
 {learning(data.experiment)}
 Successive evaluations, except the first ones, are at most about {100 * (solved.growth - 1):.0f} %

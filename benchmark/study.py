@@ -28,7 +28,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from pydantic import AfterValidator
 
-from benchmark.experiment import Experiment
+from benchmark.experiment import Experiment, Solved
 from benchmark.style import Look, look
 from envs.inputs import Label, Names, Table, distinct
 
@@ -79,10 +79,15 @@ FigureFunction = Callable[[Data], Figure | None]
 Functions = Mapping[str, Callable[[Data], Any]]
 
 
+def solved_of(experiment: Experiment) -> Solved:
+    """Returns the declared table `[solved]`."""
+    assert experiment.declared.solved is not None  # see the studies' `check`
+    return experiment.declared.solved
+
+
 def learning(experiment: Experiment) -> str:
     """States when a run has learned, as it is coded, in an experiment with `[solved]`."""
-    solved = experiment.declared.solved
-    assert solved is not None  # see the studies' `check`
+    solved = solved_of(experiment)
     return f"""\
 A run *has learned* after *s* of its *B* steps if success is at or above {solved.success:g} at every
 evaluation from step *s* until the first one at or after step 2*s* or, if the budget ends before,
