@@ -47,8 +47,9 @@ ALGORITHMS = {
 def load_algorithm(name: str, source: str = "agents") -> Algorithm:
     """Imports an algorithm by its name in `ALGORITHMS` or by `module:attribute`.
 
-    The attribute may be a class of agents like those of Stable-Baselines3, of which an algorithm is made.
-    Anything but an algorithm raises an InputError, whose message begins with the source of the name.
+    The attribute may be a class of agents like those of Stable-Baselines3, of which an algorithm is
+    made. Anything but an algorithm raises an InputError, whose message begins with the source of
+    the name.
     """
     if name not in ALGORITHMS and ":" not in name:
         unknown_name(source, "algorithm", name, ALGORITHMS, "module:attribute")

@@ -1,9 +1,10 @@
-"""Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
+"""Compiles functions with numba and keeps them on disk; damaged files are compiled again.
 
-numba trusts its files: a damaged one makes it fail, crash or compute something else. Besides, it checks only
-the file of a function, not the files of functions that it calls; here, all of them count. And it links by
-names with a number that it counts up from 1 in every process, so a function that one process has saved could
-call another's that has the same name and number (numba's issue 10486); here, the numbers are random.
+numba trusts its files: a damaged one makes it fail, crash or compute something else. Besides, it
+checks only the file of a function, not the files of functions that it calls; here, all of them
+count. And it links by names with a number that it counts up from 1 in every process, so a function
+that one process has saved could call another's that has the same name and number (numba's issue
+10486); here, the numbers are random.
 """
 
 import hashlib
@@ -31,7 +32,7 @@ FunctionIdentity._unique_ids = iter(partial(secrets.randbits, 64), None)
 
 
 def compiled(function: _Function, made_for: str = "") -> _Function:
-    """Makes a function that is compiled when it is first called, and that releases Python's global lock.
+    """Makes a function that is compiled when it is first called, without Python's global lock.
 
     Functions that differ only in variables around them differ in `made_for`.
     """
@@ -58,8 +59,8 @@ def _say_unsaved() -> None:
 class _Files(IndexDataCacheFile):  # type: ignore[misc]
     """What numba keeps of one function: a file for each signature, without numba's index of them.
 
-    A file begins with a digest of its content and of what it was made for. So one that is damaged, or that
-    belongs to another version of numba or an older source, is not read any further.
+    A file begins with a digest of its content and of what it was made for. So one that is damaged,
+    or that belongs to another version of numba or an older source, is not read any further.
     """
 
     def load(self, key: Any) -> object:
@@ -70,10 +71,12 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         except OSError:
             return None
         content = stored[_DIGEST_SIZE:]
-        return pickle.loads(content) if stored[:_DIGEST_SIZE] == self._digest(path, content) else None
+        return (
+            pickle.loads(content) if stored[:_DIGEST_SIZE] == self._digest(path, content) else None
+        )
 
     def save(self, key: Any, data: object) -> None:
-        """Saves what was compiled for a signature and a processor, unless the disk is full, for example."""
+        """Saves what was compiled for a signature and a processor, if the disk has room."""
         path, content = self._path(key), self._dump(data)
         try:
             with self._open_for_write(str(path)) as file:
@@ -88,8 +91,13 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
 
     def _digest(self, path: Path, content: bytes) -> bytes:
-        # A user's module has been imported by now: its global numbers are in compiled code, and count.
-        sources = self._source_stamp, _digest_of_sources(), digest_when_loaded(self._source_stamp[2])
+        # A user's module has been imported by now: its global numbers are in compiled code, and
+        # count.
+        sources = (
+            self._source_stamp,
+            _digest_of_sources(),
+            digest_when_loaded(self._source_stamp[2]),
+        )
         made_for = repr((self._version, llvmlite.__version__, *sources, path.name))
         return hashlib.sha256(made_for.encode() + b"\0" + content).digest()
 

@@ -45,8 +45,9 @@ class Schedule:
     map_steps: tuple[int, ...] = ()
     """(V,) those of them when the values of all observations are, too."""
     may_end: Callable[[int, Floats], bool] | None = None
-    """Whether training may end, given the index of an evaluation step and the table (O, A) there. Among the
-    shipped algorithms, only nets ask. After an early end, the remaining evaluations repeat the last one."""
+    """Whether training may end, given the index of an evaluation step and the table (O, A) there.
+    Among the shipped algorithms, only nets ask. After an early end, the remaining evaluations
+    repeat the last one."""
     log: str = ""
     """Folder for what agents of Stable-Baselines3 log; empty if nothing is logged."""
     keep: Callable[[Any], object] | None = None
@@ -65,7 +66,8 @@ class Training:
     greedy: Bytes
     """(N, T, O) masks of greedy actions, see `agents.policy`."""
     q: Floats
-    """(N, O, A) final action values, NaN if the agent diverged; (N, 0, A) if the algorithm learns none."""
+    """(N, O, A) final action values, NaN if the agent diverged; (N, 0, A) if the algorithm learns
+    none."""
     stochastic: Floats
     """(N, T, O, A) probabilities of a policy that is learned directly, not from action values; else
     (N, 0, O, A)."""
@@ -80,7 +82,8 @@ class Training:
     parameters: Ints
     """(N,) learned parameters."""
     diverged_at: Ints
-    """(N,) the first evaluation step whose policy was not finite, or -1; it then counts as random."""
+    """(N,) the first evaluation step whose policy was not finite, or -1; it then counts as
+    random."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -92,7 +95,10 @@ class DeepTraining(Training):
 
 
 class Algorithm(ABC):
-    """A method of learning: its settings, where it runs, and how it trains. A subclass sets what differs."""
+    """A method of learning: its settings, where it runs, and how it trains.
+
+    A subclass sets what differs.
+    """
 
     settings: type[LearnerSettings]
     family: Family = "other"
@@ -110,7 +116,12 @@ class Algorithm(ABC):
 
     @abstractmethod
     def train(
-        self, model: Model, settings: Any, observation: str, seeds: Sequence[SeedSequence], schedule: Schedule
+        self,
+        model: Model,
+        settings: Any,
+        observation: str,
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
     ) -> Training:
         """Trains one agent per seed, whose results do not depend on the other seeds of the call.
 
@@ -136,21 +147,28 @@ class SequentialAlgorithm(Algorithm):
     def train_agent(
         self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
     ) -> Fields:
-        """Trains an agent, as `train` does; returns the fields of its `training` without the axis N."""
+        """Trains an agent, like `train`; returns the fields of its training without the axis N."""
 
     def train(
-        self, model: Model, settings: Any, observation: str, seeds: Sequence[SeedSequence], schedule: Schedule
+        self,
+        model: Model,
+        settings: Any,
+        observation: str,
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
     ) -> Training:
         """Trains one agent per seed, see `Algorithm.train`."""
         agents = [self.train_agent(model, settings, observation, seed, schedule) for seed in seeds]
-        return self.training(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
+        return self.training(
+            **{key: np.stack([agent[key] for agent in agents]) for key in agents[0]}
+        )
 
 
 def snapshots(tables: Floats, final: Floats, schedule: Schedule, *, is_value: bool) -> Fields:
     """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
 
-    The tables (T, O, A) hold action values or probabilities, NaN from where the agent diverged; so does the
-    final one, (O, A), after training.
+    The tables (T, O, A) hold action values or probabilities, NaN from where the agent diverged; so
+    does the final one, (O, A), after training.
     """
     is_lost = np.asarray(np.isnan(tables).any(axis=(1, 2)))
     has_diverged = bool(is_lost.any())
@@ -167,7 +185,7 @@ def snapshots(tables: Floats, final: Floats, schedule: Schedule, *, is_value: bo
 
 
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:
-    """Refuses, by a ValueError, other shapes than those of `Training`, and a training without policies."""
+    """Refuses, by a ValueError, trainings of other shapes, and a training without policies."""
     n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
     table = n_observations, n_actions = model.n_observations, len(ACTIONS)
     accepted: dict[str, list[tuple[int, ...]]] = {  # without the axis N
@@ -182,6 +200,10 @@ def check_training(training: Training, model: Model, n_agents: int, schedule: Sc
         shape = getattr(training, field.name).shape
         shapes = [(n_agents, *rest) for rest in accepted.get(field.name, [shape[1:]])]
         if shape not in shapes:
-            raise ValueError(f"{field.name}: shape {shape}; accepted: {' or '.join(map(str, shapes))}.")
+            raise ValueError(
+                f"{field.name}: shape {shape}; accepted: {' or '.join(map(str, shapes))}."
+            )
     if training.q.shape[1] == 0 and training.stochastic.shape[1] == 0 and n_steps:
-        raise ValueError("q, stochastic: both are empty; accepted: action values, probabilities, or both.")
+        raise ValueError(
+            "q, stochastic: both are empty; accepted: action values, probabilities, or both."
+        )

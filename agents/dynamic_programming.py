@@ -1,9 +1,9 @@
 """Exact values: of a policy under a time limit, and of the optimal policy.
 
-The process is finite and known, so nothing is sampled: no noise, no seed, no episodes. `evaluate` carries the
-state distribution of a policy forward from the start (Sutton & Barto 2018, equation 3.4, gives the
-transition probabilities) and adds up the expected rewards. `solve` iterates the Bellman optimality operator
-(ibid., section 4.4) to its fixed point, or `horizon` times.
+The process is finite and known, so nothing is sampled: no noise, no seed, no episodes. `evaluate`
+carries the state distribution of a policy forward from the start (Sutton & Barto 2018, equation
+3.4, gives the transition probabilities) and adds up the expected rewards. `solve` iterates the
+Bellman optimality operator (ibid., section 4.4) to its fixed point, or `horizon` times.
 
 Returns are undiscounted unless a discount is given.
 """
@@ -50,7 +50,7 @@ class Solution(NamedTuple):
 
 
 def from_starts(model: Model, start: str = "start") -> Floats:
-    """Returns the probabilities of states, (S,), to be an episode's first; they are all equal, or zero.
+    """Returns the probabilities of states, (S,), to be an episode's first, equal or zero.
 
     `start` says which can be: "start", those of the model; "unseen", those with the issuer in an
     unseen place.
@@ -64,13 +64,16 @@ def from_starts(model: Model, start: str = "start") -> Floats:
 def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -> Evaluation:
     """Computes the expected return of a policy under a time limit, and other expectations.
 
-    Leading axes of the policy, (..., O, A), are a batch. Episodes are truncated after `horizon` steps, at
-    least 1, and start as in `from_starts`. A ValueError is raised if the policy does not fit the model.
+    Leading axes of the policy, (..., O, A), are a batch. Episodes are truncated after `horizon`
+    steps, at least 1, and start as in `from_starts`. A ValueError is raised if the policy does not
+    fit the model.
     """
     shape = model.n_observations, len(ACTIONS)
     policy = np.asarray(policy, dtype=np.float64)
     if policy.shape[-2:] != shape:
-        raise ValueError(f"policy: shape {policy.shape}; this model takes (..., {shape[0]}, {shape[1]}).")
+        raise ValueError(
+            f"policy: shape {policy.shape}; this model takes (..., {shape[0]}, {shape[1]})."
+        )
     if policy.size and not (policy.min() >= 0 and abs(policy.sum(axis=-1) - 1.0).max() <= 1e-9):
         raise ValueError("policy: rows must be probabilities that sum to one.")
     # If some were read-only, `_sweep` would be compiled again.
@@ -79,7 +82,8 @@ def evaluate(model: Model, policy: Policy, horizon: int, start: str = "start") -
     dynamics = model.next_state, model.probability, model.terminated, model.observation
     is_success = model.event == TARGET_PING
     counted = model.grid_reward, model.issuer_reward, is_success, model.is_wrong_ping, model.zone
-    # No episode leaves the states of its place. Going place by place keeps what is read in the caches.
+    # No episode leaves the states of its place. Going place by place keeps what is read in the
+    # caches.
     probability, n_block = from_starts(model, start), len(model.observation) // model.n_places
     states = np.flatnonzero(probability)
     first = np.searchsorted(states, n_block * np.arange(model.n_places + 1))
@@ -99,18 +103,22 @@ def _sweep(
     horizon: int,
     sums: Floats,
 ) -> None:
-    """Carries the state distribution of each policy forward and writes its expectations into `sums`.
+    """Carries each policy's state distribution forward, and writes its expectations into `sums`.
 
-    `starts` holds the states in which episodes start, rising, their probabilities, the index of the first of
-    each place, and how many states a place has.
+    `starts` holds the states in which episodes start, rising, their probabilities, the index of the
+    first of each place, and how many states a place has.
     """
     states, start_probability, first, n_block = starts
     grid_reward, issuer_reward, is_success, is_wrong_ping, zone = counted
     next_state, outcome, _, observation = dynamics
     n_transitions = n_block * grid_reward.shape[1] * next_state.shape[2]
     index = np.full(len(grid_reward), -1, dtype=np.int32)  # where states are in `reached`, or -1
-    reached = np.empty(n_block, dtype=np.int64)  # the states reached, in the order of their discovery
-    ends = np.empty((n_transitions, 2), dtype=np.int32)  # where each transition begins and ends in `reached`
+    reached = np.empty(
+        n_block, dtype=np.int64
+    )  # the states reached, in the order of their discovery
+    ends = np.empty(
+        (n_transitions, 2), dtype=np.int32
+    )  # where each transition begins and ends in `reached`
     probability = np.empty(n_transitions)  # of each transition
     for n in range(len(policies)):
         for g in range(len(first) - 1):
@@ -214,7 +222,7 @@ def solve(
 
 
 def largest_success(model: Model, horizon: int) -> float:
-    """Returns the largest success of an agent that knows the state, in episodes from the model's starts.
+    """Returns the largest success of an agent that knows the state, from the model's starts.
 
     It is the optimal value if only a correct PING is rewarded, by 1.
     """

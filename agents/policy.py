@@ -1,6 +1,7 @@
 """Memoryless policies: tables of action probabilities, one row per observation.
 
-A set of actions is represented by a mask, the sum of 2**action over its members: `0b10001` is UP or PING.
+A set of actions is represented by a mask, the sum of 2**action over its members: `0b10001` is UP or
+PING.
 """
 
 import numpy as np

@@ -1,7 +1,8 @@
-"""What tables and nets learn from: a compiled scenario as flat arrays, and random numbers, in compiled code.
+"""What tables and nets learn from: a scenario as flat arrays, and compiled random numbers.
 
-Every agent draws from a stream of its own, xoshiro256++ (Blackman & Vigna 2021), seeded by the caller, so
-agents that are trained together equal the same agents trained one at a time, bit for bit.
+Every agent draws from a stream of its own, xoshiro256++ (Blackman & Vigna 2021), seeded by the
+caller, so agents that are trained together equal the same agents trained one at a time, bit for
+bit.
 
 Axis letters: S states, O observations, A actions, K outcomes, B starts.
 """
@@ -18,8 +19,9 @@ U = np.uint64
 N_ACTIONS = len(ACTIONS)
 Stream = tuple[U, U, U, U]
 
-# What follows an action. Outcomes hold changes of state and observation, which many states share. So their
-# table is small and stays in the nearest cache; with a row per state, the loop would wait for memory.
+# What follows an action. Outcomes hold changes of state and observation, which many states share.
+# So their table is small and stays in the nearest cache; with a row per state, the loop would wait
+# for memory.
 _OUTCOME_FIELDS = {
     "reward": np.float64,  # mean
     "state_change": np.int32,
@@ -35,7 +37,7 @@ _STATES_AT_ONCE = 200_000  # whose outcomes are written out together
 
 
 class Process(NamedTuple):
-    """A compiled scenario; `first[state] + action * K` is the index of an action's first outcome."""
+    """A compiled scenario; `first[state] + action * K` is the index of its first outcome."""
 
     first: Unsigned  # (S,) the same for all states of a kind
     outcomes: Records  # (kinds * A * K,) of type OUTCOME
@@ -73,10 +75,14 @@ def process_of(model: Model) -> Process:
 def _outcomes(model: Model, some: slice) -> Records:
     """Returns the outcomes of some states, (states, A, K)."""
     state = np.arange(len(model.observation))[some, None, None]
-    outcomes = np.zeros(model.next_state[some].shape, dtype=OUTCOME)  # zeros between fields, too: bytes count
+    outcomes = np.zeros(
+        model.next_state[some].shape, dtype=OUTCOME
+    )  # zeros between fields, too: bytes count
     outcomes["reward"] = (model.grid_reward[some] + model.issuer_reward[some])[..., None]
     outcomes["state_change"] = model.next_state[some] - state
-    outcomes["observation_change"] = model.observation[model.next_state[some]] - model.observation[state]
+    outcomes["observation_change"] = (
+        model.observation[model.next_state[some]] - model.observation[state]
+    )
     outcomes["terminates"] = model.terminated[some, :, None]
     outcomes["is_wrong_ping"] = model.is_wrong_ping[some, :, None]
     outcomes["noise"] = model.issuer_noise[some, :, None]
@@ -121,7 +127,13 @@ _draw_issuer_reward = njit(draw_issuer_reward)
 
 @njit
 def draw_step(
-    first: Unsigned, outcomes: Records, n_outcomes: int, is_noisy: bool, state: U, action: U, stream: Stream
+    first: Unsigned,
+    outcomes: Records,
+    n_outcomes: int,
+    is_noisy: bool,
+    state: U,
+    action: U,
+    stream: Stream,
 ) -> tuple[float, U, Stream]:
     """Returns the reward of an action, the index of its outcome, and the stream that follows."""
     i = U(first[state]) + action * U(n_outcomes)

@@ -1,7 +1,7 @@
 """Proxemic scenarios as Gymnasium environments.
 
-Importing this package registers an id for every TOML file in `envs/scenarios`, for example `Proxemic/S1-v0`,
-with a time limit of 200 steps; so does the prefix of an id, as below.
+Importing this package registers an id for every TOML file in `envs/scenarios`, for example
+`Proxemic/S1-v0`, with a time limit of 200 steps; so does the prefix of an id, as below.
 
 >>> import gymnasium
 >>> env = gymnasium.make("envs:Proxemic/S1-v0", observation="coordinates")

@@ -21,7 +21,8 @@ _MAX_MESSAGES = 10
 _MAX_NAME = 60  # characters of a name that is compared with others
 
 _NAME_RULE = (
-    "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false or NA"
+    "a name of at most 60 letters, digits, _ and -, the first a letter or digit; "
+    "no number, true, false or NA"
 )
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 # Names that pandas or R would read as numbers, booleans or missing values.
@@ -29,7 +30,7 @@ _VALUE = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|fals
 
 
 class InputError(ValueError):
-    """One or more mistakes in the user's input, each described by a line that can be shown as it is."""
+    """Mistakes in the user's input, one or more, each a line that can be shown as it is."""
 
     def __init__(self, *messages: str) -> None:
         lines = [*dict.fromkeys(map(_as_line, messages))]
@@ -59,11 +60,17 @@ class Table(BaseModel):
         return {key: self.__dict__[key] for key in type(self).model_fields}
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Table) and type(self) is type(other) and self._given() == other._given()
+        return (
+            isinstance(other, Table)
+            and type(self) is type(other)
+            and self._given() == other._given()
+        )
 
     def __hash__(self) -> int:
         values = self._given().values()
-        return hash(tuple(tuple(value.items()) if isinstance(value, dict) else value for value in values))
+        return hash(
+            tuple(tuple(value.items()) if isinstance(value, dict) else value for value in values)
+        )
 
     def __copy__(self) -> Self:  # for `model_copy`, which may change fields
         copied = super().__copy__()
@@ -79,13 +86,13 @@ ValuesT = TypeVar("ValuesT", bound=tuple[object, ...])
 
 
 def require(is_met: bool, found: str, accepted: str) -> None:
-    """Raises a ValueError, to which `parse` adds file and key, if a condition of a `Table` is not met."""
+    """Raises a ValueError, to which `parse` adds file and key, if a condition is not met."""
     if not is_met:
         raise ValueError(f"{found}: accepted: {accepted}")
 
 
 def check_all(*checks: Callable[[], object]) -> None:
-    """Makes independent checks; raises the ValueError of one, or an InputError with the lines of several."""
+    """Makes independent checks; raises one's ValueError, or an InputError with several lines."""
     errors = []
     for check in checks:
         try:
@@ -99,10 +106,10 @@ def check_all(*checks: Callable[[], object]) -> None:
 
 
 def is_name(text: str) -> bool:
-    """Returns whether a text can be a name, which needs no escaping in files, columns, labels and ids.
+    """Returns whether a text can be a name, without escaping in files, columns, labels and ids.
 
-    >>> [is_name(text) for text in ("S1", "rate-0_1", "9x", "_x", "a/b", "a b", "..", "", "1e5", "NA")]
-    [True, True, True, False, False, False, False, False, False, False]
+    >>> [is_name(text) for text in ("S1", "rate-0_1", "9x", "_x", "a/b", "a b", "..", "", "1e5")]
+    [True, True, True, False, False, False, False, False, False]
     """
     return _NAME.fullmatch(text) is not None and not _VALUE.fullmatch(text)
 
@@ -137,7 +144,9 @@ Label = Annotated[str, Field(max_length=200), _IN_ONE_LINE]
 Text = Annotated[
     str,
     Field(max_length=10_000),
-    accepted_if(lambda text: "".join(text.split()).isprintable(), "text without control characters"),
+    accepted_if(
+        lambda text: "".join(text.split()).isprintable(), "text without control characters"
+    ),
 ]
 
 
@@ -154,15 +163,25 @@ def read_toml(path: Path) -> dict[str, Any]:
         json.dumps(data, default=str)  # as `parse` does
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
-    except (ValueError, RecursionError) as error:  # no UTF-8, no TOML, nested too deeply, too many digits
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # no UTF-8, no TOML, nested too deeply, too many digits
         raise InputError(f"{path}: not valid TOML: {error}.") from error
     return data
 
 
 def whole_number(text: str, option: str, low: int, high: int) -> int:
-    """Returns the number from `low` to `high` that an option gives; other texts raise an InputError."""
-    if not (text.isascii() and text.isdecimal() and len(text) <= len(str(high)) and low <= int(text) <= high):
-        raise InputError(f"{option} {shortened(text)}: accepted: a whole number from {low} to {high:,}.")
+    """Returns an option's number, from `low` to `high`; other texts raise an InputError."""
+    if not (
+        text.isascii()
+        and text.isdecimal()
+        and len(text) <= len(str(high))
+        and low <= int(text) <= high
+    ):
+        raise InputError(
+            f"{option} {shortened(text)}: accepted: a whole number from {low} to {high:,}."
+        )
     return int(text)
 
 
@@ -176,8 +195,10 @@ def shortened(text: str, longest: int = 80) -> str:
     return text if text.isprintable() else json.dumps(text)
 
 
-def override(data: Mapping[str, object], overrides: Mapping[str, object], source: str) -> dict[str, Any]:
-    """Returns a copy of nested tables with some values replaced, by dotted key: `{"grid.start": [8, 6]}`.
+def override(
+    data: Mapping[str, object], overrides: Mapping[str, object], source: str
+) -> dict[str, Any]:
+    """Returns a copy of nested tables with values replaced by dotted key: `{"grid.start": [8, 6]}`.
 
     A key that passes through a value that is not a table raises an InputError.
     """
@@ -196,14 +217,15 @@ def override(data: Mapping[str, object], overrides: Mapping[str, object], source
 def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: object) -> TableT:
     """Checks tables, as read from TOML, and returns them as an object of a class.
 
-    Values in `given` must not be in the tables. Mistakes raise an InputError that names the source, which is
-    the tables' file, the key, its value and what is accepted.
+    Values in `given` must not be in the tables. Mistakes raise an InputError that names the source,
+    which is the tables' file, the key, its value and what is accepted.
     """
     for key in given:
         if key in data:
             unknown_name(source, "key", key, cls.model_fields.keys() - given.keys())
     try:
-        # From JSON, because the strict validation of Python objects refuses a list in place of a tuple.
+        # From JSON, because the strict validation of Python objects refuses a list in place of a
+        # tuple.
         return cls.model_validate_json(json.dumps({**data, **given}, default=str))
     except ValidationError as error:
         lines = (_lines(cls, details, source, given) for details in error.errors())
@@ -226,31 +248,41 @@ def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[s
     return [f"{source}: {where}{reason[:1].lower()}{reason[1:]}." for reason in reasons]
 
 
-def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> NoReturn:
-    """Refuses a name by an InputError that lists the accepted names, and what is accepted otherwise."""
+def unknown_name(
+    source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = ""
+) -> NoReturn:
+    """Refuses a name by an InputError that lists the accepted names, and what else is."""
     raise InputError(_unknown(source, kind, name, accepted, otherwise))
 
 
-def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> str:
+def _unknown(
+    source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = ""
+) -> str:
     accepted = sorted(accepted)
-    message = f"{source}: unknown {kind} {shortened(name, _MAX_NAME)}{guess(name, accepted)}; accepted: "
+    message = (
+        f"{source}: unknown {kind} {shortened(name, _MAX_NAME)}{guess(name, accepted)}; accepted: "
+    )
     last = f", or {otherwise}" if otherwise else ""
     room = max(_MAX_LENGTH - len(message) - len(last) - 1, 40)  # characters
     return f"{message}{shortened(', '.join(accepted), room)}{last}."
 
 
 def guess(name: str, accepted: Iterable[str]) -> str:
-    """Returns a question that suggests the accepted name most like a given one; empty if none is close."""
+    """Returns a question that suggests the accepted name most like another, if one is close."""
     lower = {other.lower(): other for other in accepted}
     nearest = difflib.get_close_matches(name[:_MAX_NAME].lower(), lower, n=1, cutoff=0.6)
     return f" (did you mean {lower[nearest[0]]}?)" if nearest else ""
 
 
 def _accepted(cls: type[BaseModel], location: Iterable[int | str]) -> set[str]:
-    """Returns the keys of the table at a location in nested tables; of alternatives, the keys of all."""
+    """Returns the keys of the table at a location; of alternatives, the keys of all."""
     tables = [cls]
-    for key in location:  # of a table, or else an index, a name that users give, or that of an alternative
-        annotations = [table.model_fields[key].annotation for table in tables if key in table.model_fields]
+    for key in (
+        location
+    ):  # of a table, or else an index, a name that users give, or that of an alternative
+        annotations = [
+            table.model_fields[key].annotation for table in tables if key in table.model_fields
+        ]
         tables = [table for annotation in annotations for table in _tables(annotation)] or tables
     return {key for table in tables for key in table.model_fields}
 

@@ -1,8 +1,8 @@
 """Where people stand in a scenario, the zones around them, and where episodes may start.
 
-An episode has one of J places of the person, drawn at its start. It goes through P phases, which pass by the
-ticks of a clock: a phase of three steps has three ticks, one with `next` a single tick. J = P = 1 unless the
-scenario says otherwise.
+An episode has one of J places of the person, drawn at its start. It goes through P phases, which
+pass by the ticks of a clock: a phase of three steps has three ticks, one with `next` a single tick.
+J = P = 1 unless the scenario says otherwise.
 """
 
 import hashlib
@@ -66,7 +66,10 @@ class Layout:
             return (np.arange(n)[:, None] + 1) % n, np.ones((n, 1))
         index = {stage.name: i for i, stage in enumerate(stages)}
         n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
-        ticks, probability = np.arange(n)[:, None].repeat(n_outcomes, axis=1), np.zeros((n, n_outcomes))
+        ticks, probability = (
+            np.arange(n)[:, None].repeat(n_outcomes, axis=1),
+            np.zeros((n, n_outcomes)),
+        )
         for i, stage in enumerate(stages):
             chances = stage.next or {}
             for k, (name, chance) in enumerate(chances.items(), start=1):
@@ -91,8 +94,10 @@ class Layout:
 
     @cached_property
     def issuer_cells(self) -> tuple[Cell, ...]:
-        """(I,) where the person or someone of the group may stand at some time, by row and then by column."""
-        return tuple(divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist())
+        """(I,) where the person or someone of the group may stand, by row and then by column."""
+        return tuple(
+            divmod(index, self.grid.columns) for index in np.unique(self.standing).tolist()
+        )
 
     @cached_property
     def starts(self) -> Ints:
@@ -107,7 +112,7 @@ class Layout:
 
 @lru_cache(maxsize=64)
 def draw_places(layout: Layout, n: int | None, unseen: int, draw: int) -> Layout:
-    """Returns a layout with n of the places that have a start, and further unseen ones; None takes them all.
+    """Returns a layout with n places that have a start, and further unseen ones; None takes all.
 
     The first places are the same for every n.
     """
@@ -147,7 +152,7 @@ def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
 
 
 def random_orders(n: int, size: int, *names: object) -> Ints:
-    """Returns n random orders of the numbers below a size, (n, size), from a stream with these names."""
+    """Returns n random orders of the numbers below a size, (n, size), from a stream of names."""
     key = hashlib.sha256(json.dumps(names).encode()).digest()[:16]
     words = np.random.Philox(key=int.from_bytes(key, "little")).random_raw(n * size)
     return words.reshape(n, size).argsort(axis=1, kind="stable")
@@ -158,7 +163,7 @@ def _ticks(stages: Sequence[Phase]) -> Ints:
 
 
 def _rank(place: Sequence[object], draw: int) -> bytes:
-    """Returns the key by which a cell, or a group's cells, are drawn; it is the same in all rooms."""
+    """Returns the key by which a cell, or a group's cells, are drawn, the same in all rooms."""
     parts = cast("Cell", place[0]) if len(place) == 1 else place  # of one person, the cell
     return hashlib.sha256(json.dumps([draw, *parts]).encode()).digest()
 
@@ -175,7 +180,8 @@ def timeline(
 ) -> tuple[tuple[Phase, ...], tuple[tuple[Person, ...], ...]]:
     """Returns the P phases, and the other people in each, (P, others).
 
-    If people walk, nobody changes cells within a phase, and all phases together end when everybody is back.
+    If people walk, nobody changes cells within a phase, and all phases together end when everybody
+    is back.
     """
     walking = walkers(issuer, others)
     if not walking:
@@ -189,10 +195,14 @@ def timeline(
 
     def spot(key: str, i: int) -> dict[str, object]:
         route = routes.get(key)
-        return dict(zip(("position", "heading"), route[i % len(route)], strict=True)) if route else {}
+        return (
+            dict(zip(("position", "heading"), route[i % len(route)], strict=True)) if route else {}
+        )
 
     n = math.lcm(*map(len, routes.values()))
-    stages = tuple(Phase(name=f"{i + 1}", steps=beat).model_copy(update=spot("issuer", i)) for i in range(n))
+    stages = tuple(
+        Phase(name=f"{i + 1}", steps=beat).model_copy(update=spot("issuer", i)) for i in range(n)
+    )
     people = (
         tuple(person.model_copy(update=spot(f"others.{k}", i)) for k, person in enumerate(others))
         for i in range(n)
@@ -210,7 +220,7 @@ def resolve(
     phases: tuple[Phase, ...],
     first_phase: str,
 ) -> Layout:
-    """Returns all ways in which people may stand, with or without a start; too many are a ValueError."""
+    """Returns all ways to stand, with or without a start; too many are a ValueError."""
     stages, others_at = timeline(issuer, others, phases)
     ticks = _ticks(stages)
     first = ticks if first_phase == "any" else ticks[:1]
@@ -239,7 +249,9 @@ def _ways_of_group(grid: Grid, cells: Ints, group: Group, regions: Regions, most
     cells = np.sort(cells)
     # The difference of two of these numbers says how many rows and columns two cells are apart.
     number = grid.position[cells] @ (2 * grid.columns - 1, 1)
-    apart = np.hypot(*np.ix_(*(np.arange(1 - n, n) for n in grid.size))).ravel() * regions.cell_width(grid)
+    apart = np.hypot(
+        *np.ix_(*(np.arange(1 - n, n) for n in grid.size))
+    ).ravel() * regions.cell_width(grid)
     # As in regions, rounding must not decide.
     may_join = (apart >= group.apart[0] - TOLERANCE) & (apart <= group.apart[1] + TOLERANCE)
     groups = np.arange(len(cells))[:, None]
@@ -271,7 +283,9 @@ def _find_zones(
         for column in member.T:  # uncomfortable if it is so to anyone
             zone[:, p] = np.maximum(zone[:, p], window[column])
         if isinstance(around.target, Ring):
-            ring = ring_zones(around.target, grid.position[ways], grid.position, around.cell_width(grid))
+            ring = ring_zones(
+                around.target, grid.position[ways], grid.position, around.cell_width(grid)
+            )
             zone[:, p] = np.maximum(zone[:, p], ring)
         for person in others[p]:
             zone[:, p, grid.index(person.position)] = ISSUER
@@ -283,7 +297,7 @@ def _find_zones(
 
 
 def _find_starts(grid: Grid, zone: Codes, first: Ints) -> Bools:
-    """Returns where episodes may start, (G, first ticks, C): outside, with a way to a target region."""
+    """Returns where episodes may start, (G, first ticks, C): outside, with a way to a target."""
     allowed = np.isin(np.arange(len(grid.position)), grid.cells_of(grid.start))
     # In at least one phase. Walls, and people who never move, block the way.
     is_target = (zone == TARGET).any(axis=1)

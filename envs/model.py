@@ -1,14 +1,15 @@
 """Compiles a scenario into arrays: the only place where moves, events and rewards are computed.
 
-A scenario is a finite Markov decision process. Its state is (place of the issuer, tick of the clock, whether
-feedback is to come, wrong PINGs so far, the agent's cell), numbered in this order, the cell last. In the
-paper's scenarios all but the last two have a single value, so the number is `pings * C + row * columns +
-column` with C cells: 120 cells and 600 states. The place (for a group, where all of its people stand; with
-onlookers, a place and a way in which they stand) is drawn at the start of an episode and stays.
+A scenario is a finite Markov decision process. Its state is (place of the issuer, tick of the
+clock, whether feedback is to come, wrong PINGs so far, the agent's cell), numbered in this order,
+the cell last. In the paper's scenarios all but the last two have a single value, so the number is
+`pings * C + row * columns + column` with C cells: 120 cells and 600 states. The place (for a group,
+where all of its people stand; with onlookers, a place and a way in which they stand) is drawn at
+the start of an episode and stays.
 
-`envs/scenarios/README.md` says what happens in a step, and in which order. Everything that acts, learns,
-plans or evaluates reads the arrays. A time limit is not in them: it truncates an episode, and learners
-bootstrap through it.
+`envs/scenarios/README.md` says what happens in a step, and in which order. Everything that acts,
+learns, plans or evaluates reads the arrays. A time limit is not in them: it truncates an episode,
+and learners bootstrap through it.
 """
 
 import math
@@ -40,7 +41,9 @@ EVENTS = (
     "wrong_ping",
     "last_wrong_ping",  # condition C2
 )
-NONE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED, TARGET_PING, WRONG_PING, LAST_WRONG_PING = range(len(EVENTS))
+NONE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED, TARGET_PING, WRONG_PING, LAST_WRONG_PING = range(
+    len(EVENTS)
+)
 
 _EVENT_OF_MOVE = MOVE, MOVE, UNCOMFORTABLE_MOVE, ISSUER_REACHED  # by the zone that is entered
 
@@ -71,7 +74,10 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A compiled scenario. S states, A = 5 actions, K outcomes, O observations, C cells; read-only arrays."""
+    """A compiled scenario; all arrays are read-only.
+
+    Axis letters: S states, A = 5 actions, K outcomes, O observations, C cells.
+    """
 
     scenario: Scenario
     starts: Indices  # (B,) the states in which an episode starts, all equally likely
@@ -89,7 +95,9 @@ class Model:
     cell: Indices  # (S,) the agent's, row * columns + column
     context: Indices  # (S,) place * P + phase
     zone: Codes  # (S,) index into ZONES
-    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)  # kept with it
+    derived: dict[Hashable, Any] = field(
+        default_factory=dict, init=False, repr=False
+    )  # kept with it
 
     def __repr__(self) -> str:
         return f"<Model of {self.scenario.name}>"
@@ -100,7 +108,7 @@ class Model:
 
     @property
     def start(self) -> int:
-        """The first of the states in which an episode starts; the only one in the paper's scenarios."""
+        """The first of the states in which episodes start; the only one in the paper."""
         return int(self.starts[0])
 
     @cached_property
@@ -126,19 +134,19 @@ class Model:
 
     @cached_property
     def fresh_state(self) -> Ints:
-        """(F,) the states with no wrong PING so far and no feedback to come, no walls; in S1 the cells."""
+        """(F,) the states with no wrong PING and no feedback to come, no walls; in S1 the cells."""
         block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
         is_fresh = np.arange(len(self.observation)) % block < len(self.position)
         return np.flatnonzero(is_fresh & ~self.scenario.grid.is_wall[self.cell])
 
     @cached_property
     def has_cell_maps(self) -> bool:
-        """Whether one map shows every observation: only cells, one place and phase, no wall, as in S1."""
+        """Whether one map shows every observation: cells, one place and phase, no wall."""
         is_cell = self.scenario.observe == ("agent",)
         return is_cell and not self.context.any() and not self.scenario.grid.is_wall.any()
 
     def states_of(self, context: int) -> Ints:
-        """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
+        """Returns every cell's fresh state, (C,), in a place and phase, at its first tick."""
         place, phase = divmod(context, len(self.scenario.layout.stages))
         _, n_ticks, *parts = _shape(self.scenario)
         first = place * n_ticks + int(np.argmax(self.scenario.layout.ticks == phase))
@@ -156,7 +164,7 @@ class Model:
 
     @cached_property
     def is_over(self) -> Bools:
-        """(S,) whether no action changes anything: the agent has run into someone, or the cell is a wall."""
+        """(S,) whether no action changes anything: a person was run into, or the cell is a wall."""
         is_person = self.zone == ISSUER
         return np.asarray(is_person | self.scenario.grid.is_wall[self.cell])
 
@@ -171,8 +179,10 @@ class Model:
         return bool(self.issuer_noise.any())
 
 
-def kept_with_model(derive: Callable[Concatenate[Model, P], T]) -> Callable[Concatenate[Model, P], T]:
-    """Decorates a function of a model: its result is computed once, and kept as long as the model."""
+def kept_with_model(
+    derive: Callable[Concatenate[Model, P], T],
+) -> Callable[Concatenate[Model, P], T]:
+    """Decorates a function of a model: its result is computed once, and kept with the model."""
 
     @wraps(derive)
     def derived(model: Model, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -204,7 +214,13 @@ def compile_scenario(scenario: Scenario) -> Model:
 def _shape(scenario: Scenario) -> tuple[int, int, int, int, int]:
     """Returns how many values each part of a state has."""
     n_delays, n_cells = 1 + scenario.is_delayed, len(scenario.grid.position)
-    return len(scenario.layout.standing), len(scenario.layout.ticks), n_delays, scenario.ping_limit, n_cells
+    return (
+        len(scenario.layout.standing),
+        len(scenario.layout.ticks),
+        n_delays,
+        scenario.ping_limit,
+        n_cells,
+    )
 
 
 @lru_cache(maxsize=64)
@@ -226,7 +242,10 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
     starts = np.ravel_multi_index((place, tick, 0, 0, cell), shape).astype(np.int32)
     is_seen = scenario.layout.is_seen[place]
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
-    observed = [part.value for part in reversed(components)], [part.size for part in reversed(components)]
+    observed = (
+        [part.value for part in reversed(components)],
+        [part.size for part in reversed(components)],
+    )
     model = Model(
         scenario=scenario,
         starts=starts[is_seen],
@@ -244,7 +263,9 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
 _compile_large = lru_cache(maxsize=2)(_compile.__wrapped__)  # each takes up to a gigabyte
 
 
-def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dict[str, NDArray[np.generic]]:
+def _compile_places(
+    scenario: Scenario, feedback: Feedback, places: Ints
+) -> dict[str, NDArray[np.generic]]:
     """Returns the arrays of a model over the states of some places."""
     rows, columns = scenario.grid.size
     shape, n_phases = _shape(scenario), len(scenario.layout.stages)
@@ -263,7 +284,9 @@ def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dic
     next_cell = np.column_stack([moved[cell], cell])  # (S, A)
     entered = zone_of[context[:, None], next_cell[:, :PING]]
     move_event = np.array(_EVENT_OF_MOVE)[entered]
-    ping_event = np.select([zone == TARGET, pings == n_pings - 1], [TARGET_PING, LAST_WRONG_PING], WRONG_PING)
+    ping_event = np.select(
+        [zone == TARGET, pings == n_pings - 1], [TARGET_PING, LAST_WRONG_PING], WRONG_PING
+    )
     event = np.column_stack([move_event, ping_event])  # (S, A)
     wrong_pings = pings[:, None] + np.isin(event, [WRONG_PING, LAST_WRONG_PING])
     rewards = scenario.rewards
@@ -274,7 +297,9 @@ def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dic
     terminated = np.isin(event, [ISSUER_REACHED, TARGET_PING, LAST_WRONG_PING])
 
     # The issuer's part: feedback, and the next tick
-    mean, noise, comes_late = (values[context, pings % values.shape[1], cell] for values in feedback)  # (S,)
+    mean, noise, comes_late = (
+        values[context, pings % values.shape[1], cell] for values in feedback
+    )  # (S,)
     issuer_reward, issuer_noise = np.zeros((2, *event.shape))
     issuer_reward[:, PING] = np.where(comes_late, 0.0, mean)
     issuer_noise[:, PING] = noise
@@ -299,7 +324,9 @@ def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dic
     terminated[over] = True
     return {
         "next_state": next_state.astype(np.int32),
-        "probability": np.ascontiguousarray(np.broadcast_to(chances[tick][:, None], next_state.shape)),
+        "probability": np.ascontiguousarray(
+            np.broadcast_to(chances[tick][:, None], next_state.shape)
+        ),
         "grid_reward": grid_reward,
         "issuer_reward": issuer_reward,
         "issuer_noise": issuer_noise,
@@ -313,15 +340,19 @@ def _compile_places(scenario: Scenario, feedback: Feedback, places: Ints) -> dic
     }
 
 
-def _components(scenario: Scenario, context: Indices, cell: Indices, pings: Indices) -> tuple[Component, ...]:
-    """Returns the observed components of all states, given (S,) their context, cell and wrong PINGs."""
+def _components(
+    scenario: Scenario, context: Indices, cell: Indices, pings: Indices
+) -> tuple[Component, ...]:
+    """Returns the observed components of states, given (S,) context, cell and wrong PINGs."""
     position, n_phases = scenario.grid.position, len(scenario.layout.stages)
     counts = {"phase": (context % n_phases, n_phases), "wrong_pings": (pings, scenario.ping_limit)}
 
     def component(name: str) -> Component:
         if name == "agent":
             cells = np.arange(len(position))[:, None]
-            return _of_positions(name, cell, position[cells], _farthest(scenario), cells, len(cells))
+            return _of_positions(
+                name, cell, position[cells], _farthest(scenario), cells, len(cells)
+            )
         if name == "issuer":
             return _people(scenario, context)
         if name == "offset":
@@ -352,19 +383,23 @@ def _people(scenario: Scenario, context: Indices) -> Component:
     """Returns the component with the cells of the person and the group, and of onlookers."""
     layout, n, n_phases = scenario.layout, scenario.n_people, len(scenario.layout.stages)
     cells = np.array(layout.issuer_cells) @ (scenario.grid.columns, 1)
-    spots = np.searchsorted(cells, layout.standing.reshape(-1, n))  # (J * P, people) among the cells
+    spots = np.searchsorted(
+        cells, layout.standing.reshape(-1, n)
+    )  # (J * P, people) among the cells
     if n == 1:
         groups, group = np.arange(len(cells))[:, None], spots[:, 0]
     else:
         groups, group = spots[::n_phases], np.arange(len(spots)) // n_phases
-    shown = np.array(shown_cells(layout.issuer_cells, scenario.issuer.permuted, scenario.draw))[groups]
+    shown = np.array(shown_cells(layout.issuer_cells, scenario.issuer.permuted, scenario.draw))[
+        groups
+    ]
     if scenario.onlookers:
         return _crowd(scenario, scenario.onlookers, context // n_phases, shown[group[::n_phases]])
     return _of_positions("issuer", group[context], shown, _farthest(scenario), groups, len(cells))
 
 
 def _crowd(scenario: Scenario, onlookers: Onlookers, place: Indices, own: Ints) -> Component:
-    """Returns the component with the cells of all people: first of those who count, unless with badges.
+    """Returns the component with all people's cells: those who count first, unless with badges.
 
     Given are the place of each state, (S,), and the coordinates that are shown of those who count.
     """
@@ -380,14 +415,16 @@ def _crowd(scenario: Scenario, onlookers: Onlookers, place: Indices, own: Ints) 
         ones = np.take_along_axis(ones, order, axis=1) + width * counts
         largest, width = np.append(largest, 1), 2 * width
     columns = np.arange(ones.shape[1])
-    return _of_positions("issuer", place, numbers, largest, ones + width * columns, width * len(columns))
+    return _of_positions(
+        "issuer", place, numbers, largest, ones + width * columns, width * len(columns)
+    )
 
 
 def _offset(scenario: Scenario, context: Indices, cell: Indices) -> Component:
     """Returns the component that says where the person and the group stand relative to the agent.
 
-    The offsets of several people are sorted by their Euclidean distance from the agent, and those that are
-    equally far by rows and columns.
+    The offsets of several people are sorted by their Euclidean distance from the agent, and those
+    that are equally far by rows and columns.
     """
     grid, n = scenario.grid, scenario.n_people
     farthest, columns = np.array(grid.size) - 1, 2 * grid.columns - 1
@@ -423,10 +460,10 @@ def numbered(columns: Sequence[Ints]) -> tuple[Ints, Ints]:
 
 
 def _feedback(scenario: Scenario) -> Feedback:
-    """Returns mean, half-width and lateness of the reward for a PING, (J * P, W, C), by the nearest person.
+    """Returns mean, half-width and lateness of a PING's reward, (J * P, W, C), by the nearest.
 
-    W is `ping_limit` if users' functions are given the wrong PINGs so far, else 1. Feedback by distance is
-    relative to the largest distance from a start in the same place.
+    W is `ping_limit` if users' functions are given the wrong PINGs so far, else 1. Feedback by
+    distance is relative to the largest distance from a start in the same place.
     """
     layout, position = scenario.layout, scenario.grid.position
     n_places, n_phases, n = layout.standing.shape
@@ -454,30 +491,44 @@ def _feedback(scenario: Scenario) -> Feedback:
             case NoisyFeedback():
                 width = its.noise
             case OwnFeedback():
-                low, high = _own_rewards(scenario, its, k, nearest == k, far[:, :, k], from_start[:, k])
+                low, high = _own_rewards(
+                    scenario, its, k, nearest == k, far[:, :, k], from_start[:, k]
+                )
                 value, width = (low + high) / 2, (high - low) / 2
             case _ if its.kind == "none":
                 value = 0.0
-        for array, values in ((mean, value), (noise, width), (is_late, float(its.kind == "delayed"))):
+        for array, values in (
+            (mean, value),
+            (noise, width),
+            (is_late, float(its.kind == "delayed")),
+        ):
             np.copyto(array, values, where=nearest == k)
     flat = n_places * n_phases, n_pings, len(position)
     return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat).astype(np.bool_)
 
 
 def _own_rewards(
-    scenario: Scenario, feedback: OwnFeedback, person: int, is_nearest: Bools, far: Ints, from_start: Ints
+    scenario: Scenario,
+    feedback: OwnFeedback,
+    person: int,
+    is_nearest: Bools,
+    far: Ints,
+    from_start: Ints,
 ) -> Floats:
     """Returns the lowest and highest rewards by a user's function, (2, J, P, ping_limit, C).
 
-    The function is called where the person is nearest, (J, P, 1, C). `far` has the distance of each cell,
-    (J, P, C), and `from_start` that of the farthest start, (J,).
+    The function is called where the person is nearest, (J, P, 1, C). `far` has the distance of each
+    cell, (J, P, C), and `from_start` that of the farthest start, (J,).
     """
     layout, n_pings = scenario.layout, scenario.ping_limit
     rewards = np.zeros((2, *far.shape[:2], n_pings, far.shape[2]))
     can_ping = (layout.zone != ISSUER) & ~scenario.grid.is_wall
     for j, phase, c in np.argwhere(is_nearest[:, :, 0] & can_ping).tolist():
         its = [it for it in scenario.people_in(j, phase) if it.feedback][person]
-        agent, distances = divmod(c, scenario.grid.columns), (int(far[j, phase, c]), int(from_start[j]))
+        agent, distances = (
+            divmod(c, scenario.grid.columns),
+            (int(far[j, phase, c]), int(from_start[j])),
+        )
         where = ZONES[layout.zone[j, phase, c]], layout.stages[phase].name
         seen = partial(Ping, agent, its.position, its.heading, *distances, *where)
         rewards[:, j, phase, :, c] = feedback.answers([*map(seen, range(n_pings))], scenario.name)

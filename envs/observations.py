@@ -1,8 +1,8 @@
 """Forms of observation, as tables of all observations.
 
-A form is what is observed and its encoding. In forms that begin with "offset", the agent observes where
-people are relative to itself, instead of its own cell and people's cells. Where the person is not seen, they
-equal the form of cells with the same encoding.
+A form is what is observed and its encoding. In forms that begin with "offset", the agent observes
+where people are relative to itself, instead of its own cell and people's cells. Where the person is
+not seen, they equal the form of cells with the same encoding.
 
 "planes" is the room as an image, for convolutional nets.
 """
@@ -27,9 +27,13 @@ _ENCODINGS = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
 SPARSE = ("one_hot", "factored", "tiles")  # encodings by numbers that are mostly 0, else 1
 IMAGES = ("planes",)
 _PLANES = ("agent", "people", "onlookers", "walls")  # and one for each further component
-# What each form observes, and its encoding: "tiles" has ("", "tiles"), and "offset" has ("offset", "index").
+# What each form observes, and its encoding: "tiles" has ("", "tiles"), and "offset" has ("offset",
+# "index").
 _PARTS = {
-    "_".join(filter(None, (seen, "" if seen and encoding == "index" else encoding))): (seen, encoding)
+    "_".join(filter(None, (seen, "" if seen and encoding == "index" else encoding))): (
+        seen,
+        encoding,
+    )
     for seen, encoding in product(("", "offset"), _ENCODINGS)
 } | {form: ("", form) for form in IMAGES}
 ENCODINGS = {form: encoding for form, (_, encoding) in _PARTS.items()}
@@ -113,7 +117,7 @@ def planes_shape(scenario: Scenario) -> tuple[int, int, int]:
 
 
 def _planes(model: Model) -> Bytes:
-    """Returns the room as an image in all observations, (O, planes, rows, columns), of numbers 0 and 255.
+    """Returns the room as an image, (O, planes, rows, columns), of numbers 0 and 255.
 
     People stand where the component "issuer" shows them. If they have badges, these say who counts.
     """
@@ -145,13 +149,14 @@ def observation_table(model: Model, kind: str) -> Ints | Singles | Bytes:
 
     Args:
       model: Compiled scenario with O observations; for the forms of the offset by `compile_seen`.
-      kind: The form. Index: (O,) int64. Planes: (O, planes, rows, columns) uint8. Others: (O, D) float32.
-        One-hot: a block per component, with a 1 at its value. Factored: a block per coordinate, so one for
-        the row and one for the column of a cell. Tiles: a number for each tile, see `envs.tiles`, of
-        `N_TILINGS` tilings. Coordinates: those of all components in turn, each scaled to [0, 1]. Centred: the
-        same, scaled to [-2, 2], roughly the range of standardized values. Planes: 255 in the agent's cell, in
-        people's, in onlookers' and in walls, else 0. The phase and the number of wrong PINGs have a plane
-        each, which holds the number in every cell, scaled to [0, 255].
+      kind: The form. Index: (O,) int64. Planes: (O, planes, rows, columns) uint8. Others: (O, D)
+        float32. One-hot: a block per component, with a 1 at its value. Factored: a block per
+        coordinate, so one for the row and one for the column of a cell. Tiles: a number for each
+        tile, see `envs.tiles`, of `N_TILINGS` tilings. Coordinates: those of all components in
+        turn, each scaled to [0, 1]. Centred: the same, scaled to [-2, 2], roughly the range of
+        standardized values. Planes: 255 in the agent's cell, in people's, in onlookers' and in
+        walls, else 0. The phase and the number of wrong PINGs have a plane each, which holds the
+        number in every cell, scaled to [0, 255].
     """
     check_form(kind)
     encoding = ENCODINGS[kind]

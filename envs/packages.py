@@ -1,4 +1,4 @@
-"""Packages that this project may need: which extra installs each, and the error if one is missing."""
+"""Packages that this project may need: their extras, and the error if one is missing."""
 
 import re
 from collections.abc import Iterator
@@ -21,14 +21,16 @@ class MissingPackageError(ModuleNotFoundError, InputError):
 
 @cache
 def extras() -> dict[str, list[str]]:
-    """Returns the names of the packages that each extra of this project adds, if it is installed."""
+    """Returns the names of the packages that each extra of this project adds."""
     found: dict[str, list[str]] = {}
     try:
         lines = requires("proxemic-benchmark") or []
     except PackageNotFoundError:
         return found
     for line in lines:
-        if match := re.fullmatch(r"([a-z0-9-]+)[^\[]*extra == .(.+).", line):  # no other extras, in brackets
+        if match := re.fullmatch(
+            r"([a-z0-9-]+)[^\[]*extra == .(.+).", line
+        ):  # no other extras, in brackets
             found.setdefault(match[2], []).append(match[1])
     return found
 
@@ -55,12 +57,14 @@ def imported(name: str, source: str, kind: str) -> object:
     except Exception as error:  # a module can raise anything
         reason = str(error).removesuffix(".")
         hint = _installer(_missing(error)) if loaded is None else guess(attribute, dir(loaded))
-        raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}.") from error
+        raise InputError(
+            f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}."
+        ) from error
 
 
 @contextmanager
 def contained() -> Iterator[None]:
-    """Turns an exception of users' code that would end the process, but not Ctrl-C, into an InputError."""
+    """Turns what would end the process in users' code, but not Ctrl-C, into an InputError."""
     try:
         yield
     except (Exception, KeyboardInterrupt):
@@ -82,7 +86,7 @@ def needed_by(what: str) -> Iterator[None]:
 
 
 def missing_package(what: str, module: str) -> MissingPackageError:
-    """Returns the error that something needs a package, given as the module that is not installed."""
+    """Returns the error that something needs a package, given as its missing module."""
     needed = f"{what} needs the package {package_of(module)}, which is not installed"
     return MissingPackageError(f"{needed}{_installer(module)}.", name=module)
 

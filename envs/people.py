@@ -21,9 +21,10 @@ Steps = Annotated[int, Field(ge=1, le=1000)]
 class PlainFeedback(Table):
     """No reward, or minus the person's L1 distance from the agent, relative to the farthest start.
 
-    The nearest of several people answers, and both distances are measured from that person. Delayed feedback,
-    also by distance, comes with the action after the PING, and never if the PING ends the episode. With it,
-    nobody may move, since the model does not remember where people stood at the PING.
+    The nearest of several people answers, and both distances are measured from that person. Delayed
+    feedback, also by distance, comes with the action after the PING, and never if the PING ends the
+    episode. With it, nobody may move, since the model does not remember where people stood at the
+    PING.
     """
 
     kind: Literal["none", "distance", "delayed"]
@@ -31,7 +32,7 @@ class PlainFeedback(Table):
 
 
 class NoisyFeedback(Table):
-    """Feedback by distance plus a number drawn at each PING, uniformly between minus and plus `noise`."""
+    """Feedback by distance plus a number drawn at each PING, uniform within `noise`."""
 
     kind: Literal["noisy"]
     """This kind."""
@@ -40,7 +41,7 @@ class NoisyFeedback(Table):
 
 
 class BoundedFeedback(Table):
-    """A reward drawn uniformly between two bounds at each PING, or `high` if it is correct, else `low`."""
+    """A reward drawn uniformly between bounds at each PING, or `high` if correct, else `low`."""
 
     kind: Literal["uniform", "binary"]
     """Drawn between the bounds, or one of them."""
@@ -70,7 +71,7 @@ class Ping(NamedTuple):
 
 
 class OwnFeedback(Table):
-    """What a function of yours returns for a `Ping`: a reward, or the bounds of one drawn uniformly."""
+    """What your function returns for a `Ping`: a reward, or bounds of one drawn uniformly."""
 
     kind: Line
     """The function, as `module:attribute`."""
@@ -83,7 +84,7 @@ class OwnFeedback(Table):
         raise InputError(f"{source}: feedback.kind {shortened(self.kind)}: accepted: a function.")
 
     def answers(self, pings: Sequence[Ping], source: str) -> Floats:
-        """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks for each twice."""
+        """Returns the lowest and the highest reward for PINGs from a cell, (2, n); asks twice."""
         function = contained()(self.function(source))
         try:
             both = [[np.broadcast_to(function(ping), 2) for ping in pings] for _ in range(2)]
@@ -101,7 +102,9 @@ class OwnFeedback(Table):
                 return answers.T.astype(np.float64)
         numbers = f"a number from {-_MAX_REWARD:,} to {_MAX_REWARD:,}"
         accepted = f"{numbers}, or a pair of them, the lowest and the highest"
-        where = f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
+        where = (
+            f"{source}: feedback.kind {shortened(self.kind)}: for a PING in {list(pings[0].agent)}"
+        )
         raise InputError(f"{where}: {reason}; accepted: {accepted}.")
 
 
@@ -133,7 +136,7 @@ Feedback = Annotated[
 
 
 class Walk(Table):
-    """A walk in straight lines from a person's position to each corner in turn, and back; then again.
+    """A walk in straight lines from a person's position to each corner, and back; then again.
 
     The person looks where it goes. All who walk start at the same time.
     """
@@ -160,10 +163,11 @@ class Issuer(Table):
     position: Place
     """Where the person stands when an episode starts."""
     places: Annotated[int, Field(ge=1, le=MAX_STATES)] | None = None
-    """How many of the cells of `position` are places, drawn once, see `draw`; all by default. With a
-    `group`, how many of the ways in which all of them may stand."""
+    """How many of the cells of `position` are places, drawn once, see `draw`; all by default. With
+    a `group`, how many of the ways in which all of them may stand."""
     unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
-    """Further places, drawn after these: part of the observations, but never used in training episodes."""
+    """Further places, drawn after these: part of the observations, but never used in training
+    episodes."""
     permuted: Share = 0.0
     """Fraction of cells shown with another cell's coordinates."""
     feedback: Feedback
@@ -185,9 +189,9 @@ Chances = Annotated[
 class Phase(Table):
     """What is different about the person for some time, and how the phase ends.
 
-    Either every phase lasts a number of `steps`, and the first follows the last; or every phase has `next`,
-    the probability of each other phase to follow after a step, and otherwise goes on. Keys that a phase omits
-    have the values of the scenario's other tables.
+    Either every phase lasts a number of `steps`, and the first follows the last; or every phase has
+    `next`, the probability of each other phase to follow after a step, and otherwise goes on. Keys
+    that a phase omits have the values of the scenario's other tables.
     """
 
     name: Annotated[Label, Field(min_length=1, max_length=40)]
@@ -205,10 +209,11 @@ class Phase(Table):
 
 
 class Group(Table):
-    """People who are drawn together with the person of `issuer`, and have the same regions and feedback.
+    """People who are drawn with the person of `issuer`, and have its regions and feedback.
 
-    Each set of cells of `issuer.position` at these distances is a place, if it leaves a start and a way to a
-    target region. The nearest answers a PING. Strangers have a region each; people who talk have a ring.
+    Each set of cells of `issuer.position` at these distances is a place, if it leaves a start and a
+    way to a target region. The nearest answers a PING. Strangers have a region each; people who
+    talk have a ring.
     """
 
     people: Annotated[int, Field(ge=2, le=6)]
@@ -218,36 +223,43 @@ class Group(Table):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        require(self.apart[0] <= self.apart[1], f"apart = {list(self.apart)}", "the smallest distance first")
+        require(
+            self.apart[0] <= self.apart[1],
+            f"apart = {list(self.apart)}",
+            "the smallest distance first",
+        )
         return self
 
 
 class Onlookers(Table):
-    """People who are observed like the person of `issuer`, but do not matter: the agent walks through them.
+    """People who are observed like the issuer, but do not matter: the agent walks through them.
 
-    They stand in different cells. A number of ways to stand are drawn once, and combined with the places of
-    the person in turn: the first place with the first way, and so on, each list starting again at its end.
-    There are as many combinations as places or ways, whichever are more; each episode has one. If the ways
-    are no multiple of the places, some places occur once more than others. Each unseen place is combined with
-    as many of the same ways as seen places are, rounded up.
+    They stand in different cells. A number of ways to stand are drawn once, and combined with the
+    places of the person in turn: the first place with the first way, and so on, each list starting
+    again at its end. There are as many combinations as places or ways, whichever are more; each
+    episode has one. If the ways are no multiple of the places, some places occur once more than
+    others. Each unseen place is combined with as many of the same ways as seen places are, rounded
+    up.
     """
 
     people: Annotated[int, Field(ge=1, le=1000)]
     """How many there are. With fewer people, the first ones stand in the same cells."""
     ways: Annotated[int, Field(ge=1, le=MAX_STATES)]
-    """How many ways to stand are drawn; with 1, they stand in the same cells in every episode, except
-    whoever would stand in the person's cell."""
+    """How many ways to stand are drawn; with 1, they stand in the same cells in every episode,
+    except whoever would stand in the person's cell."""
     badge: bool = False
-    """Whether people are observed in random order, each with a number: 1 for those who count, else 0."""
+    """Whether people are observed in random order, each with a number: 1 for those who count, else
+    0."""
 
 
 class Person(Table):
-    """Another person; without regions and feedback a bystander: nobody to approach, but an obstacle."""
+    """Another person; without regions and feedback a bystander, who is only an obstacle."""
 
     position: Cell
     """Where the person stands."""
     feedback: Feedback | None = None
-    """The reward that the person adds to a PING if no other person is nearer, bystanders left out."""
+    """The reward that the person adds to a PING if no other person is nearer, bystanders left
+    out."""
     regions: Regions | None = None
     """The regions around this person alone."""
     heading: Heading = "up"

@@ -25,75 +25,90 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Description
     A person stands on a grid, surrounded by an uncomfortable region and, beyond it, a target
-    region. The agent does not see the regions. It walks, and by a PING asks whether it is in the target
-    region; a PING anywhere else meets the person's disagreement.
+    region. The agent does not see the regions. It walks, and by a PING asks whether it is in the
+    target region; a PING anywhere else meets the person's disagreement.
 
-    S1 to S3 are the scenarios of the paper, which differ in the person's feedback. Comments in the files of
-    `envs/scenarios` describe all scenarios, and `envs/scenarios/README.md` the order of events in a step.
+    S1 to S3 are the scenarios of the paper, which differ in the person's feedback. Comments in the
+    files of `envs/scenarios` describe all scenarios, and `envs/scenarios/README.md` the order of
+    events in a step.
 
     ## Action Space
-    `Discrete(5)`: 0 UP (row - 1), 1 DOWN (row + 1), 2 LEFT (column - 1), 3 RIGHT (column + 1), 4 PING.
-    A move off the grid or into a wall leaves the agent where it is.
+    `Discrete(5)`: 0 UP (row - 1), 1 DOWN (row + 1), 2 LEFT (column - 1), 3 RIGHT (column + 1), 4
+    PING. A move off the grid or into a wall leaves the agent where it is.
 
     ## Observation Space
-    The components that the scenario names (`observe`): the agent's cell, and in some scenarios the person's
-    cell, the phase or the number of wrong PINGs. Components with n1, n2, ... values are combined in this
-    order, in one of these forms (`observation`):
+    The components that the scenario names (`observe`): the agent's cell, and in some scenarios the
+    person's cell, the phase or the number of wrong PINGs. Components with n1, n2, ... values are
+    combined in this order, in one of these forms (`observation`):
 
-    - `"index"`: `Discrete(n1 * n2 * ...)`, v1 + n1 * (v2 + n2 * ...) for values v1, v2, ... from 0. For the
+    - `"index"`: `Discrete(n1 * n2 * ...)`, v1 + n1 * (v2 + n2 * ...) for values v1, v2, ... from 0.
+    For the
       agent's cell alone, it is row * columns + column
-    - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per component, with a 1 at its value
-    - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number per other component,
+    - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per component, with a 1 at its
+    value
+    - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number per other
+    component,
       each divided by its maximum
     - `"centred"`: `Box(-2, 2, (D,), float32)`, the coordinates scaled so that 0 is in the middle
-    - `"factored"`: `Box(0, 1, (N,), float32)`, one block per coordinate, with a 1 at its value: of a cell, a
+    - `"factored"`: `Box(0, 1, (N,), float32)`, one block per coordinate, with a 1 at its value: of
+    a cell, a
       block for its row and one for its column
-    - `"tiles"`: `Box(0, 1, (N,), float32)`, a number per tile of 16 tilings, with a 1 for the tile of each
+    - `"tiles"`: `Box(0, 1, (N,), float32)`, a number per tile of 16 tilings, with a 1 for the tile
+    of each
       tiling in which the observation lies, see `envs.tiles`
-    - `"offset"`, `"offset_one_hot"` and so on: the same, with the person's cell relative to the agent's in
+    - `"offset"`, `"offset_one_hot"` and so on: the same, with the person's cell relative to the
+    agent's in
       place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
-    - `"planes"`: `Box(0, 255, (planes, rows, columns), uint8)`, an image with a plane each for the agent,
-      people, onlookers, walls and each further component, for convolutional nets that take small images
+    - `"planes"`: `Box(0, 255, (planes, rows, columns), uint8)`, an image with a plane each for the
+    agent,
+      people, onlookers, walls and each further component, for convolutional nets that take small
+      images
 
-    The person's cell has a value for each cell in which the person may be. A group has a value for each way
-    in which it may stand; as offsets, for each combination that occurs, the nearest person first. Its one-hot
-    form has a 1 for each person, and its coordinates are those of all people. With onlookers, the cells of
-    all people are one component, with a value for each way in which they stand. The observed number of
-    wrong PINGs is at most `ping_limit - 1`.
+    The person's cell has a value for each cell in which the person may be. A group has a value for
+    each way in which it may stand; as offsets, for each combination that occurs, the nearest person
+    first. Its one-hot form has a 1 for each person, and its coordinates are those of all people.
+    With onlookers, the cells of all people are one component, with a value for each way in which
+    they stand. The observed number of wrong PINGs is at most `ping_limit - 1`.
 
     ## Starting State
-    One of the scenario's starts, all equally likely, with no wrong PING so far: a cell of the agent outside
-    every region, a place of the person and a tick of a phase. In S1 to S3 the only start is cell (0, 0).
+    One of the scenario's starts, all equally likely, with no wrong PING so far: a cell of the agent
+    outside every region, a place of the person and a tick of a phase. In S1 to S3 the only start is
+    cell (0, 0).
 
     ## Rewards
-    The grid's reward for the event plus, for every PING, the feedback of the nearest person, which may come
-    with the next action. The values are in the scenario's TOML file. In all shipped scenarios, the grid's
-    rewards are +1.0 for a PING in the target region, -1.0 for reaching a person and for the fifth wrong PING,
-    -0.4 for an earlier wrong PING, -0.8 for a move that ends in the uncomfortable region and -0.1 for any
-    other move.
+    The grid's reward for the event plus, for every PING, the feedback of the nearest person, which
+    may come with the next action. The values are in the scenario's TOML file. In all shipped
+    scenarios, the grid's rewards are +1.0 for a PING in the target region, -1.0 for reaching a
+    person and for the fifth wrong PING, -0.4 for an earlier wrong PING, -0.8 for a move that ends
+    in the uncomfortable region and -0.1 for any other move.
 
-    The person moves, turns or changes mood after the agent's action, see `envs/scenarios/README.md`. Event
-    and rewards follow from the state before that, `info["zone"]` and the observation from the state after it.
+    The person moves, turns or changes mood after the agent's action, see
+    `envs/scenarios/README.md`. Event and rewards follow from the state before that, `info["zone"]`
+    and the observation from the state after it.
 
     ## Episode End
-    Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong PING
-    (`ping_limit`). The registered ids truncate an episode after 200 steps; `max_episode_steps=-1` lifts the
-    limit, in `gymnasium.make` and in `gymnasium.make_vec`. `ProxemicEnv(...)` has no limit.
+    Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong
+    PING (`ping_limit`). The registered ids truncate an episode after 200 steps;
+    `max_episode_steps=-1` lifts the limit, in `gymnasium.make` and in `gymnasium.make_vec`.
+    `ProxemicEnv(...)` has no limit.
 
     ## Information
-    `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an index into
-    `envs.ZONES`; `wrong_pings` so far in the episode; the components `grid_reward`, `issuer_reward`; and
-    `is_success`, whether the action was a PING in the target region, which Stable-Baselines3 reads at the end
-    of an episode.
+    `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an
+    index into `envs.ZONES`; `wrong_pings` so far in the episode; the components `grid_reward`,
+    `issuer_reward`; and `is_success`, whether the action was a PING in the target region, which
+    Stable-Baselines3 reads at the end of an episode.
 
     ## Arguments
-    `gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides={"issuer.position": [8, 6]})`.
+    `gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides={"issuer.position": [8,
+    6]})`.
 
-    - `scenario`: a name, the path of a TOML file, a `Scenario`, or a mapping of a scenario's values; so every
+    - `scenario`: a name, the path of a TOML file, a `Scenario`, or a mapping of a scenario's
+    values; so every
       id makes an env of any scenario
     - `observation`: see Observation Space
     - `overrides`: new values for keys of the scenario
-    - `render_mode`: `"ansi"` (text) or `"rgb_array"` (image). `gymnasium.make` also takes `"human"`, for a
+    - `render_mode`: `"ansi"` (text) or `"rgb_array"` (image). `gymnasium.make` also takes
+    `"human"`, for a
       window, which needs pygame
 
     ## References
@@ -101,7 +116,10 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     with Cognitive Agents, arXiv 2108.03730.
     """
 
-    metadata = {"render_modes": list(render.MODES), "render_fps": render.FRAMES_PER_SECOND}  # noqa: RUF012
+    metadata = {  # noqa: RUF012
+        "render_modes": list(render.MODES),
+        "render_fps": render.FRAMES_PER_SECOND,
+    }
 
     def __init__(
         self,
@@ -119,7 +137,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         table = observation_table(self.model, observation)
         self.observation_space = observation_space(table, observation)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
-        self._observations: list[Observation] = table.tolist() if table.ndim == 1 else list(table)  # (O,)
+        self._observations: list[Observation] = (
+            table.tolist() if table.ndim == 1 else list(table)
+        )  # (O,)
         self._observed = self.model.observation.tolist()  # (S,)
         self.s = self.model.start  # the hidden state; it may be set
         self._event = 0
@@ -140,7 +160,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
             index = range(len(ACTIONS)).index(operator.index(action))
         except (TypeError, ValueError) as error:
             accepted = f"0 to {len(ACTIONS) - 1}"
-            raise InputError(f"action = {shortened(repr(action))}; accepted: {accepted}.") from error
+            raise InputError(
+                f"action = {shortened(repr(action))}; accepted: {accepted}."
+            ) from error
         model, at = self.model, (self.s, index)
         grid_reward, issuer_reward = model.grid_reward.item(at), model.issuer_reward.item(at)
         if model.is_noisy:
@@ -162,7 +184,10 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make takes.")
             return None
-        scene, agent = scene_of(self.model, int(self.model.context[self.s])), int(self.model.cell[self.s])
+        scene, agent = (
+            scene_of(self.model, int(self.model.context[self.s])),
+            int(self.model.cell[self.s]),
+        )
         if self.render_mode == "ansi":
             return render.to_text(scene, agent, EVENTS[self._event])
         return render.to_image(scene, agent)

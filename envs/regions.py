@@ -1,6 +1,7 @@
 """The grid and the regions around people: their shapes, the zones of cells, and outlines.
 
-The C cells are numbered `row * columns + column`. A region holds every cell whose centre lies in its shape.
+The C cells are numbered `row * columns + column`. A region holds every cell whose centre lies in
+its shape.
 """
 
 from functools import cached_property
@@ -20,20 +21,30 @@ Heading = Literal["up", "down", "left", "right"]
 HEADINGS: dict[Heading, Cell] = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
 Length = Annotated[float, Field(ge=0, le=1000)]  # in cells, or in metres
 
-Corner = tuple[int, int]  # (row, column); cell (r, c) lies between the corners (r, c) and (r + 1, c + 1)
-# The corners at which a closed line turns, from the leftmost of its topmost corners, with the enclosed cells
-# on its right.
+Corner = tuple[
+    int, int
+]  # (row, column); cell (r, c) lies between the corners (r, c) and (r + 1, c + 1)
+# The corners at which a closed line turns, from the leftmost of its topmost corners, with the
+# enclosed cells on its right.
 Loop = tuple[Corner, ...]
 _DIRECTIONS = (0, 1), (1, 0), (0, -1), (-1, 0)  # right, down, left, up
-_CORNERS = (0, 0), (0, 1), (1, 1), (1, 0)  # of a cell: where its upper, right, lower, left edge begins
+_CORNERS = (
+    (0, 0),
+    (0, 1),
+    (1, 1),
+    (1, 0),
+)  # of a cell: where its upper, right, lower, left edge begins
 
 MAX_CELLS = 100_000
-# Lengths that are rounded in metres must not decide whether a cell on the border belongs to a region.
+# Lengths that are rounded in metres must not decide whether a cell on the border belongs to a
+# region.
 TOLERANCE = 1e-9
 
 
 def _checked_place(value: object, handler: Handler) -> object:
-    if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
+    if isinstance(
+        value, list
+    ):  # from JSON, where strict validation would have accepted it as a tuple
         value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
     try:
         return handler(value)
@@ -42,7 +53,8 @@ def _checked_place(value: object, handler: Handler) -> object:
         raise ValueError(f"accepted: {accepted}") from error
 
 
-# A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
+# A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is
+# allowed.
 _Cells = Annotated[tuple[Cell, ...], Field(min_length=1)]
 Place = Annotated[Cell | _Cells | Literal["anywhere"], WrapValidator(_checked_place)]
 
@@ -103,7 +115,9 @@ class Grid(Table):
         (rows, columns), lines = self.size, self.walls.split()
         size = f"rows x columns = {rows} x {columns}"
         require(rows * columns <= MAX_CELLS, size, f"at most {MAX_CELLS} cells")
-        is_complete = [len(line) for line in lines] == [columns] * rows and set(self.walls) <= set("#. \n")
+        is_complete = [len(line) for line in lines] == [columns] * rows and set(self.walls) <= set(
+            "#. \n"
+        )
         accepted = f'{rows} lines of {columns} characters, "#" a wall, "." floor'
         require(is_complete or not lines, "walls", accepted)
         return self
@@ -121,8 +135,9 @@ class Round(Table):
 class Egg(Table):
     """Two half ellipses that meet beside the person, who keeps more room in front than behind.
 
-    It reaches two thirds of `front` to either side and half of it behind, as in Kirby, Simmons and Forlizzi
-    (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable Robot Navigation".
+    It reaches two thirds of `front` to either side and half of it behind, as in Kirby, Simmons and
+    Forlizzi (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable Robot
+    Navigation".
     """
 
     kind: Literal["egg"]
@@ -134,8 +149,9 @@ class Egg(Table):
 class Ring(Table):
     """The ring on which people of a group stand, around the space between them.
 
-    This is the o-space (Kendon 1990, "Conducting Interaction", chapter 7). Here, the middle of the ring is as
-    far from the centre of the people as they are on average. What lies within it is uncomfortable, too.
+    This is the o-space (Kendon 1990, "Conducting Interaction", chapter 7). Here, the middle of the
+    ring is as far from the centre of the people as they are on average. What lies within it is
+    uncomfortable, too.
     """
 
     kind: Literal["ring"]
@@ -151,8 +167,8 @@ Shape = Annotated[AnyShape, Field(discriminator="kind")]
 class Regions(Table):
     """The regions around a person: squares by their radii, or any two shapes.
 
-    The target region is what lies in its shape and not in the uncomfortable one. Radii are Chebyshev
-    distances in cells. Lengths of shapes are in cells, or in metres if `unit` says so.
+    The target region is what lies in its shape and not in the uncomfortable one. Radii are
+    Chebyshev distances in cells. Lengths of shapes are in cells, or in metres if `unit` says so.
     """
 
     uncomfortable_radius: Annotated[int, Field(ge=0, le=1000)] | None = None
@@ -164,17 +180,24 @@ class Regions(Table):
     uncomfortable: Shape | None = None
     """Shape of the uncomfortable region."""
     target: Shape | None = None
-    """Shape of the target region with what lies inside it; for people who talk, a ring around all of them."""
+    """Shape of the target region with what lies inside it; for people who talk, a ring around all
+    of them."""
 
     @model_validator(mode="after")
     def _nested(self) -> Self:
         inner, outer = self.uncomfortable_radius, self.target_radius
-        given = tuple(value is not None for value in (inner, outer, self.uncomfortable, self.target))
+        given = tuple(
+            value is not None for value in (inner, outer, self.uncomfortable, self.target)
+        )
         if given not in ((True, True, False, False), (False, False, True, True)):
             keys = "uncomfortable_radius and target_radius"
             raise ValueError(f"accepted: the keys {keys}, or the tables uncomfortable and target")
         if inner is not None and outer is not None:
-            require(outer > inner, f"target_radius = {outer}", f"more than uncomfortable_radius = {inner}")
+            require(
+                outer > inner,
+                f"target_radius = {outer}",
+                f"more than uncomfortable_radius = {inner}",
+            )
             require(self.unit == "cells", 'unit = "metres"', '"cells", since radii are in cells')
         is_around = isinstance(self.uncomfortable, Ring)
         require(not is_around, 'uncomfortable.kind = "ring"', "square, circle or egg")
@@ -186,7 +209,7 @@ class Regions(Table):
 
     @property
     def shapes(self) -> tuple[AnyShape, AnyShape]:
-        """The shapes of the uncomfortable region, and of the target region with what lies inside."""
+        """The shapes of the uncomfortable region, and of the target region with its inside."""
         return (
             self.uncomfortable or Round(kind="square", radius=self.uncomfortable_radius or 0),
             self.target or Round(kind="square", radius=self.target_radius or 0),
@@ -217,7 +240,7 @@ def ring_zones(ring: Ring, people: Ints, cell: Ints, width: float) -> Codes:
 
 
 def circles(people: Ints) -> tuple[Floats, Floats]:
-    """Returns the circles in the middle of rings: centres, (groups, 2), and radii, (groups,), in cells.
+    """Returns the circles amid rings: centres, (groups, 2), and radii, (groups,), in cells.
 
     The cells of people are as in `ring_zones`.
     """
@@ -237,11 +260,13 @@ def _holds(shape: AnyShape, ahead: Floats, aside: Floats) -> Bools:
 
 
 def connected(cells: Bools, free: Bools) -> Bools:
-    """Returns which free cells are connected with one of `cells`; all are (grids, rows, columns)."""
+    """Returns which free cells connect with one of `cells`; all are (grids, rows, columns)."""
     reached, before = cells & free, np.zeros_like(free)
     while (reached != before).any():
         before, padded = reached, np.pad(reached, ((0, 0), (1, 1), (1, 1)))
-        beside = padded[:, 2:, 1:-1] | padded[:, :-2, 1:-1] | padded[:, 1:-1, 2:] | padded[:, 1:-1, :-2]
+        beside = (
+            padded[:, 2:, 1:-1] | padded[:, :-2, 1:-1] | padded[:, 1:-1, 2:] | padded[:, 1:-1, :-2]
+        )
         reached = (reached | beside) & free
     return reached
 
@@ -260,7 +285,7 @@ def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> Ints
 
 
 def outlines(inside: Bools) -> tuple[Loop, ...]:
-    """Returns the border of a set of cells, (rows, columns), as closed loops; beyond the grid is outside.
+    """Returns the border of cells, (rows, columns), as closed loops; beyond the grid is outside.
 
     >>> outlines(np.array([[False, True, True]]))
     (((0, 1), (0, 3), (1, 3), (1, 1)),)
@@ -276,7 +301,8 @@ def outlines(inside: Bools) -> tuple[Loop, ...]:
     while edges:
         row, column, first = min(edges)
         loop, before = list[Corner](), (first + 3) % 4
-        # Two edges begin where cells touch only at a corner: the line turns right and follows its cell.
+        # Two edges begin where cells touch only at a corner: the line turns right and follows its
+        # cell.
         while ways := [way for way in _turns(before) if (row, column, way) in edges]:
             ahead = ways[0]
             edges.remove((row, column, ahead))

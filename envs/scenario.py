@@ -1,8 +1,8 @@
 """Scenarios: grid, people, regions, change and rewards, read from TOML and checked.
 
-`envs.layout` finds where people stand and episodes start, `envs.model` computes a scenario's dynamics. The
-shipped scenarios are in `envs/scenarios/*.toml`; comments there say what each is about, and in S1 to S3 which
-term of the paper a value has.
+`envs.layout` finds where people stand and episodes start, `envs.model` computes a scenario's
+dynamics. The shipped scenarios are in `envs/scenarios/*.toml`; comments there say what each is
+about, and in S1 to S3 which term of the paper a value has.
 """
 
 import json
@@ -19,7 +19,17 @@ from pydantic import Field, model_validator
 from envs import inputs
 from envs.inputs import Count, Name, Table, require
 from envs.layout import Layout, draw_onlookers, draw_places, resolve, timeline, walkers
-from envs.people import MAX_STATES, Feedback, Group, Issuer, Onlookers, OwnFeedback, Person, Phase, Reward
+from envs.people import (
+    MAX_STATES,
+    Feedback,
+    Group,
+    Issuer,
+    Onlookers,
+    OwnFeedback,
+    Person,
+    Phase,
+    Reward,
+)
 from envs.regions import Cell, Grid, Regions, Ring, listed
 from envs.sources import find_modules_in
 
@@ -64,9 +74,9 @@ class Scenario(Table):
     """Which wrong PING ends the episode."""
     rewards: Rewards
     observe: tuple[Observed, ...] = ("agent",)
-    """What the agent sees, in this order: its own cell ("agent"), or the cells of the person and the group
-    relative to it, in rows and columns ("offset"); the cells of the person and the group ("issuer"); the
-    phase; the number of wrong PINGs."""
+    """What the agent sees, in this order: its own cell ("agent"), or the cells of the person and
+    the group relative to it, in rows and columns ("offset"); the cells of the person and the group
+    ("issuer"); the phase; the number of wrong PINGs."""
     group: Group | None = None
     """People who are drawn together with the person; by default none."""
     onlookers: Onlookers | None = None
@@ -78,7 +88,8 @@ class Scenario(Table):
     first_phase: Literal["first", "any"] = "first"
     """In which phase an episode starts; "any": at any step of any phase, all equally likely."""
     draw: Annotated[int, Field(ge=0, le=10**9)] = 0
-    """Which places and which permutation are drawn, if any. The first n places are the same for every n."""
+    """Which places and which permutation are drawn, if any. The first n places are the same for
+    every n."""
 
     @cached_property
     def layout(self) -> Layout:
@@ -100,7 +111,9 @@ class Scenario(Table):
         new, feedback = Person.model_construct, self.issuer.feedback
         same: dict[str, Any] = {"heading": heading, "regions": regions, "feedback": feedback}
         positions = map(tuple, self.grid.position[cells].tolist())
-        return *(new(position=position, **same) for position in positions), *self.layout.others[phase]
+        return *(new(position=position, **same) for position in positions), *self.layout.others[
+            phase
+        ]
 
     def drawn(self, draw: int) -> Self:
         """Returns the scenario with another draw; itself if it draws nothing."""
@@ -115,7 +128,7 @@ class Scenario(Table):
 
     @cached_property
     def n_observations(self) -> int:
-        """The product of the components' sizes: O, or more if some combinations of offsets never occur."""
+        """The product of the components' sizes: O, or more if some offsets never occur together."""
         (n_places, n_phases, n), n_cells = self.layout.standing.shape, len(self.grid.position)
         n_offsets = math.prod(2 * length - 1 for length in self.grid.size)
         is_whole = n > 1 or self.onlookers  # a value for each way to stand, else for each cell
@@ -135,7 +148,9 @@ class Scenario(Table):
 
     @property
     def _regions(self) -> list[Regions]:  # those of all people, in all phases
-        further = chain((person.regions for person in self.others), (phase.regions for phase in self.phases))
+        further = chain(
+            (person.regions for person in self.others), (phase.regions for phase in self.phases)
+        )
         return [regions for regions in (self.regions, *further) if regions]
 
     @property
@@ -161,9 +176,15 @@ class Scenario(Table):
         require(has_one and self.observe == ordered, observe, accepted)
         is_in_cells = all(regions.unit == "cells" for regions in self._regions)
         accepted = '"cells", unless grid.metres_per_cell is given'
-        require(is_in_cells or self.grid.metres_per_cell is not None, 'regions.unit = "metres"', accepted)
+        require(
+            is_in_cells or self.grid.metres_per_cell is not None,
+            'regions.unit = "metres"',
+            accepted,
+        )
         is_ring = any(isinstance(regions.target, Ring) for regions in self._regions)
-        require(not is_ring or self.group is not None, 'target.kind = "ring"', "a ring around a [group]")
+        require(
+            not is_ring or self.group is not None, 'target.kind = "ring"', "a ring around a [group]"
+        )
         self._check_phases()
         self._check_walks()
         self._check_cells()
@@ -178,7 +199,9 @@ class Scenario(Table):
         for i, phase in enumerate(self.phases):
             where, chances, is_timed = f"phases.{i}", phase.next or {}, phase.next is None
             is_alike = (phase.steps is not None) == is_timed == (self.phases[0].next is None)
-            require(is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase")
+            require(
+                is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase"
+            )
             others = [other.name for other in self.phases if other is not phase]
             for name in chances:
                 accepted = ", ".join(others) or "no phase"
@@ -188,7 +211,11 @@ class Scenario(Table):
 
     def _check_walks(self) -> None:
         walking, position = walkers(self.issuer, self.others), self.issuer.position
-        require(not walking or not self.phases, f"{next(iter(walking), '')}.walk and phases", "one of them")
+        require(
+            not walking or not self.phases,
+            f"{next(iter(walking), '')}.walk and phases",
+            "one of them",
+        )
         is_moved = self.issuer.walk or any(phase.position is not None for phase in self.phases)
         if is_moved:
             moved_by = "issuer.walk" if self.issuer.walk else "phases with positions"
@@ -199,7 +226,11 @@ class Scenario(Table):
             for first, last in pairwise([first_cell, *walk.corners, first_cell]):
                 is_straight = (first[0] == last[0]) != (first[1] == last[1])
                 where = f"{key}.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
-                require(is_straight, where, "another cell of the same row or column, also on the way back")
+                require(
+                    is_straight,
+                    where,
+                    "another cell of the same row or column, also on the way back",
+                )
                 self._check_floor(f"{key}.walk.corners", last)
         if is_moved or walking:
             where = 'feedback.kind = "delayed" with someone who moves'
@@ -208,12 +239,19 @@ class Scenario(Table):
             n = math.lcm(*(walk.steps * len(walk.route(at)) for at, walk in walking.values()))
             where = f"{', '.join(walking)}: it takes {n:,} steps until everybody is back"
             most = _MAX_STATES_OF_PLACE // (len(self.grid.position) * self.ping_limit)
-            require(n <= most, where, f"at most {most:,}, with so many cells and so large a ping_limit")
+            require(
+                n <= most, where, f"at most {most:,}, with so many cells and so large a ping_limit"
+            )
 
     def _check_cells(self) -> None:
-        spots = {"issuer.position": listed(self.issuer.position), "grid.start": listed(self.grid.start)}
+        spots = {
+            "issuer.position": listed(self.issuer.position),
+            "grid.start": listed(self.grid.start),
+        }
         spots |= {f"others.{i}.position": [person.position] for i, person in enumerate(self.others)}
-        spots |= {f"phases.{i}.position": listed(phase.position) for i, phase in enumerate(self.phases)}
+        spots |= {
+            f"phases.{i}.position": listed(phase.position) for i, phase in enumerate(self.phases)
+        }
         for key, (position, walk) in walkers(self.issuer, self.others).items():
             spots[f"{key}.walk.corners"] = [cell for cell, _ in walk.route(position)]
         for key, cells in spots.items():
@@ -223,11 +261,16 @@ class Scenario(Table):
             own = listed(stage.position or self.issuer.position)
             n_people = Counter([*own, *(person.position for person in people)])
             for cell, n in n_people.items():
-                require(n == 1, f"two people at once in {json.dumps(cell)}", "other positions or walks")
+                require(
+                    n == 1, f"two people at once in {json.dumps(cell)}", "other positions or walks"
+                )
 
     def _check_floor(self, key: str, cell: Cell) -> None:
         (row, column), (rows, columns) = cell, self.grid.size
-        where, accepted = f"{key} = {json.dumps(cell)}", f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+        where, accepted = (
+            f"{key} = {json.dumps(cell)}",
+            f"rows 0 to {rows - 1}, columns 0 to {columns - 1}",
+        )
         require(0 <= row < rows and 0 <= column < columns, f"{where} is off the grid", accepted)
         require(not self.grid.is_wall[self.grid.index(cell)], f"{where} is a wall", "another cell")
 
@@ -266,16 +309,22 @@ class Scenario(Table):
             accepted = "a cell outside every region, from which a way leads to a target region"
             require(is_start, f"grid.start = {json.dumps(cell)}", accepted)
         own = [] if group else listed(position)
-        unused = [place for place, free in zip(own, every.has_start.tolist(), strict=False) if not free]
+        unused = [
+            place for place, free in zip(own, every.has_start.tolist(), strict=False) if not free
+        ]
         where = f"issuer.position = {json.dumps(unused[0] if unused else position)}"
         where += " leaves no start that is outside every region and has a way to a target region"
         accepted = "other cells, smaller regions, fewer walls, or another grid.start"
         require(bool(every.has_start.any()) and not unused, where, accepted)
         n, unseen, most = self.issuer.places, self.issuer.unseen, int(every.has_start.sum())
-        require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
+        require(
+            n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well"
+        )
         where = f"issuer.places = {n} with issuer.unseen = {unseen}"
         require(
-            (n or 0) + unseen <= most, where, f"at most {most} together, the ways in which people can stand"
+            (n or 0) + unseen <= most,
+            where,
+            f"at most {most} together, the ways in which people can stand",
         )
 
 
@@ -287,7 +336,9 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_DIRECTORY.glob("*.toml"))
 
 
-def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None = None) -> Scenario:
+def load_scenario(
+    scenario: ScenarioLike, overrides: Mapping[str, object] | None = None
+) -> Scenario:
     """Reads a scenario and checks it.
 
     Args:
@@ -296,7 +347,8 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
       overrides: New values by dotted key, for example `{"issuer.position": [8, 6]}`.
 
     Raises:
-      InputError: For each mistake a sentence that names the file, the key, its value and what is accepted.
+      InputError: For each mistake a sentence that names the file, the key, its value and what is
+        accepted.
     """
     if isinstance(scenario, Scenario):
         if not overrides:
@@ -309,7 +361,9 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
     if path.suffix != ".toml":
         path, names = SCENARIO_DIRECTORY / f"{scenario}.toml", scenario_names()
         if str(scenario) not in names:
-            inputs.unknown_name("scenarios", "scenario", str(scenario), names, "the path of a .toml file")
+            inputs.unknown_name(
+                "scenarios", "scenario", str(scenario), names, "the path of a .toml file"
+            )
     inputs.check_file_name(path, "the scenario is")
     changed = inputs.override(inputs.read_toml(path), overrides or {}, str(path))
     checked = _checked(json.dumps(changed, default=str), path)

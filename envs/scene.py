@@ -45,19 +45,24 @@ COLOUR_MAP = "cividis"  # colour map of values, wherever they are drawn
 DIVERGING = "PuOr"  # colour map of values of both signs; its middle is zero
 CLIPPED_SHARE = 0.01  # share of values beyond each end of a colour scale; outliers would stretch it
 _ASIDE = MOVES[:, ::-1]
-# For each move, (row, column) from the cell's centre: the corners of its triangle, the third of which is the
-# centre, and those of its arrowhead, the first of which is the tip.
+# For each move, (row, column) from the cell's centre: the corners of its triangle, the third of
+# which is the centre, and those of its arrowhead, the first of which is the tip.
 TRIANGLES = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES], axis=1) / 2
 _BASE = 0.27 * MOVES
 ARROWHEADS = np.stack([0.46 * MOVES, _BASE + 0.13 * _ASIDE, _BASE - 0.13 * _ASIDE], axis=1)
-NOSE = 0.5, 0.2, 0.25  # distances of the nose's tip and base from a person's centre, and half its base
+NOSE = (
+    0.5,
+    0.2,
+    0.25,
+)  # distances of the nose's tip and base from a person's centre, and half its base
 
 
 @dataclass(frozen=True)
 class Glyph:
     """A sign in a cell."""
 
-    # "issuer" (a star; everybody with regions), "bystander" (an open circle), "onlooker" (a diamond), "start"
+    # "issuer" (a star; everybody with regions), "bystander" (an open circle), "onlooker" (a
+    # diamond), "start"
     kind: str
     cell: int
     heading: tuple[int, int] | None = None  # (row, column) where a person looks, if that matters
@@ -69,7 +74,9 @@ class Glyph:
             return np.zeros((0, 2))
         tip, base, half = NOSE
         ahead = np.array(self.heading)
-        return np.stack([tip * ahead, base * ahead + half * ahead[::-1], base * ahead - half * ahead[::-1]])
+        return np.stack(
+            [tip * ahead, base * ahead + half * ahead[::-1], base * ahead - half * ahead[::-1]]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +92,9 @@ class Scene:
     outlines: dict[str, tuple[Loop, ...]]  # of the regions in `BORDERS`
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
-    circle: tuple[float, float, float] | None  # row, column and radius of the circle of people who talk
+    circle: (
+        tuple[float, float, float] | None
+    )  # row, column and radius of the circle of people who talk
 
     @property
     def n_cells(self) -> int:
@@ -102,13 +111,15 @@ class Scene:
         return circle | {
             "zone": "".join(str(ZONES.index(zone)) for zone in self.zone),
             "outlines": [*self.outlines.values()],
-            "glyphs": [{"kind": it.kind, "cell": it.cell, "nose": it.nose.tolist()} for it in self.glyphs],
+            "glyphs": [
+                {"kind": it.kind, "cell": it.cell, "nose": it.nose.tolist()} for it in self.glyphs
+            ],
         }
 
 
 @kept_with_model
 def scene_of(model: Model, context: int = 0) -> Scene:
-    """Returns the map of a model's cells with the issuer in one position and phase, see `Model.context`."""
+    """Returns the map of a model's cells in one position and phase, see `Model.context`."""
     scenario, layout = model.scenario, model.scenario.layout
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
@@ -140,14 +151,18 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         is_wall=grid.is_wall,
         # ZONES are ordered by nearness.
         outlines={region: outlines(is_floor & (zone >= ZONES.index(region))) for region in BORDERS},
-        glyphs=(*people, *onlookers, *(Glyph("start", cell) for cell in starts if len(starts) == 1)),
+        glyphs=(
+            *people,
+            *onlookers,
+            *(Glyph("start", cell) for cell in starts if len(starts) == 1),
+        ),
         phase=layout.stages[phase].name if len({stage.name for stage in layout.stages}) > 1 else "",
         circle=circle,
     )
 
 
 def colour_limits(values: Floats) -> tuple[float, float]:
-    """Returns the ends of a colour scale for finite values without outliers; (0, 1) if none are finite."""
+    """Returns the ends of a colour scale for values without outliers; (0, 1) if none are finite."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0

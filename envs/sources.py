@@ -145,7 +145,7 @@ def _array(array: Any) -> list[Any]:
 
 
 def _imports(tree: ast.Module, package: str) -> Iterator[str]:
-    """Yields what a module of a package may import: modules, perhaps their attributes, and texts."""
+    """Yields what a module may import: modules, perhaps their attributes, and texts."""
     yield from (package * text.startswith(".") + text for text in _texts(tree))
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

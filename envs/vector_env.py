@@ -39,13 +39,16 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     """N proxemic envs that step together; `ProxemicEnv` describes them.
 
     `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. It returns what
-    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions: when an episode has ended, the
-    next step resets its env and ignores the action. For windows and other modes of autoreset,
-    `vectorization_mode="sync"` makes that env.
+    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions: when an episode has
+    ended, the next step resets its env and ignores the action. For windows and other modes of
+    autoreset, `vectorization_mode="sync"` makes that env.
     """
 
     autoreset_mode = AutoresetMode.NEXT_STEP
-    metadata: dict[str, Any] = {**ProxemicEnv.metadata, "autoreset_mode": autoreset_mode}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        **ProxemicEnv.metadata,
+        "autoreset_mode": autoreset_mode,
+    }
 
     def __init__(
         self,
@@ -67,9 +70,13 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             self._limit = max_episode_steps
         for name, number in (("num_envs", num_envs), ("max_episode_steps", self._limit)):
             if not isinstance(number, int | np.integer) or number < 1:
-                raise InputError(f"{name} = {shortened(repr(number))}; accepted: a whole number, at least 1.")
+                raise InputError(
+                    f"{name} = {shortened(repr(number))}; accepted: a whole number, at least 1."
+                )
         self.num_envs = n = int(num_envs)
-        self._single = ProxemicEnv(scenario, observation, overrides, render_mode)  # draws what is rendered
+        self._single = ProxemicEnv(
+            scenario, observation, overrides, render_mode
+        )  # draws what is rendered
         self.model = self._single.model
         self._table = observation_table(self.model, observation)
         self.single_observation_space = self._single.observation_space
@@ -79,7 +86,9 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
         self._state = np.full(n, self.model.start, dtype=np.intp)
         self._last_event = np.zeros(n, dtype=np.int64)
-        self._steps = np.full(n, -1, dtype=np.int64)  # steps in the episode; -1 before the first reset
+        self._steps = np.full(
+            n, -1, dtype=np.int64
+        )  # steps in the episode; -1 before the first reset
         self._over = np.zeros(n, dtype=np.bool_)  # episodes that the next step resets
         self._seeded = [seeding.np_random() for _ in range(n)]  # generators and their seeds
 
@@ -101,9 +110,9 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     ) -> tuple[Observations, Info]:
         """Starts an episode in every env; returns observations, (N, ...), and the info.
 
-        A number seeds env i with `seed + i`, a sequence of N with its item i; None leaves it as it is.
-        `options["reset_mask"]`, (N,) booleans, says which envs are reset, at least one; the others go on, and
-        the masks in the info are False for them. Other options are ignored.
+        A number seeds env i with `seed + i`, a sequence of N with its item i; None leaves it as it
+        is. `options["reset_mask"]`, (N,) booleans, says which envs are reset, at least one; the
+        others go on, and the masks in the info are False for them. Other options are ignored.
         """
         n, given = self.num_envs, seed
         seeds: list[int | None] = []  # none if what is given are no seeds
@@ -118,7 +127,9 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         is_mask = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (n,)
         if not (is_mask and mask.any()):
             accepted = f"an array of ({n},) booleans, not all of them False"
-            raise InputError(f"options: reset_mask = {shortened(repr(mask))}; accepted: {accepted}.")
+            raise InputError(
+                f"options: reset_mask = {shortened(repr(mask))}; accepted: {accepted}."
+            )
         chosen = np.flatnonzero(mask)
         for i in chosen.tolist():
             if seeds[i] is not None:
@@ -144,9 +155,13 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             accepted = f"({n},) integers from 0 to {PING}"
             raise InputError(f"actions = {shortened(repr(actions))}; accepted: {accepted}.")
         fresh = np.flatnonzero(self._over)
-        going = np.flatnonzero(~self._over)  # an env that is about to be reset takes no draws for its step
+        going = np.flatnonzero(
+            ~self._over
+        )  # an env that is about to be reset takes no draws for its step
         draw = partial(self._draw, going)
-        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(actions.astype(np.intp), draw)
+        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
+            actions.astype(np.intp), draw
+        )
         self._last_event = self.model.event.take(taken).astype(np.int64)
         info = {
             "event": self._last_event.copy(),
@@ -174,14 +189,19 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     def advance(self, actions: Actions, draw: Draw) -> tuple[Ints, Floats, Floats, Bools, Bools]:
         """Moves every env by one action: the core of `step`, without checks, resets and info.
 
-        It draws (N,) numbers for noisy rewards, and then for outcomes if there are several. It returns (N,)
-        `state * A + action` before the move, the grid's and the issuer's rewards, terminated, and truncated.
+        It draws (N,) numbers for noisy rewards, and then for outcomes if there are several. It
+        returns (N,) `state * A + action` before the move, the grid's and the issuer's rewards,
+        terminated, and truncated.
         """
         model, k = self.model, self.model.n_outcomes
-        taken = self._state * len(ACTIONS) + actions  # serves all flat tables over states and actions
+        taken = (
+            self._state * len(ACTIONS) + actions
+        )  # serves all flat tables over states and actions
         issuer_reward = model.issuer_reward.take(taken)
         if model.is_noisy:
-            issuer_reward = draw_issuer_reward(issuer_reward, model.issuer_noise.take(taken), draw())
+            issuer_reward = draw_issuer_reward(
+                issuer_reward, model.issuer_noise.take(taken), draw()
+            )
         outcome = taken * k
         if k > 1:
             chances = model.probability.reshape(-1, k)[taken, :-1].cumsum(axis=1)
@@ -189,10 +209,16 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         self._state = model.next_state.take(outcome).astype(np.intp)
         self._steps += 1
         truncated = self._steps >= self._limit
-        return taken, model.grid_reward.take(taken), issuer_reward, model.terminated.take(taken), truncated
+        return (
+            taken,
+            model.grid_reward.take(taken),
+            issuer_reward,
+            model.terminated.take(taken),
+            truncated,
+        )
 
     def restart(self, envs: Ints, draw: Draw) -> None:
-        """Moves the agents of these envs, (n,), to a start; several starts need draws (n,) from [0, 1)."""
+        """Moves agents of some envs, (n,), to a start; several starts need draws from [0, 1)."""
         starts, n = self.model.starts, len(self.model.starts)
         self._state[envs] = starts[(draw() * n).astype(np.intp) if n > 1 else 0]
         self._steps[envs] = 0
@@ -216,5 +242,5 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
 
 def _with_masks(info: Info, mask: Bools | Literal[True]) -> Info:
-    """Returns an info with a mask of the envs that each entry holds for, as Gymnasium names them."""
+    """Returns an info with masks of the envs that entries hold for, as Gymnasium names them."""
     return info | {f"_{name}": np.full(len(values), mask) for name, values in info.items()}

@@ -1,7 +1,8 @@
 """The compiled loop that trains linear learners, one after the other, each from its random stream.
 
-An action value is the sum of a weight for each feature of the observation. Words are drawn as for tables, see
-`agents.tabular.kernel`, so with one tiling of single cells the agents are those of the table.
+An action value is the sum of a weight for each feature of the observation. Words are drawn as for
+tables, see `agents.tabular.kernel`, so with one tiling of single cells the agents are those of the
+table.
 
 Axis letters: N agents, O observations, A actions, T evaluation steps, V map steps.
 """
@@ -11,14 +12,22 @@ from numba import njit
 
 from agents.compiled import compiled
 from agents.process import N_ACTIONS, STEP, Process, U, draw_start, draw_step, draw_word, keep_step
-from agents.tabular.kernel import MIN_TRACE, Constants, Plan, Results, choose_action, find_best, record
+from agents.tabular.kernel import (
+    MIN_TRACE,
+    Constants,
+    Plan,
+    Results,
+    choose_action,
+    find_best,
+    record,
+)
 from envs.arrays import Floats, Ints, Records, Words
 from envs.tiles import Tiles
 
 
 @njit
 def _add_up(weights: Floats, features: Tiles, o: U, q: Floats, row: int) -> None:
-    """Writes the action values of an observation into a row of q; sums are in the order of features."""
+    """Writes an observation's action values into a row of q, summed in the order of features."""
     q[row] = 0.0
     for i in features.rows[o]:
         for feature in features.tiles[U(i)]:
@@ -27,8 +36,10 @@ def _add_up(weights: Floats, features: Tiles, o: U, q: Floats, row: int) -> None
 
 
 @njit
-def _tabulate(weights: Floats, features: Tiles, takes_lowest: bool, q: Floats, greedy: Ints) -> None:
-    """Writes the action values (O, A) and masks of greedy actions (O,), 0 where values are not finite."""
+def _tabulate(
+    weights: Floats, features: Tiles, takes_lowest: bool, q: Floats, greedy: Ints
+) -> None:
+    """Writes action values (O, A) and greedy masks (O,), 0 where values are not finite."""
     for o in range(len(features.rows)):
         _add_up(weights, features, U(o), q, o)
         _, mask = find_best(q, U(o), takes_lowest)
@@ -49,7 +60,7 @@ def _learn(
     o: U,
     a: U,
 ) -> int:
-    """Fades the traces, sets those of a pair to 1, and changes all traced weights; returns how many.
+    """Fades the traces, sets a pair's to 1, and changes all traced weights; returns how many.
 
     `renewed` holds the latest step at which the trace of each weight was set to 1.
     """
@@ -83,7 +94,7 @@ def _pass_back(
     learning_rate: float,
     last: tuple[U, U, bool],  # o and a after the last step, and whether it terminated
 ) -> None:
-    """Updates the values of an episode's steps backwards, by Sarsa if on-policy, else by Q-learning."""
+    """Updates an episode's values backwards, by Sarsa if on-policy, else by Q-learning."""
     q = np.empty((1, N_ACTIONS))
     for _ in range(constants.backward_passes):
         o, a, terminates = last
@@ -110,9 +121,19 @@ def train(
     streams: Words,
     results: Results,
 ) -> None:
-    """Trains N agents from streams (N, 4), by Sarsa(lambda) if on-policy, else by Watkins's Q(lambda)."""
+    """Trains N agents from streams (N, 4), by Sarsa(lambda) or Watkins's Q(lambda)."""
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    first_rate, halved_after, discount, epsilon, initial_value, decay, takes_lowest, time_limit, _ = constants
+    (
+        first_rate,
+        halved_after,
+        discount,
+        epsilon,
+        initial_value,
+        decay,
+        takes_lowest,
+        time_limit,
+        _,
+    ) = constants
     budget, _, _, points, map_index = plan
     explore_below = U(round(epsilon * 2**32))
     tiles, fading = features.tiles, discount * decay
@@ -120,7 +141,10 @@ def train(
     for n in range(len(streams)):
         stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
         weights = np.full((n_features, N_ACTIONS), initial_value / n_active)
-        traced, strengths = np.empty(n_features * N_ACTIONS, np.int64), np.empty(n_features * N_ACTIONS)
+        traced, strengths = (
+            np.empty(n_features * N_ACTIONS, np.int64),
+            np.empty(n_features * N_ACTIONS),
+        )
         renewed = np.full(n_features * N_ACTIONS, -1)
         kept = np.empty(time_limit if constants.backward_passes else 0, STEP)
         masks = np.empty(n_observations, np.int64)  # masks of greedy actions
@@ -134,7 +158,9 @@ def train(
         for step in range(budget + 1):
             if step == points[n_points]:
                 _tabulate(weights, features, takes_lowest, results.q[n], masks)
-                record(results, n, n_points, map_index[n_points], results.q[n], masks, disagreements)
+                record(
+                    results, n, n_points, map_index[n_points], results.q[n], masks, disagreements
+                )
                 n_points += 1
             if step == budget:
                 break

@@ -1,7 +1,8 @@
 """Trains independent agents whose action values are linear in the features of tile coding.
 
-Watkins's Q(lambda) and Sarsa(lambda) with replacing traces (Sutton & Barto 2018, sections 12.7 and 12.10).
-With one tiling of single cells, they are the table's: every observation has a weight for each action.
+Watkins's Q(lambda) and Sarsa(lambda) with replacing traces (Sutton & Barto 2018, sections 12.7 and
+12.10). With one tiling of single cells, they are the table's: every observation has a weight for
+each action.
 """
 
 from collections.abc import Callable
@@ -30,8 +31,8 @@ class LinearSettings(TraceSettings):
     tile_width: Annotated[int, Field(ge=1, le=1000)] = TILE_WIDTH
     """Cells along each side of a tile."""
     parts: Parts = "joint"
-    """Which positions are tiled together: all ("joint"), every two ("pairs"), or the agent's with each
-    person's ("agent_pairs")."""
+    """Which positions are tiled together: all ("joint"), every two ("pairs"), or the agent's with
+    each person's ("agent_pairs")."""
 
 
 class LinearAlgorithm(ValueAlgorithm[Training]):

@@ -1,9 +1,10 @@
 """Arithmetic whose bits are the same on every processor, in compiled code.
 
-IEEE 754 fixes how sums, products, quotients and square roots are rounded, but processors and libraries differ
-in the order of sums, in whether a product and a sum are rounded once or twice, and in the last digits of
-`exp`, `log` and `tanh`. Here all of that is fixed: each number of a matrix product is one chain of fused
-multiplications and additions, in the order of the inner index. Arrays are of float32, or float64 in tests.
+IEEE 754 fixes how sums, products, quotients and square roots are rounded, but processors and
+libraries differ in the order of sums, in whether a product and a sum are rounded once or twice, and
+in the last digits of `exp`, `log` and `tanh`. Here all of that is fixed: each number of a matrix
+product is one chain of fused multiplications and additions, in the order of the inner index. Arrays
+are of float32, or float64 in tests.
 """
 
 import math
@@ -28,10 +29,12 @@ _ARTANH = tuple(1.0 / k for k in range(21, -1, -2))
 Numbers = NDArray[np.floating[Any]]
 Kind = type[np.floating[Any]]  # the type of an agent's numbers
 Vector = tuple[Numbers, int]  # a flat array, and where in it the vector begins
-Matrix = tuple[Numbers, int, int, int]  # the same, and the distances from row to row and column to column
+Matrix = tuple[
+    Numbers, int, int, int
+]  # the same, and the distances from row to row and column to column
 
-# For functions that compiled code calls. With Python's model of errors, a loop that divides has an exit for
-# zero, which keeps numba from vectorising it.
+# For functions that compiled code calls. With Python's model of errors, a loop that divides has an
+# exit for zero, which keeps numba from vectorising it.
 inlined = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
@@ -50,11 +53,16 @@ def _block(n_rows: int) -> Callable[..., None]:
 
 
 def _build(
-    context: BaseContext, builder: ir.IRBuilder, kinds: types.BaseTuple, values: list[ir.Value], n_rows: int
+    context: BaseContext,
+    builder: ir.IRBuilder,
+    kinds: types.BaseTuple,
+    values: list[ir.Value],
+    n_rows: int,
 ) -> ir.Value:
     """Writes the instructions of `_block` for the operands of `multiply`, whose types are `kinds`.
 
-    numba cannot say that a product and a sum are rounded once. In C, with vectors of `LANES` numbers:
+    numba cannot say that a product and a sum are rounded once. In C, with vectors of `LANES`
+    numbers:
 
         for (r...) total[r] = start;
         for (k = 0; k < n_inner; k++)
@@ -91,7 +99,9 @@ def _build(
     factors = builder.load(vector_at(at(b, k, b_inner)), align=n_bytes)
     sums = []
     for row, total in zip(rows, totals, strict=True):
-        factor = builder.insert_element(undefined, builder.load(at(row, k, a_inner)), ir.IntType(32)(0))
+        factor = builder.insert_element(
+            undefined, builder.load(at(row, k, a_inner)), ir.IntType(32)(0)
+        )
         repeated = builder.shuffle_vector(factor, undefined, all_first)
         sums.append(builder.call(fma, [repeated, factors, total]))
         total.add_incoming(first, before)
@@ -114,8 +124,8 @@ _six, _two, _one = _block(_ROWS), _block(2), _block(1)
 def multiply(shape: tuple[int, int, int], start: Vector, a: Matrix, b: Matrix, c: Matrix) -> None:
     """Multiplies matrices: c[r, j] = start[j] + sum of a[r, k] * b[k, j] over k, in this order.
 
-    `shape` is (rows of a and c, columns of b and c, columns of a and rows of b); the second is a multiple of
-    `LANES`. The columns of b and c are contiguous. Nothing is checked.
+    `shape` is (rows of a and c, columns of b and c, columns of a and rows of b); the second is a
+    multiple of `LANES`. The columns of b and c are contiguous. Nothing is checked.
     """
     n_rows, n_columns, n_inner = shape
     (starts, start_at), (a_numbers, a_at, a_row, a_inner) = start, a
@@ -148,7 +158,8 @@ def like(numbers: Numbers, value: float) -> Any:
 def exp(x: float) -> float:
     """Returns e**x, float64, within 3e-16 of its size.
 
-    With n the nearest whole number to x / log(2), it is 2**n * e**r, where |r| < 0.35, by e**r's series.
+    With n the nearest whole number to x / log(2), it is 2**n * e**r, where |r| < 0.35, by e**r's
+    series.
     """
     if not x < 709.0:  # or NaN
         return x + np.inf
@@ -164,9 +175,10 @@ def exp(x: float) -> float:
 
 @inlined
 def log(x: float) -> float:
-    """Returns the logarithm of a positive normal number, float64, within 3e-16 of its size and 1e-16.
+    """Returns the logarithm of a positive normal float64, within 3e-16 of its size and 1e-16.
 
-    With x = m * 2**n, where m is near 1, it is n * log(2) + 2 * artanh((m - 1) / (m + 1)), by its series.
+    With x = m * 2**n, where m is near 1, it is n * log(2) + 2 * artanh((m - 1) / (m + 1)), by its
+    series.
     """
     m, n = math.frexp(x)
     if m < 0.7071067811865476:
@@ -180,7 +192,7 @@ def log(x: float) -> float:
 
 @inlined
 def tanh(values: Numbers) -> None:
-    """Replaces numbers by their hyperbolic tangents: of float32 by Eigen's rational function, within 4e-7."""
+    """Replaces numbers by their tanh: of float32 by Eigen's rational function, within 4e-7."""
     if values.itemsize == 8:
         for i in range(len(values)):
             values[i] = math.tanh(values[i])

@@ -1,14 +1,14 @@
 """DQN (Mnih et al. 2015) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-Observations are few and recur. So the target net's values are kept until the next synchronisation, and a
-mini-batch computes each distinct observation once. Only the order of sums differs.
+Observations are few and recur. So the target net's values are kept until the next synchronisation,
+and a mini-batch computes each distinct observation once. Only the order of sums differs.
 
-An agent draws where its first episodes start. Then each step of its envs draws whether to explore, and for
-each env a random action and what `agents.nets.stepping.take` draws. Mini-batches have a stream of their own:
-they draw a row and, with several envs, an env.
+An agent draws where its first episodes start. Then each step of its envs draws whether to explore,
+and for each env a random action and what `agents.nets.stepping.take` draws. Mini-batches have a
+stream of their own: they draw a row and, with several envs, an env.
 
-Axis letters: E envs, O observations, A actions, P parameters, C rows of the replay buffer, B rows of a
-mini-batch.
+Axis letters: E envs, O observations, A actions, P parameters, C rows of the replay buffer, B rows
+of a mini-batch.
 """
 
 from typing import NamedTuple
@@ -96,8 +96,8 @@ def _advance(agent: Dqn, until: int) -> None:
 def _act(agent: Dqn) -> None:
     """Takes an epsilon-greedy step in all envs, and keeps it in the replay buffer.
 
-    As in Stable-Baselines3, one draw decides whether all envs explore, and the first of several best actions
-    is greedy.
+    As in Stable-Baselines3, one draw decides whether all envs explore, and the first of several
+    best actions is greedy.
     """
     replay, envs, observed = agent.replay, agent.envs, agent.net.observed
     n_envs, first = len(envs.state), envs.n_steps[0] % len(replay.reward)
@@ -145,7 +145,9 @@ def _draw_batch(agent: Dqn) -> None:
         for k in range(n_steps):
             total += replay.reward[i] * discount
             discount *= gamma
-            ends = replay.next_observed[i] == agent.envs.process.n_observations or replay.truncated[i]
+            ends = (
+                replay.next_observed[i] == agent.envs.process.n_observations or replay.truncated[i]
+            )
             if ends or i == last_row + e or k + 1 == n_steps:
                 break
             i = (i + n_envs) % n_kept
@@ -156,7 +158,7 @@ def _draw_batch(agent: Dqn) -> None:
 
 @inlined
 def _update(agent: Dqn) -> None:
-    """Adds the target net's estimates to the returns, and takes a gradient step on the Huber loss."""
+    """Adds the target net's estimates to the returns; takes a gradient step on the Huber loss."""
     q_net, parameters, batch, n_rows = agent.net, agent.parameters, agent.batch, len(agent.action)
     net.compute_values(q_net, agent.target, agent.next_observed, agent.target_values)
     n_distinct = net.list_distinct(batch, n_rows)
@@ -188,11 +190,17 @@ class DqnAgent(Agent):
 
     def begin(self, model: Model, settings: DqnSettings, kind: Kind) -> Dqn:
         """Draws uniform weights, and makes room for the replay buffer and a mini-batch."""
-        n_envs, n_updates, n_observations = settings.n_envs, settings.gradient_steps, model.n_observations
+        n_envs, n_updates, n_observations = (
+            settings.n_envs,
+            settings.gradient_steps,
+            model.n_observations,
+        )
         (q_net,) = self.nets
         net.draw_uniform(q_net, self.parameters.values, self.drawing)
         n_kept = max(settings.arguments["buffer_size"] // n_envs, 1)
-        same = {name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)}
+        same = {
+            name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)
+        }
         changed = {
             "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
             "synchronised_every": max(settings.target_update_interval // n_envs, 1),

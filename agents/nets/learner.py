@@ -1,4 +1,4 @@
-"""What DQN and PPO have in common: agents are trained one after the other, and recorded as they learn."""
+"""What DQN and PPO have in common: agents learn one after the other, and are recorded."""
 
 import hashlib
 import time
@@ -50,7 +50,7 @@ class Agent(ABC):
         seed: SeedSequence,
         kind: Kind,
     ) -> None:
-        """Makes an agent that has drawn its first weights; `points` (T,) are the evaluation steps."""
+        """Makes an agent with its first weights; `points` (T,) are the evaluation steps."""
         streams = np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
         acting, self.learning, self.drawing = streams
         self.envs = envs_of(model, settings, acting, points)
@@ -71,17 +71,19 @@ class Agent(ABC):
         """Draws the first weights; returns all that the compiled loop reads and changes."""
 
     def advance(self, until: int) -> None:
-        """Trains until so many steps are done, a whole number of rollouts, or until the agent diverges."""
+        """Trains, in whole rollouts, until so many steps are done or the agent diverges."""
         self.loop(self.state, until)
 
     def table(self) -> Numbers:
         """Returns what its first net says about all observations, (O, A)."""
-        table = np.empty((self.envs.process.n_observations, N_ACTIONS), self.parameters.values.dtype)
+        table = np.empty(
+            (self.envs.process.n_observations, N_ACTIONS), self.parameters.values.dtype
+        )
         read(self.nets[0], self.parameters.values, table)
         return table
 
     def weights(self) -> list[Numbers]:
-        """Returns weights (inputs, outputs) and biases (outputs,) of each layer in turn, net after net."""
+        """Returns weights (inputs, outputs) and biases (outputs,) of each layer, net after net."""
         return [part for net in self.nets for part in unpadded(net, self.parameters.values)]
 
 
@@ -102,9 +104,11 @@ class NetAlgorithm(SequentialAlgorithm):
     def train_agent(
         self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
     ) -> Fields:
-        """Trains an agent; its policy, which changes only between rollouts, is read at their starts."""
+        """Trains an agent; its policy changes only between rollouts, and is read there."""
         points, rollout = schedule.evaluation_steps, settings.rollout
-        agent = self.agent(model, settings, observation, np.array(points, np.int64), seed, np.float32)
+        agent = self.agent(
+            model, settings, observation, np.array(points, np.int64), seed, np.float32
+        )
         tables = np.full((len(points), model.n_observations, N_ACTIONS), np.nan)
         cpu_time_s = np.zeros(len(points))
         seconds = 0.0
@@ -123,8 +127,12 @@ class NetAlgorithm(SequentialAlgorithm):
             table = agent.table().astype(np.float64)
             has_diverged = not np.isfinite(table).all()
             if not has_diverged:
-                tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
-            if has_diverged or (schedule.may_end and any(schedule.may_end(i, tables[i]) for i in indices)):
+                tables[indices] = (
+                    table if agent.is_value else table / table.sum(axis=1, keepdims=True)
+                )
+            if has_diverged or (
+                schedule.may_end and any(schedule.may_end(i, tables[i]) for i in indices)
+            ):
                 tables[indices[-1] :] = tables[indices[-1]]
                 agent.envs.counts[indices[0] :] = agent.envs.disagreements[0]
                 break
@@ -135,7 +143,9 @@ class NetAlgorithm(SequentialAlgorithm):
         weights = agent.weights()
         digest = hashlib.sha256(b"".join(part.tobytes() for part in weights)).digest()
         return {
-            **snapshots(tables, agent.table().astype(np.float64), schedule, is_value=agent.is_value),
+            **snapshots(
+                tables, agent.table().astype(np.float64), schedule, is_value=agent.is_value
+            ),
             "disagreements": agent.envs.counts,
             "cpu_time_s": cpu_time_s,
             "updates": agent.parameters.n_steps[0],

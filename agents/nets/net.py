@@ -1,9 +1,11 @@
-"""A multilayer perceptron of one agent in flat arrays, its gradient by hand, and Adam, in compiled code.
+"""A multilayer perceptron in flat arrays, its gradient by hand, and Adam, in compiled code.
 
-Agents are trained one after the other, so that the numbers of an agent stay in the caches of a core. Rows of
-weights are padded to a multiple of `LANES` with zeros, which stay zeros since their gradients are.
+Agents are trained one after the other, so that the numbers of an agent stay in the caches of a
+core. Rows of weights are padded to a multiple of `LANES` with zeros, which stay zeros since their
+gradients are.
 
-Axis letters: O observations, P parameters with padding, L layers, B rows of a call, W the widest layer.
+Axis letters: O observations, P parameters with padding, L layers, B rows of a call, W the widest
+layer.
 """
 
 import math
@@ -24,7 +26,7 @@ _MIN_MOMENT = 1e-30  # smaller moments count as zero: denormal numbers would slo
 
 
 class Net(NamedTuple):
-    """A net's shape, where its parameters lie, what it reads, and room for calls; rows have W numbers."""
+    """A net's shape, parameters, what it reads, and room for calls; rows have W numbers."""
 
     n_inputs: int
     n_outputs: Ints  # (L,)
@@ -95,7 +97,9 @@ def inputs_of(model: Model, observation: str, kind: Kind) -> Inputs:
     return table.shape[1], np.empty((len(table), 0), np.int32), table
 
 
-def net_of(inputs: Inputs, n_outputs: Sequence[int], first: int, n_rows: int, *, is_relu: bool) -> Net:
+def net_of(
+    inputs: Inputs, n_outputs: Sequence[int], first: int, n_rows: int, *, is_relu: bool
+) -> Net:
     """Returns a net whose parameters begin at the index `first`, for calls with at most B rows."""
     n_inputs, ones, table = inputs
     outputs = np.array(n_outputs)
@@ -104,8 +108,18 @@ def net_of(inputs: Inputs, n_outputs: Sequence[int], first: int, n_rows: int, *,
     biases_at = first + np.cumsum(sizes + width) - width
     stride = int(width.max())
     n_hidden = width.size * n_rows * stride
-    layers = n_inputs, outputs, width, biases_at - sizes, biases_at, int(biases_at[-1] + width[-1]), is_relu
-    rooms = (np.zeros(n, table.dtype) for n in (n_rows * n_inputs, n_hidden, n_hidden, stride**2, stride))
+    layers = (
+        n_inputs,
+        outputs,
+        width,
+        biases_at - sizes,
+        biases_at,
+        int(biases_at[-1] + width[-1]),
+        is_relu,
+    )
+    rooms = (
+        np.zeros(n, table.dtype) for n in (n_rows * n_inputs, n_hidden, n_hidden, stride**2, stride)
+    )
     return Net(*layers, ones, table, n_rows, stride, np.zeros(n_rows, np.int32), *rooms)
 
 
@@ -149,7 +163,9 @@ def forward(net: Net, values: Numbers, observed: Indices, n_rows: int) -> int:
         for r in range(n_rows):
             _copy(net.rows[r * n_inputs : (r + 1) * n_inputs], net.table[observed[r]])
         rows, weights = (net.rows, 0, n_inputs, 1), (values, weights_at, width, 1)
-        multiply((n_rows, width, n_inputs), (values, biases_at), rows, weights, (hidden, 0, stride, 1))
+        multiply(
+            (n_rows, width, n_inputs), (values, biases_at), rows, weights, (hidden, 0, stride, 1)
+        )
     for i in range(1, len(net.width)):
         input_at, output_at = (i - 1) * size, i * size
         for r in range(n_rows):
@@ -182,21 +198,27 @@ def compute_values(net: Net, parameters: Numbers, observed: Indices, values: Val
                 row = at + r * net.stride
                 values.largest[lacking[r]] = net.hidden[row + best_output(net, row)]
             n_lacking = 0
-        if i < len(observed) and observed[i] < len(values.largest) and not values.is_known[observed[i]]:
+        if (
+            i < len(observed)
+            and observed[i] < len(values.largest)
+            and not values.is_known[observed[i]]
+        ):
             lacking[n_lacking], values.is_known[observed[i]] = observed[i], True
             n_lacking += 1
 
 
 @inlined
 def backward(net: Net, parameters: Parameters, observed: Indices, n_rows: int) -> None:
-    """Computes the gradient of a loss, after `forward`, from its slopes by the outputs in `net.slopes`."""
+    """Computes a loss's gradient, after `forward`, from its slopes by the outputs."""
     values, gradient = parameters.values, parameters.gradient
     hidden, slopes, transposed = net.hidden, net.slopes, net.transposed
     stride, size, zeros = net.stride, net.n_rows * net.stride, (net.zeros, 0)
     for i in range(len(net.width) - 1, 0, -1):
         width, n_in, n_out = net.width[i], net.width[i - 1], net.n_outputs[i]
         weights_at, output_at, input_at = net.weights_at[i], i * size, (i - 1) * size
-        _sum_rows(slopes, output_at, stride, n_rows, gradient[net.biases_at[i] : net.biases_at[i] + width])
+        _sum_rows(
+            slopes, output_at, stride, n_rows, gradient[net.biases_at[i] : net.biases_at[i] + width]
+        )
         activated, slope = (hidden, input_at, 1, stride), (slopes, output_at, stride, 1)
         multiply((n_in, width, n_rows), zeros, activated, slope, (gradient, weights_at, width, 1))
         for k in range(n_in):
@@ -312,12 +334,15 @@ def read(net: Net, values: Numbers, outputs: Numbers) -> None:
             net.observed[r] = start + r
         at = forward(net, values, net.observed, n_rows)
         for r in range(n_rows):
-            _copy(outputs[start + r], net.hidden[at + r * net.stride : at + r * net.stride + n_outputs])
+            _copy(
+                outputs[start + r],
+                net.hidden[at + r * net.stride : at + r * net.stride + n_outputs],
+            )
 
 
 @compiled
 def draw_uniform(net: Net, values: Numbers, stream: Words) -> None:
-    """Draws weights and biases as PyTorch's linear layers do: uniform, bounded by 1 / sqrt(inputs)."""
+    """Draws weights and biases as PyTorch does: uniform, bounded by 1 / sqrt(inputs)."""
     n_in = net.n_inputs
     for i in range(len(net.width)):
         bound = 1.0 / math.sqrt(n_in)
@@ -330,10 +355,10 @@ def draw_uniform(net: Net, values: Numbers, stream: Words) -> None:
 
 @compiled
 def draw_orthogonal(net: Net, values: Numbers, stream: Words, gains: tuple[float, float]) -> None:
-    """Draws orthogonal weights as PyTorch does, with the gains of hidden layers and the last; no biases.
+    """Draws orthogonal weights as PyTorch does, with gains; biases are 0.
 
-    The rows or columns, whichever are fewer, are normal numbers, made orthogonal by Gram and Schmidt's method
-    (Golub & Van Loan 2013, section 5.2.8) and as long as the gain.
+    The rows or columns, whichever are fewer, are normal numbers, made orthogonal by Gram and
+    Schmidt's method (Golub & Van Loan 2013, section 5.2.8) and as long as the gain.
     """
     n_in = net.n_inputs
     for i in range(len(net.width)):
@@ -349,7 +374,9 @@ def draw_orthogonal(net: Net, values: Numbers, stream: Words, gains: tuple[float
         gain = gains[1] if i == len(net.width) - 1 else gains[0]
         for row in range(n_in):
             for j in range(n_out):
-                values[at + row * width + j] = gain * (vectors[j, row] if n_out <= n_in else vectors[row, j])
+                values[at + row * width + j] = gain * (
+                    vectors[j, row] if n_out <= n_in else vectors[row, j]
+                )
         n_in = n_out
 
 

@@ -1,7 +1,7 @@
 """PPO (Schulman et al. 2017) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-Observations are few and recur. So probabilities and values are kept during a rollout, and a mini-batch
-computes each distinct observation once. Only the order of sums differs.
+Observations are few and recur. So probabilities and values are kept during a rollout, and a
+mini-batch computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of each env draws the action and what
 `agents.nets.stepping.take` draws. Permutations of rollouts have a stream of their own.
@@ -72,8 +72,10 @@ class Ppo(NamedTuple):
 
 
 @inlined
-def _to_probabilities(logits: Numbers, at: int, log_probability: Numbers, probability: Numbers) -> bool:
-    """Writes the probabilities (A,) whose logits begin at an index; returns whether they are finite."""
+def _to_probabilities(
+    logits: Numbers, at: int, log_probability: Numbers, probability: Numbers
+) -> bool:
+    """Writes the probabilities (A,) of logits from an index on; returns if they are finite."""
     largest = logits[at]
     for a in range(1, N_ACTIONS):
         largest = max(largest, logits[at + a])
@@ -182,7 +184,7 @@ def _learn(agent: Ppo) -> None:
 
 @inlined
 def _slope_of_actor(agent: Ppo, chosen: Ints, n_distinct: int) -> bool:
-    """Computes the slopes of clipped surrogate and entropy; returns whether learning is to go on."""
+    """Computes slopes of clipped surrogate and entropy; returns whether learning goes on."""
     constants, actor, advantages = agent.constants, agent.actor, agent.advantage
     slopes, n_rows = actor.slopes, len(chosen)
     at = net.forward(actor, agent.parameters.values, agent.batch.distinct, n_distinct)
@@ -231,7 +233,9 @@ def _slope_of_critic(agent: Ppo, chosen: Ints, n_distinct: int) -> None:
         row = at + agent.batch.row[o] * critic.stride
         value = critic.hidden[row]
         if not abs(value - agent.values.largest[o]) > constants.clip_range_vf:
-            critic.slopes[row] += 2.0 * constants.vf_coef * (value - agent.value_target[i]) / len(chosen)
+            critic.slopes[row] += (
+                2.0 * constants.vf_coef * (value - agent.value_target[i]) / len(chosen)
+            )
 
 
 class PpoNetSettings(NetSettings, PpoSettings):

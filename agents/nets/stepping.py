@@ -53,7 +53,9 @@ def envs_of(model: Model, settings: Sb3Settings, stream: Words, points: Ints) ->
     sizes = n_envs, n_envs, 1, 1, len(points)
     state, steps, n_steps, disagreements, counts = (np.zeros(n, np.int64) for n in sizes)
     limit = settings.time_limit or 2**62
-    envs = Envs(process_of(model), limit, stream, state, steps, n_steps, disagreements, points, counts)
+    envs = Envs(
+        process_of(model), limit, stream, state, steps, n_steps, disagreements, points, counts
+    )
     _start(envs)
     return envs
 
@@ -85,11 +87,14 @@ def _restart(envs: Envs, e: int) -> None:
 def take(envs: Envs, e: int, action: int, steps: Steps, at: int) -> None:
     """Takes a step in an env, keeps it at an index of `steps`, and starts an episode if one ends.
 
-    It draws, in this order and only if needed, the noise of the reward, the outcome and the next start.
+    It draws, in this order and only if needed, the noise of the reward, the outcome and the next
+    start.
     """
     process, state, stream = envs.process, U(envs.state[e]), _words(envs.stream)
     first, outcomes, n_outcomes = process.first, process.outcomes, process.n_outcomes
-    reward, i, stream = draw_step(first, outcomes, n_outcomes, process.is_noisy, state, U(action), stream)
+    reward, i, stream = draw_step(
+        first, outcomes, n_outcomes, process.is_noisy, state, U(action), stream
+    )
     envs.stream[0], envs.stream[1], envs.stream[2], envs.stream[3] = stream
     envs.disagreements[0] += outcomes[i].is_wrong_ping
     following, terminates = state + U(outcomes[i].state_change), outcomes[i].terminates
@@ -99,7 +104,9 @@ def take(envs: Envs, e: int, action: int, steps: Steps, at: int) -> None:
     steps.observed[at] = process.observation[state]
     steps.action[at] = action
     steps.reward[at] = reward
-    steps.next_observed[at] = process.n_observations if terminates else process.observation[following]
+    steps.next_observed[at] = (
+        process.n_observations if terminates else process.observation[following]
+    )
     steps.truncated[at] = truncates
     if terminates or truncates:
         _restart(envs, e)

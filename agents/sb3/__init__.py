@@ -1,4 +1,4 @@
-"""Algorithms of Stable-Baselines3 (Raffin et al. 2021), and of any package with classes like its own."""
+"""Algorithms of Stable-Baselines3 (Raffin et al. 2021), and of packages with classes like it."""
 
 import os
 
@@ -6,7 +6,10 @@ from envs.sources import VARIABLES
 
 
 def use_same_instructions() -> None:
-    """Keeps MKL and torch from AVX-512, whose sums differ, in a process that only trains; call it first."""
+    """Keeps MKL and torch from AVX-512, whose sums differ, in a process that only trains.
+
+    Call it first.
+    """
     import llvmlite.binding  # which `import agents` does without
 
     if llvmlite.binding.get_host_cpu_features().get("avx2"):

@@ -1,8 +1,8 @@
-"""DQN and PPO of Stable-Baselines3, and any class like its own by its import path, as algorithms here.
+"""DQN and PPO of Stable-Baselines3, and classes like them by import path, as algorithms.
 
-The settings of an imported class are this project's and the arguments in its signature, recorded with their
-defaults, so that a version with other defaults makes other runs. Values are checked by making an untrained
-agent.
+The settings of an imported class are this project's and the arguments in its signature, recorded
+with their defaults, so that a version with other defaults makes other runs. Values are checked by
+making an untrained agent.
 """
 
 import inspect
@@ -17,7 +17,14 @@ from numpy.random import SeedSequence
 from pydantic import ConfigDict, create_model, model_validator
 
 from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
-from agents.sb3.settings import OUR_SETTINGS, BufferSize, DqnSettings, PpoSettings, Sb3Settings, StepCount
+from agents.sb3.settings import (
+    OUR_SETTINGS,
+    BufferSize,
+    DqnSettings,
+    PpoSettings,
+    Sb3Settings,
+    StepCount,
+)
 from envs import Model
 from envs.inputs import Count, InputError, Share
 from envs.observations import IMAGES, VECTORS
@@ -54,7 +61,7 @@ class Sb3Algorithm(SequentialAlgorithm):
     def train_agent(
         self, model: Model, settings: Any, observation: str, seed: SeedSequence, schedule: Schedule
     ) -> Fields:
-        """Trains by `agents.sb3.training.train_agent`; a missing package is a MissingPackageError."""
+        """Trains by `sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
             cls = self.load()
             from agents.sb3.training import train_agent
@@ -68,7 +75,9 @@ PPO = Sb3Algorithm("stable_baselines3:PPO", PpoSettings)
 def is_sb3_class(value: object) -> bool:
     """Returns whether an object is a class of agents like those of SB3, without importing SB3."""
     module = sys.modules.get("stable_baselines3.common.base_class")
-    return module is not None and isinstance(value, type) and issubclass(value, module.BaseAlgorithm)
+    return (
+        module is not None and isinstance(value, type) and issubclass(value, module.BaseAlgorithm)
+    )
 
 
 class ImportedSettings(Sb3Settings):
@@ -81,7 +90,9 @@ class ImportedSettings(Sb3Settings):
     @property
     def arguments(self) -> dict[str, object]:
         """The arguments that are set."""
-        return self._fitted(self.model_dump(exclude=OUR_SETTINGS, exclude_unset=True, exclude_none=True))
+        return self._fitted(
+            self.model_dump(exclude=OUR_SETTINGS, exclude_unset=True, exclude_none=True)
+        )
 
     @model_validator(mode="after")
     def _agents_can_be_made(self) -> Self:
@@ -115,7 +126,9 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
     }
     settings: Any = create_model(f"{cls.__name__}Settings", __base__=ImportedSettings, **fields)
     settings.path = path
-    modules = {base.__module__.partition(".")[0] for base in cls.__mro__} & packages_distributions().keys()
+    modules = {
+        base.__module__.partition(".")[0] for base in cls.__mro__
+    } & packages_distributions().keys()
     packages = tuple(sorted(modules | {"stable_baselines3", "torch"}))
     return Sb3Algorithm(path, settings, packages)
 

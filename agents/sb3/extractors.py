@@ -1,6 +1,7 @@
 """Features extractors of Stable-Baselines3's agents: what their hidden layers are given.
 
-Settings name one as `policy_kwargs = { features_extractor_class = "agents.sb3.extractors:PeopleExtractor" }`.
+The setting `policy_kwargs.features_extractor_class` names one, for example
+`"agents.sb3.extractors:PeopleExtractor"`.
 
 Axis letters: B observations of a batch.
 """
@@ -16,15 +17,21 @@ from envs.inputs import InputError
 
 
 class PeopleExtractor(BaseFeaturesExtractor):
-    """Embeds every person by the same net, and adds the embeddings (Zaheer et al. 2017, "Deep sets").
+    """Embeds people by one net, and adds the embeddings (Zaheer et al. 2017, "Deep sets").
 
-    So the order of people does not matter, except who comes first, if that is marked. Observations must hold
-    coordinates of the agent's cell, then of each person's, and nothing else: a phase and wrong PINGs would
-    pass for one more person. Its features are the agent's coordinates and the sum.
+    So the order of people does not matter, except who comes first, if that is marked. Observations
+    must hold coordinates of the agent's cell, then of each person's, and nothing else: a phase and
+    wrong PINGs would pass for one more person. Its features are the agent's coordinates and the
+    sum.
     """
 
     def __init__(
-        self, observation_space: spaces.Box, width: int = 64, per_person: int = 2, *, marks_first: bool = True
+        self,
+        observation_space: spaces.Box,
+        width: int = 64,
+        per_person: int = 2,
+        *,
+        marks_first: bool = True,
     ) -> None:
         """Makes the net.
 
@@ -35,7 +42,8 @@ class PeopleExtractor(BaseFeaturesExtractor):
           marks_first: Whether the net is told who is the first person.
 
         Raises:
-          InputError: Observations do not have two numbers for the agent and `per_person` for each person.
+          InputError: Observations do not have two numbers for the agent and `per_person` for each
+            person.
         """
         n_people, rest = divmod(math.prod(observation_space.shape) - 2, per_person)
         if len(observation_space.shape) != 1 or n_people < 1 or rest:
@@ -45,7 +53,12 @@ class PeopleExtractor(BaseFeaturesExtractor):
         super().__init__(observation_space, 2 + width)
         self.marks: torch.Tensor  # (people, 0 or 1)
         self.register_buffer("marks", torch.eye(n_people)[:, : int(marks_first)], persistent=False)
-        layers = nn.Linear(2 + per_person + marks_first, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+        layers = (
+            nn.Linear(2 + per_person + marks_first, width),
+            nn.ReLU(),
+            nn.Linear(width, width),
+            nn.ReLU(),
+        )
         self.net = nn.Sequential(*layers)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
@@ -57,10 +70,10 @@ class PeopleExtractor(BaseFeaturesExtractor):
 
 
 class PlanesExtractor(BaseFeaturesExtractor):
-    """Two layers of convolutions, for small images: Stable-Baselines3's own net needs 36 x 36 pixels."""
+    """Two layers of convolutions, for small images: SB3's own net needs 36 x 36 pixels."""
 
     def __init__(self, observation_space: spaces.Box, n_features: int = 128) -> None:
-        """Makes the net for the space of the form "planes"; a space without images raises an InputError."""
+        """Makes the net for a space of images, as "planes" has; others raise an InputError."""
         if len(observation_space.shape) != 3:
             found = f"PlanesExtractor: observations of shape {observation_space.shape}"
             raise InputError(f"{found}; accepted: images, such as those of the form planes.")
@@ -77,6 +90,6 @@ class PlanesExtractor(BaseFeaturesExtractor):
         )
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Returns the features (B, n_features) of images (B, planes, rows, columns), scaled to [0, 1]."""
+        """Returns features (B, n_features) of images (B, planes, rows, columns), 0 to 1."""
         features: torch.Tensor = self.net(observations)
         return features

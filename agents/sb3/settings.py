@@ -1,7 +1,7 @@
 """Settings of Stable-Baselines3's algorithms, with SB3's argument names and defaults.
 
-They are written out here because importing SB3 loads torch, and its signatures do not say which values make
-sense. A test compares names and defaults with the signatures.
+They are written out here because importing SB3 loads torch, and its signatures do not say which
+values make sense. A test compares names and defaults with the signatures.
 """
 
 import sys
@@ -36,8 +36,8 @@ class PolicyArguments(Table):
     optimizer_kwargs: OptimizerArguments = OptimizerArguments()
     """Arguments of the optimiser."""
     features_extractor_class: Annotated[str, Field(pattern=r"^[\w.]+:[\w.]+$")] | None = None
-    """The class of a net, as `module:attribute`, whose outputs the hidden layers are given instead of the
-    observation. `agents.sb3.extractors` has two."""
+    """The class of a net, as `module:attribute`, whose outputs the hidden layers are given instead
+    of the observation. `agents.sb3.extractors` has two."""
     features_extractor_kwargs: dict[str, Any] = Field(default_factory=dict)
     """Arguments of this class, besides the observation space."""
 
@@ -45,7 +45,9 @@ class PolicyArguments(Table):
 def _features_extractor(name: str) -> object:
     """Imports a class of features extractors; anything else raises an InputError."""
     found = imported(name, "policy_kwargs", key := "features_extractor_class")
-    module = sys.modules.get("stable_baselines3.common.torch_layers")  # which every such class has loaded
+    module = sys.modules.get(
+        "stable_baselines3.common.torch_layers"
+    )  # which every such class has loaded
     if module and isinstance(found, type) and issubclass(found, module.BaseFeaturesExtractor):
         return found
     accepted = "a subclass of stable_baselines3.common.torch_layers.BaseFeaturesExtractor"
@@ -53,7 +55,7 @@ def _features_extractor(name: str) -> object:
 
 
 class Sb3Settings(LearnerSettings):
-    """What all of SB3's algorithms have in common; a subclass adds further arguments of its SB3 class."""
+    """What all of SB3's algorithms have in common; a subclass adds arguments of its class."""
 
     n_envs: Annotated[int, Field(ge=1, le=4096)] = 1
     """Environments that are stepped together."""
@@ -96,7 +98,9 @@ class Sb3Settings(LearnerSettings):
         if "policy_kwargs" in arguments:
             # Any `optimizer_kwargs`, even empty ones, would unset SB3's epsilon of PPO.
             given = arguments["policy_kwargs"].items()
-            arguments["policy_kwargs"] = policy = {key: value for key, value in given if value != {}}
+            arguments["policy_kwargs"] = policy = {
+                key: value for key, value in given if value != {}
+            }
             if isinstance(name := policy.get(key := "features_extractor_class"), str):
                 policy[key] = _features_extractor(name)
         size = vars(self).get("buffer_size")
@@ -104,7 +108,7 @@ class Sb3Settings(LearnerSettings):
 
     @model_validator(mode="after")
     def _rollouts_fill_the_budget(self) -> Self:
-        """Shortens a rollout whose length is not set, by less than half, so that it divides the budget."""
+        """Shortens a rollout of no set length, by less than half, to divide the budget."""
         key, default = self._rollout_key, self.rollout // self.n_envs
         most = min(default, self.budget // self.n_envs)
         for steps in (default,) if key in self.model_fields_set else range(most, most // 2, -1):
@@ -133,10 +137,11 @@ class DqnSettings(Sb3Settings):
     batch_size: Annotated[int, Field(ge=1, le=100_000)] = 32
     """Transitions of a gradient step, drawn from the replay buffer."""
     tau: Share = 1.0
-    """How far the target network moves towards the other one whenever it is updated; 1: it is a copy."""
+    """How far the target network moves towards the other one whenever it is updated; 1: it is a
+    copy."""
     train_freq: Count = 4
-    """Steps of each environment from one round of updates to the next; by default fewer if the budget needs
-    it."""
+    """Steps of each environment from one round of updates to the next; by default fewer if the
+    budget needs it."""
     gradient_steps: Annotated[int, Field(ge=-1, le=10**6)] = 1
     """Gradient steps of a round; -1: as many as steps were made since the last one."""
     n_steps: StepCount = 1
@@ -159,8 +164,8 @@ class PpoSettings(Sb3Settings):
     default_epsilon = 1e-5
 
     n_steps: Annotated[int, Field(ge=2, le=1_000_000)] = 2048
-    """Steps of each environment from one round of updates to the next; by default fewer, but more than half
-    as many, if rollouts then divide the budget."""
+    """Steps of each environment from one round of updates to the next; by default fewer, but more
+    than half as many, if rollouts then divide the budget."""
     gae_lambda: Share = 0.95
     """Lambda of generalized advantage estimation."""
     ent_coef: Annotated[float, Field(ge=0)] = 0.0
@@ -182,4 +187,5 @@ class PpoSettings(Sb3Settings):
     clip_range_vf: Positive | None = None
     """How far a new value may be from the old one before it is clipped; by default it is not."""
     target_kl: Positive | None = None
-    """Divergence from the old policy; a round of updates ends at 1.5 times this, by default never."""
+    """Divergence from the old policy; a round of updates ends at 1.5 times this, by default
+    never."""

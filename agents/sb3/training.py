@@ -1,7 +1,7 @@
 """Trains agents of Stable-Baselines3 so that a run does not depend on what else runs beside it.
 
-SB3's classes do the learning, on the native vector env, with one torch thread, random streams from one seed,
-and exactly the declared number of environment steps.
+SB3's classes do the learning, on the native vector env, with one torch thread, random streams from
+one seed, and exactly the declared number of environment steps.
 """
 
 import hashlib
@@ -34,12 +34,13 @@ from envs.observations import observation_table
 
 
 def make_agent(cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv) -> BaseAlgorithm:
-    """Makes an agent of a class for an env of `settings.n_envs` envs, on the CPU, not seeded yet."""
+    """Makes an agent for an env of `settings.n_envs` envs, on the CPU, not seeded yet."""
     arguments: dict[str, Any] = {"device": "cpu", **settings.arguments}
     with warnings.catch_warnings():  # the last mini-batch of a rollout is allowed to be smaller
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
         agent = cls("MlpPolicy", env, **arguments)
-    # Fused, Adam takes the same step in one call. As an argument, that would unset SB3's epsilon of Adam.
+    # Fused, Adam takes the same step in one call. As an argument, that would unset SB3's epsilon of
+    # Adam.
     optimizer = getattr(agent.policy, "optimizer", None)
     if isinstance(optimizer, torch.optim.Adam):
         for group in optimizer.param_groups:
@@ -48,7 +49,7 @@ def make_agent(cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv) -> 
 
 
 def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -> None:
-    """Refuses, by a ValueError, what cannot be trained: makes an agent, and reads its policy as a table.
+    """Refuses, by a ValueError, what cannot be trained: makes an agent, reads its table.
 
     A features extractor is only imported: it may need another form of observation.
     """
@@ -58,7 +59,9 @@ def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -
         try:
             table = torch.as_tensor(observation_table(env.env.model, "coordinates"))
             policy = settings.arguments.get("policy_kwargs", {})
-            plain = {key: policy[key] for key in policy if not key.startswith("features_extractor_")}
+            plain = {
+                key: policy[key] for key in policy if not key.startswith("features_extractor_")
+            }
             if plain != policy:
                 settings = settings.model_copy(update={"policy_kwargs": plain})
             readable_table(make_agent(cls, settings, env), table)
@@ -69,11 +72,13 @@ def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -
 class _Snapshots(BaseCallback):
     """Keeps what the net says, the wrong PINGs so far and the CPU seconds at each evaluation step.
 
-    The policy changes only between rollouts, so the policy at a rollout's start is that of every evaluation
-    step from there to the next rollout.
+    The policy changes only between rollouts, so the policy at a rollout's start is that of every
+    evaluation step from there to the next rollout.
     """
 
-    def __init__(self, env: SB3VecEnv, rollout: int, observations: torch.Tensor, schedule: Schedule) -> None:
+    def __init__(
+        self, env: SB3VecEnv, rollout: int, observations: torch.Tensor, schedule: Schedule
+    ) -> None:
         super().__init__()
         self._env, self._rollout, self._next_rollout = env, rollout, 0
         self._observations = observations  # (O, ...)
@@ -81,7 +86,9 @@ class _Snapshots(BaseCallback):
         self._n_policies = 0  # evaluation steps whose policy is known
         self.has_ended = False  # early
         n_points = len(self._points)
-        self.tables = np.full((n_points, len(observations), len(ACTIONS)), np.nan)  # see `policy_table`
+        self.tables = np.full(
+            (n_points, len(observations), len(ACTIONS)), np.nan
+        )  # see `policy_table`
         self.disagreements = np.zeros(n_points, dtype=np.int64)
         self.cpu_time_s = np.zeros(n_points)
         self._started_s = time.thread_time()
@@ -173,7 +180,7 @@ def train_agent(
 
 
 def logger_of(folder: str) -> Logger:
-    """Returns SB3's logger of a folder: it writes `progress.csv` and, if there is TensorBoard, its events."""
+    """Returns SB3's logger of a folder, of `progress.csv` and, if there, TensorBoard's events."""
     return configure(folder, ["csv", *["tensorboard"] * (find_spec("tensorboard") is not None)])
 
 
@@ -188,30 +195,36 @@ def log_curve(folder: str, curve: Mapping[Any, Mapping[Any, float]]) -> None:
 
 
 def save(path: Path, about: str, scenario: Scenario, settings: Any, form: str, agent: Any) -> None:
-    """Saves a model of SB3, or an agent of `agents.nets` as one; a ValueError if that would act otherwise."""
+    """Saves a model of SB3, or a compiled net as one; a ValueError if it would act otherwise."""
     model = agent
     if not isinstance(agent, BaseAlgorithm):
-        env = ProxemicVectorEnv(settings.n_envs, scenario, form, max_episode_steps=settings.time_limit)
+        env = ProxemicVectorEnv(
+            settings.n_envs, scenario, form, max_episode_steps=settings.time_limit
+        )
         model = make_agent(DQN if agent.is_value else PPO, settings, venv := SB3VecEnv(env))
         model._last_obs = venv.reset()  # as after training; `assess` looks at it
         model.num_timesteps = int(agent.envs.n_steps[0])
         w, n = agent.weights(), len(agent.weights()) // 2
-        # DQN has two equal nets. PPO has all hidden layers of actor and critic before their last ones.
+        # DQN has two equal nets. PPO has all hidden layers of actor and critic before their last
+        # ones.
         w = w * 2 if agent.is_value else [*w[: n - 2], *w[n:-2], *w[n - 2 : n], *w[-2:]]
         for parameter, values in zip(model.policy.parameters(), w, strict=True):
             parameter.data = torch.tensor(values.T)
         table = policy_table(model, torch.as_tensor(observation_table(env.model, form)))
         if n_other := np.count_nonzero(table.argmax(axis=1) != agent.table().argmax(axis=1)):
-            raise ValueError(f"in PyTorch, rounding changes {n_other} actions; accepted: an .npz file")
+            raise ValueError(
+                f"in PyTorch, rounding changes {n_other} actions; accepted: an .npz file"
+            )
     model.about = about
     model.save(path)
 
 
 @contextmanager
 def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
-    """Seeds the global generators and sets one torch thread until the end; yields seeds for env and actions.
+    """Seeds the global generators and sets one torch thread; yields seeds for env and actions.
 
-    Meanwhile denormal numbers, into which Adam's unused moments decay, count as zero: they are slow.
+    Meanwhile denormal numbers, into which Adam's unused moments decay, count as zero: they are
+    slow.
     """
     words = seed.generate_state(14, np.uint32)
     parts = words[4:6], words[6:10], words[10:]

@@ -14,9 +14,9 @@ from envs.vector_env import Actions, Observations
 class SB3VecEnv(VecEnv):
     """A `ProxemicVectorEnv` with the interface that Stable-Baselines3 expects.
 
-    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated` and `is_success` where
-    an episode ended. A single generator serves the batch; `seed(s)` seeds it, where SB3's envs would seed
-    env i with `s + i`.
+    An `info` has only what SB3 reads: `terminal_observation`, `TimeLimit.truncated` and
+    `is_success` where an episode ended. A single generator serves the batch; `seed(s)` seeds it,
+    where SB3's envs would seed env i with `s + i`.
     """
 
     def __init__(self, env: ProxemicVectorEnv) -> None:
@@ -74,12 +74,16 @@ class SB3VecEnv(VecEnv):
         """Returns an attribute of the batch, repeated for every requested env."""
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
-    def env_is_wrapped(self, wrapper_class: type[object], indices: VecEnvIndices = None) -> list[bool]:  # noqa: ARG002
+    def env_is_wrapped(
+        self,
+        wrapper_class: type[object],  # noqa: ARG002
+        indices: VecEnvIndices = None,
+    ) -> list[bool]:
         """Returns False for every requested env."""
         return [False] * len(list(self._get_indices(indices)))
 
     def env_method(self, method_name: str, *_: object, **__: object) -> NoReturn:
         """Refuses what would be for single envs, as does `set_attr`."""
-        raise NotImplementedError(f"{method_name}: accepted: nothing; all envs share what the batch has.")
+        raise NotImplementedError(f"{method_name}: accepted: nothing; envs share all they have.")
 
     set_attr = env_method  # type: ignore[assignment]

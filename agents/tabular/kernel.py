@@ -2,14 +2,15 @@
 
 `compile_kernel` makes the loop of an update rule. Each agent acts epsilon-greedily.
 
-A step draws one 64-bit word. Its upper half decides whether to explore; its lower half picks one of the
-candidates: all actions when exploring, else the greedy ones. Then it draws, each only if it is needed: a word
-for the reward of a noisy issuer, at each PING; one for the outcome of the action; one for the table that a
-rule with two tables updates; and, when the episode is over, one for the next start. An on-policy rule draws
-the next step's word before the update, even if the time limit then truncates the episode.
+A step draws one 64-bit word. Its upper half decides whether to explore; its lower half picks one of
+the candidates: all actions when exploring, else the greedy ones. Then it draws, each only if it is
+needed: a word for the reward of a noisy issuer, at each PING; one for the outcome of the action;
+one for the table that a rule with two tables updates; and, when the episode is over, one for the
+next start. An on-policy rule draws the next step's word before the update, even if the time limit
+then truncates the episode.
 
-Axis letters: N agents, S states, O observations, A actions, K outcomes, B starts, T evaluation steps, V map
-steps, R records.
+Axis letters: N agents, S states, O observations, A actions, K outcomes, B starts, T evaluation
+steps, V map steps, R records.
 """
 
 import hashlib
@@ -25,7 +26,17 @@ from numba import njit
 
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
-from agents.process import N_ACTIONS, STEP, Process, Stream, U, draw_start, draw_step, draw_word, keep_step
+from agents.process import (
+    N_ACTIONS,
+    STEP,
+    Process,
+    Stream,
+    U,
+    draw_start,
+    draw_step,
+    draw_word,
+    keep_step,
+)
 from agents.tabular.updates import Successor, UpdateRule
 from envs.arrays import Bytes, Floats, Ints, Records, Singles, Words
 from envs.sources import digest_when_loaded
@@ -34,7 +45,8 @@ N_CHOICES = 60
 inlined = njit(forceinline=True)
 MIN_TRACE = 1e-3  # below this weight a trace is dropped
 
-# (32, 60). Row m lists the actions of mask m, each equally often, since 60 is divisible by every count.
+# (32, 60). Row m lists the actions of mask m, each equally often, since 60 is divisible by every
+# count.
 CHOICES = np.zeros((ALL_ACTIONS + 1, N_CHOICES), dtype=np.uint8)
 for _mask in range(1, ALL_ACTIONS + 1):
     _members = np.flatnonzero(contains(np.array(_mask, dtype=np.uint8)))
@@ -66,7 +78,7 @@ class Plan(NamedTuple):
 
 
 class Results(NamedTuple):
-    """Where a loop writes, see `TabularTraining`; linear learners do not use the last four fields."""
+    """Where a loop writes, see `TabularTraining`; linear learners lack the last four fields."""
 
     q: Floats  # (N, O, A)
     greedy: Bytes  # (N, T, O)
@@ -102,7 +114,8 @@ class Table(NamedTuple):
     greedy: Ints  # (O,) masks of greedy actions
     tree: Floats  # (2,) if the largest value of the table is not recorded; else see `_new_tree`
     halves: Floats  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
-    traced: Ints  # (O * A,) pairs o * A + a with traces, the latest last; (0,) for a rule without traces
+    # (O * A,) pairs o * A + a with traces, the latest last; (0,) for a rule without traces
+    traced: Ints
     weights: Floats  # (O * A,) of these traces
     kept: Records  # (time limit,) of type STEP, the steps of the episode; (0,) without passes
 
@@ -128,7 +141,9 @@ Kernel = Callable[[Process, Constants, Plan, Words, Results], None]
 def choose_action(word: U, explore_below: U, greedy: int) -> U:
     """Chooses an action epsilon-greedily by one word, given the mask of the greedy actions."""
     draw = word & U(0xFFFFFFFF)
-    if (word >> U(32)) < explore_below:  # what CHOICES has for all actions, without waiting for the mask
+    if (
+        word >> U(32)
+    ) < explore_below:  # what CHOICES has for all actions, without waiting for the mask
         return (draw * U(N_ACTIONS)) >> U(32)
     return U(CHOICES[U(greedy), (draw * U(N_CHOICES)) >> U(32)])
 
@@ -144,7 +159,9 @@ def find_best(q: Floats, o: U, takes_lowest: bool) -> tuple[float, int]:
 
 
 @njit
-def record(results: Results, n: int, i: int, i_map: int, q: Floats, greedy: Ints, disagreements: int) -> None:
+def record(
+    results: Results, n: int, i: int, i_map: int, q: Floats, greedy: Ints, disagreements: int
+) -> None:
     """Writes what is recorded of an agent at an evaluation step, which may be a map step."""
     results.disagreements[n, i] = disagreements
     results.greedy[n, i] = greedy
@@ -154,7 +171,7 @@ def record(results: Results, n: int, i: int, i_map: int, q: Floats, greedy: Ints
 
 @njit
 def _new_tree(n_observations: int, value: float) -> Floats:
-    """Returns a tree in which each inner node is the larger of its two children, the largest at node 1."""
+    """Returns a tree whose inner nodes are the larger of their children, the largest at node 1."""
     leaves = 1
     while leaves < n_observations:
         leaves *= 2
@@ -178,7 +195,7 @@ def _update_tree(tree: Floats, o: U, best: float) -> None:
 
 @njit
 def _trace(traced: Ints, weights: Floats, n_traces: int, decay: float, pair: np.uint64) -> int:
-    """Decays the traces, drops those below `MIN_TRACE`, sets that of a pair to 1; returns their number."""
+    """Decays traces, drops those below `MIN_TRACE`, sets a pair's to 1; returns their number."""
     n_kept = 0
     for i in range(n_traces):
         weight = decay * weights[i]
@@ -190,7 +207,9 @@ def _trace(traced: Ints, weights: Floats, n_traces: int, decay: float, pair: np.
 
 
 @inlined
-def _renew(q: Floats, highest: Floats, greedy: Ints, tree: Floats, o: U, takes_lowest: bool) -> None:
+def _renew(
+    q: Floats, highest: Floats, greedy: Ints, tree: Floats, o: U, takes_lowest: bool
+) -> None:
     """Finds the best actions of an observation whose values have changed."""
     highest[o], greedy[o] = find_best(q, o, takes_lowest)
     if len(tree) > 2:
@@ -201,12 +220,14 @@ def _renew(q: Floats, highest: Floats, greedy: Ints, tree: Floats, o: U, takes_l
 def _pass_back(
     table: Table, constants: Constants, n_steps: int, rate: float, o_last: U, terminates: bool
 ) -> None:
-    """Updates the values of an episode's steps backwards, by Q-learning; the last step led to `o_last`."""
+    """Updates an episode's values backwards, by Q-learning; the last step led to `o_last`."""
     q, highest, greedy, tree, _, _, _, kept = table
     for _ in range(constants.backward_passes):
         value = 0.0 if terminates else highest[o_last]
         for step in kept[:n_steps][::-1]:
-            q[step.o, step.a] += rate * (step.reward + constants.discount * value - q[step.o, step.a])
+            q[step.o, step.a] += rate * (
+                step.reward + constants.discount * value - q[step.o, step.a]
+            )
             _renew(q, highest, greedy, tree, step.o, constants.takes_lowest)
             value = highest[step.o]
 
@@ -225,7 +246,7 @@ def _compile_learn(update: UpdateRule) -> Callable[..., int]:
         weights: Floats,
         move: Move,
     ) -> int:
-        """Moves the value of an action, and of earlier ones by traces; returns the number of traces."""
+        """Moves an action's value, and earlier ones by traces; returns the number of traces."""
         o, a, half, rate, target, begins, n_traces, decay, takes_lowest = move
         if has_traces:
             kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
@@ -264,8 +285,8 @@ def _best_of_half(has_two_tables: bool, rows: Floats, row: U, takes_lowest: bool
 def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
     """Compiles the loop over steps of an update rule.
 
-    Variables around a function are constants when it is compiled, so what the rule does not need is left out
-    of the compiled code instead of being skipped in each step.
+    Variables around a function are constants when it is compiled, so what the rule does not need is
+    left out of the compiled code instead of being skipped in each step.
     """
     bootstrap, learn = njit(update.bootstrap), _compile_learn(update)
     is_on_policy, has_two_tables = update.is_on_policy, update.has_two_tables
@@ -281,11 +302,26 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
         max_q: Floats,
         table_max_q: Floats,
     ) -> Turn:
-        # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
+        # Arrays are taken out of their tuples before the loop: inside, numba would count references
+        # to them.
         first, outcomes, n_outcomes, _, observation, starts, is_noisy = process
-        first_rate, halved_after, discount, epsilon, _, trace_decay, takes_lowest, time_limit, _ = constants
+        first_rate, halved_after, discount, epsilon, _, trace_decay, takes_lowest, time_limit, _ = (
+            constants
+        )
         q, highest, greedy, tree, halves, traced, weights, kept = table
-        start, state, o, a, begins, episode_steps, steps, episodes, disagreements, n_traces, stream = turn
+        (
+            start,
+            state,
+            o,
+            a,
+            begins,
+            episode_steps,
+            steps,
+            episodes,
+            disagreements,
+            n_traces,
+            stream,
+        ) = turn
         by_episode, record_every = plan.by_episode, plan.record_every
         explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
         a_next, rows = a, halves.reshape(-1, N_ACTIONS)
@@ -295,13 +331,18 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
             highest_met = table_highest = -np.inf
             while True:
                 if is_recorded:
-                    highest_met, table_highest = max(highest_met, highest[o]), max(table_highest, tree[1])
+                    highest_met, table_highest = (
+                        max(highest_met, highest[o]),
+                        max(table_highest, tree[1]),
+                    )
 
                 # Act
                 if begins or not is_on_policy:
                     word, stream = draw_word(stream)
                     a = choose_action(word, explore_below, greedy[o])
-                reward, i, stream = draw_step(first, outcomes, n_outcomes, is_noisy, state, a, stream)
+                reward, i, stream = draw_step(
+                    first, outcomes, n_outcomes, is_noisy, state, a, stream
+                )
                 outcome = outcomes[i]
                 disagreements += outcome.is_wrong_ping
                 o_next = o + U(outcome.observation_change)
@@ -311,7 +352,9 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
                 half = word >> U(63)
                 value = 0.0
                 if not outcome.terminates:
-                    best = _best_of_half(has_two_tables, rows, U(2) * o_next + half, takes_lowest, word)
+                    best = _best_of_half(
+                        has_two_tables, rows, U(2) * o_next + half, takes_lowest, word
+                    )
                     word, stream = _draw_if(is_on_policy, stream)
                     a_next = choose_action(word, explore_below, greedy[o_next])
                     best_value, mask = highest[o_next], greedy[o_next]
@@ -344,7 +387,17 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
                 table_max_q[n_records] = table_highest
                 n_records += 1
         return Turn(
-            until, state, o, a, begins, episode_steps, steps, episodes, disagreements, n_traces, stream
+            until,
+            state,
+            o,
+            a,
+            begins,
+            episode_steps,
+            steps,
+            episodes,
+            disagreements,
+            n_traces,
+            stream,
         )
 
     return advance  # type: ignore[no-any-return]
@@ -354,12 +407,19 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
 def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
 
-    On disk, kernels differ by a digest of the rule, of its file's text and of all that its module depends on.
+    On disk, kernels differ by a digest of the rule, of its file's text and of all that its module
+    depends on.
     """
-    advance, has_two_tables, has_traces = _compile_advance(update), update.has_two_tables, update.has_traces
+    advance, has_two_tables, has_traces = (
+        _compile_advance(update),
+        update.has_two_tables,
+        update.has_traces,
+    )
 
-    def train(process: Process, constants: Constants, plan: Plan, streams: Words, results: Results) -> None:
-        """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
+    def train(
+        process: Process, constants: Constants, plan: Plan, streams: Words, results: Results
+    ) -> None:
+        """Trains N agents from streams (N, 4); unsigned indices spare tests for negative ones."""
         has_tree, value = results.table_max_q.shape[1] > 0, constants.initial_value
         n_observations = process.n_observations
         n_pairs = n_observations * N_ACTIONS if has_traces else 0
@@ -385,7 +445,9 @@ def compile_kernel(update: UpdateRule) -> Kernel:
                 until = min(plan.points[i], plan.budget)
                 turn = advance(process, constants, plan, table, turn, until, max_q, table_max_q)
                 if i < len(plan.map_index):
-                    record(results, n, i, plan.map_index[i], table.q, table.greedy, turn.disagreements)
+                    record(
+                        results, n, i, plan.map_index[i], table.q, table.greedy, turn.disagreements
+                    )
             results.steps_taken[n] = turn.steps
             results.episodes_ended[n] = turn.episodes
 

@@ -26,8 +26,8 @@ from envs.arrays import Floats, Ints
 from envs.inputs import Count, Share
 from envs.model import ACTIONS, Model
 
-# Part of every run's identity: raise it when a change alters what every update rule learns. A rule has
-# a version, too; both only rise, so their sum is new after every change.
+# Part of every run's identity: raise it when a change alters what every update rule learns. A rule
+# has a version, too; both only rise, so their sum is new after every change.
 VERSION = 3
 
 TrainingT = TypeVar("TrainingT", bound=Training)
@@ -35,13 +35,13 @@ MAX_RECORDS = 10_000_000  # records of the largest action value that an agent ma
 
 
 class ValueSettings(LearnerSettings):
-    """The settings of a learner of action values, a table or a linear one; the defaults are the paper's."""
+    """The settings of a table or a linear learner; the defaults are the paper's."""
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
     """How far an update moves a value towards its target, as a share of the difference."""
     halved_after: Count | None = None
-    """Steps after which the learning rate is half as large; after k times as many, it is divided by k + 1. By
-    default, it is constant."""
+    """Steps after which the learning rate is half as large; after k times as many, it is divided by
+    k + 1. By default, it is constant."""
     discount: Share = 0.9
     """Discount of the action values."""
     epsilon: Share = 0.6
@@ -58,7 +58,7 @@ class ValueSettings(LearnerSettings):
 
     @property
     def constants(self) -> Constants:
-        """The settings that compiled loops take, always of the same types: others are compiled again."""
+        """The settings that compiled loops take, of fixed types: others are compiled again."""
         return Constants(
             learning_rate=self.learning_rate,
             halved_after=float(self.halved_after or math.inf),
@@ -86,7 +86,9 @@ class Settings(ValueSettings):
             where = f"record_every = {self.record_every} with budget = {self.budget}"
             raise ValueError(f"{where}: accepted: at most {MAX_RECORDS:,} records")
         if self.budget_unit == "episodes" and self.epsilon == 0 and self.time_limit is None:
-            raise ValueError('budget_unit = "episodes" with epsilon = 0 may never end; set time_limit')
+            raise ValueError(
+                'budget_unit = "episodes" with epsilon = 0 may never end; set time_limit'
+            )
         return self
 
 
@@ -96,13 +98,16 @@ class TraceSettings(ValueSettings):
     trace_decay: Share = 0.9
     """Lambda: the share of a trace that remains after a step, besides the discount."""
     backward_passes: Annotated[int, Field(ge=0, le=100)] = 0
-    """How often each episode, when it ends, is replayed from its last step to its first, by one-step updates
-    at the last step's learning rate (Lin 1992, Machine Learning 8:293-321). `updates` does not count them."""
+    """How often each episode, when it ends, is replayed from its last step to its first, by
+    one-step updates at the last step's learning rate (Lin 1992, Machine Learning 8:293-321).
+    `updates` does not count them."""
 
     @model_validator(mode="after")
     def _episodes_fit(self) -> Self:
         if self.backward_passes and (self.time_limit or math.inf) > MAX_RECORDS:
-            raise ValueError(f"backward_passes = {self.backward_passes} needs time_limit <= {MAX_RECORDS:,}")
+            raise ValueError(
+                f"backward_passes = {self.backward_passes} needs time_limit <= {MAX_RECORDS:,}"
+            )
         return self
 
 
@@ -112,7 +117,7 @@ class TabularTraceSettings(TraceSettings, Settings):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TabularTraining(Training):
-    """What training N agents returns in addition to the fields that every algorithm has; R records."""
+    """What training N agents returns beside the fields of every algorithm; R records."""
 
     # (N, R) max_a Q(o_t, a) of the visited o_t before its update; of an episode, the largest
     max_q: Floats
@@ -129,19 +134,30 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
     training: type[TrainingT]
 
     @abstractmethod
-    def loop(self, model: Model, settings: Any, observation: str) -> tuple[Callable[..., None], int]:
-        """Returns the loop, which takes a plan, streams and results, and the number of parameters."""
+    def loop(
+        self, model: Model, settings: Any, observation: str
+    ) -> tuple[Callable[..., None], int]:
+        """Returns the loop, over a plan, streams and results, and the number of parameters."""
 
     def records(self, n_agents: int, settings: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG002
         """Returns room for the further fields of `training`."""
         return {}
 
     def train(
-        self, model: Model, settings: Any, observation: str, seeds: Sequence[SeedSequence], schedule: Schedule
+        self,
+        model: Model,
+        settings: Any,
+        observation: str,
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
     ) -> TrainingT:
         """Trains agents; raises an InputError if their loop needs too much memory."""
         loop, n_parameters = self.loop(model, settings, observation)
-        n_agents, n_steps, n_maps = len(seeds), len(schedule.evaluation_steps), len(schedule.map_steps)
+        n_agents, n_steps, n_maps = (
+            len(seeds),
+            len(schedule.evaluation_steps),
+            len(schedule.map_steps),
+        )
         table = model.n_observations, len(ACTIONS)
         room: dict[str, NDArray[Any]] = {
             "q": np.empty((n_agents, *table)),
@@ -175,7 +191,8 @@ class ValueAlgorithm(Algorithm, Generic[TrainingT]):
             block = slice(first, first + self.batch_size)
             started_s = time.thread_time()
             train_block(block)
-            # One agent may train too briefly to be timed: all get equal shares, spread evenly over steps.
+            # One agent may train too briefly to be timed: all get equal shares, spread evenly over
+            # steps.
             seconds = (time.thread_time() - started_s) / len(streams[block])
             result.cpu_time_s[block] = seconds * plan.points[:-1] / settings.budget
         is_lost = (result.greedy == 0).any(axis=2)  # (N, T), where values are not finite

@@ -1,11 +1,12 @@
-"""Update rules: what the next observation is worth to an agent that learns a table of action values.
+"""Update rules: what the next observation is worth to an agent that learns action values.
 
 After action a in observation o, with reward r and next observation o', every rule moves
 
     Q(o, a) += learning_rate * (r + discount * bootstrap(o') - Q(o, a)),
 
-and rules differ in `bootstrap` and in which values they move. The bootstrap is left out where the episode
-terminates, and kept where the time limit truncates. See Sutton & Barto (2018), sections 6.4 to 6.7.
+and rules differ in `bootstrap` and in which values they move. The bootstrap is left out where the
+episode terminates, and kept where the time limit truncates. See Sutton & Barto (2018), sections 6.4
+to 6.7.
 """
 
 from collections.abc import Callable
@@ -36,16 +37,20 @@ class Successor(NamedTuple):
 class UpdateRule:
     """A way to update a table of action values.
 
-    `bootstrap` is a plain function that numba can compile. Cached code is compiled again when its file, or a
-    module of yours that this file imports, has changed.
+    `bootstrap` is a plain function that numba can compile. Cached code is compiled again when its
+    file, or a module of yours that this file imports, has changed.
     """
 
     bootstrap: Callable[[Successor], float]
-    is_on_policy: bool = False  # whether it needs the next action, which is then drawn before the update
-    # Whether it learns two tables, of which each update moves one at random. The agent acts by their mean.
+    is_on_policy: bool = (
+        False  # whether it needs the next action, which is then drawn before the update
+    )
+    # Whether it learns two tables, of which each update moves one at random. The agent acts by
+    # their mean.
     has_two_tables: bool = False
-    # Whether it also moves the values of earlier actions of the episode, as far as every later action was
-    # greedy. It then needs the settings of `agents.tabular.learner.TabularTraceSettings`.
+    # Whether it also moves the values of earlier actions of the episode, as far as every later
+    # action was greedy. It then needs the settings of
+    # `agents.tabular.learner.TabularTraceSettings`.
     has_traces: bool = False
     version: int = 0  # raise it when a change alters what is learned
 
@@ -66,7 +71,7 @@ def next_value(after: Successor) -> float:
 
 
 def expected_value(after: Successor) -> float:
-    """Returns the mean value of the next action; greedy actions are equally good, so ties do not matter."""
+    """Returns the next action's mean value; greedy actions are equal, so ties do not matter."""
     q, o = after.q, after.observation
     # Independent sums, so that the processor can overlap them.
     total = (q[o, 0] + q[o, 1]) + (q[o, 2] + q[o, 3]) + q[o, 4]
@@ -83,9 +88,10 @@ Q_LEARNING = UpdateRule(greatest_value)
 SARSA = UpdateRule(next_value, is_on_policy=True)
 # Ibid., section 6.6
 EXPECTED_SARSA = UpdateRule(expected_value)
-# van Hasselt (2010): the maximum of noisy estimates is too high; two tables have independent errors.
+# van Hasselt (2010): the maximum of noisy estimates is too high; two tables have independent
+# errors.
 DOUBLE_Q_LEARNING = UpdateRule(other_value, has_two_tables=True)
-# Watkins (1989); Sutton & Barto (2018), section 12.10; with replacing traces (Singh & Sutton 1996), which are
-# 1 when an action is taken, fade by discount * lambda in every step, and end at `kernel.MIN_TRACE`, or at
-# an action that is not greedy.
+# Watkins (1989); Sutton & Barto (2018), section 12.10; with replacing traces (Singh & Sutton 1996),
+# which are 1 when an action is taken, fade by discount * lambda in every step, and end at
+# `kernel.MIN_TRACE`, or at an action that is not greedy.
 WATKINS_Q_LAMBDA = UpdateRule(greatest_value, has_traces=True)

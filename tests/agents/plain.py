@@ -1,4 +1,4 @@
-"""Q-learning as an algorithm from outside, one agent after another, which other tests name by its path."""
+"""Q-learning as an algorithm from outside, which other tests name by its path."""
 
 import time
 from dataclasses import fields

@@ -54,7 +54,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def uses_files(path: Path) -> tuple[int, int]:
-    """Loads the module as a new process would; returns how often what is on disk was used, and was not."""
+    """Loads the module as a new process would; returns how often the disk was used, and not."""
     spec = importlib.util.spec_from_file_location("doubling", path)
     assert spec is not None
     assert spec.loader is not None
@@ -75,7 +75,9 @@ def test_damaged_files_are_compiled_again(file: Path, damage: str) -> None:
     uses_files(file.parent / "another.py")
     (another,) = file.parent.rglob("another*.nbc")
     flipped = content[:-9] + bytes([content[-9] ^ 4]) + content[-8:]
-    path.write_bytes({"cut": content[:-1], "flipped": flipped, "another's": another.read_bytes()}[damage])
+    path.write_bytes(
+        {"cut": content[:-1], "flipped": flipped, "another's": another.read_bytes()}[damage]
+    )
     assert uses_files(file) == (0, 1)
     assert uses_files(file) == (1, 0)
 
@@ -102,7 +104,8 @@ rule, model = load_algorithm("my_rule:RULE"), compile_scenario(load_scenario("S1
 settings = rule.settings(budget=1, epsilon=0.0, ties="lowest", learning_rate=1.0, discount=1.0)
 q = rule.train(model, settings, "index", [SeedSequence(0)], Schedule(1)).q[0]
 loop, _ = rule.loop(model, settings, "index")
-print(round(q[model.observation[model.start], 0] + 0.1, 9), sum(loop.func.stats.cache_hits.values()))
+value = q[model.observation[model.start], 0]
+print(round(value + 0.1, 9), sum(loop.func.stats.cache_hits.values()))
 """
 
 
@@ -110,28 +113,41 @@ print(round(q[model.observation[model.start], 0] + 0.1, 9), sum(loop.func.stats.
 def test_rules_are_compiled_again_when_a_constant_has_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The first step, UP against a wall, costs 0.1; the rest of the value of UP is what the rule returns."""
+    """The first step, UP against a wall, costs 0.1; the rest of its value is the rule's."""
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{tmp_path}")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     (tmp_path / "my_rule.py").write_text(RULE)
-    for around, value, said in ((10, 1, "11.0 0"), (10, 1, "11.0 1"), (10, 2, "12.0 0"), (20, 2, "22.0 0")):
+    for around, value, said in (
+        (10, 1, "11.0 0"),
+        (10, 1, "11.0 1"),
+        (10, 2, "12.0 0"),
+        (20, 2, "22.0 0"),
+    ):
         (tmp_path / "value_around.py").write_text(f"VALUE = {around}")
         (tmp_path / "value_of_rule.py").write_text(f"VALUE = {value}")
-        done = subprocess.run([sys.executable, "-c", TRAIN], cwd=ROOT, capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-c", TRAIN], cwd=ROOT, capture_output=True, text=True
+        )
         assert done.stdout == f"{said}\n", done.stderr
 
 
 def test_functions_that_other_processes_have_compiled_are_not_mixed_up(tmp_path: Path) -> None:
     (tmp_path / "scaling.py").write_text(SCALED)
     for call, expected in (("thrice(7)", "[21]"), ("twice(7), thrice(7)", "[14, 21]")):
-        code = f"import sys; sys.path.append({str(tmp_path)!r}); from scaling import *; print([{call}])"
-        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+        code = f"import sys; sys.path.append({str(tmp_path)!r})\n"
+        code += f"from scaling import *; print([{call}])"
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+        )
         assert done.stdout == f"{expected}\n", done.stderr
 
 
 @pytest.mark.parametrize("is_full", [False, True])
 def test_without_a_place_for_files_everything_is_compiled_and_one_line_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], is_full: bool
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    is_full: bool,
 ) -> None:
     """Folders of the source, of the user and of the settings that are files, or a full disk."""
     compiled._say_unsaved.cache_clear()

@@ -29,7 +29,10 @@ TRAINING = Training(
     ("name", "expected"),
     [
         ("q_lerning", r"mine.toml: unknown algorithm q_lerning \(did you mean q_learning\?\)"),
-        ("agents.policy:mask_polcy", r"no attribute 'mask_polcy' \(did you mean mask_policy\?\)\.$"),
+        (
+            "agents.policy:mask_polcy",
+            r"no attribute 'mask_polcy' \(did you mean mask_policy\?\)\.$",
+        ),
         ("agents.policy:greedy_masks", "is not an algorithm"),
     ],
 )

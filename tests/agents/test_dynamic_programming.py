@@ -35,7 +35,9 @@ def linear_programme(model: Model, discount: float) -> Floats:
 @pytest.mark.parametrize(("name", "discount"), [("S1", 0.5), ("S2", 0.9), ("S3", 0.9)])
 def test_optimum_equals_linear_programme(name: str, discount: float) -> None:
     model = model_of(name)
-    assert solve(model, discount).value == pytest.approx(linear_programme(model, discount), abs=1e-7)
+    assert solve(model, discount).value == pytest.approx(
+        linear_programme(model, discount), abs=1e-7
+    )
 
 
 def test_optimum_by_hand() -> None:
@@ -47,8 +49,8 @@ def test_optimum_by_hand() -> None:
     # Ten moves leave no time for a PING. Bumping a wall costs as much as moving, so -0.1 per step.
     assert solve(model, 1.0, 10).value[0] == pytest.approx(-1.0)
     assert solve(model, 1.0, 11).value[0] == pytest.approx(0.0, abs=1e-12)
-    # The nearest corner of the target region has L1 distance 4 from the issuer: -1 + 1 - 4/14. A step nearer
-    # costs 0.1 and saves only 1/14.
+    # The nearest corner of the target region has L1 distance 4 from the issuer: -1 + 1 - 4/14. A
+    # step nearer costs 0.1 and saves only 1/14.
     assert solve(model_of("S3"), 1.0, 200).value[0] == pytest.approx(-4 / 14)
 
 
@@ -70,8 +72,10 @@ def test_evaluation_by_hand() -> None:
 
 
 def backward(model: Model, policy: Floats, horizon: int) -> Floats:
-    """All expectations from the start, (5 + zones,), by sweeping the policy's Bellman operator backwards."""
-    zones = [((model.zone[model.next_state] == z) * model.probability).sum(2) for z in range(len(ZONES))]
+    """All expectations from the start, (5 + zones,), by backward sweeps of Bellman's operator."""
+    zones = [
+        ((model.zone[model.next_state] == z) * model.probability).sum(2) for z in range(len(ZONES))
+    ]
     gains = np.stack(
         [
             model.grid_reward,
@@ -91,14 +95,21 @@ def backward(model: Model, policy: Floats, horizon: int) -> Floats:
 
 def check(model: Model, policy: Floats, horizon: int) -> None:
     result = evaluate(model, policy, horizon)
-    sums = [result.grid_return, result.scenario_return, result.success, result.steps, result.wrong_pings]
+    sums = [
+        result.grid_return,
+        result.scenario_return,
+        result.success,
+        result.steps,
+        result.wrong_pings,
+    ]
     assert [*sums, *result.zone_steps] == pytest.approx(backward(model, policy, horizon), abs=1e-9)
 
 
 CIRCLE = {"kind": "circle", "radius": 1}
 ROOM: Changes = {
     "grid.rows": 4, "grid.columns": 5, "grid.start": "anywhere", "ping_limit": 2,
-    "observe": ["agent", "issuer"], "issuer.position": "anywhere", "group": {"people": 2, "apart": [2, 2.3]},
+    "observe": ["agent", "issuer"], "issuer.position": "anywhere",
+    "group": {"people": 2, "apart": [2, 2.3]},
     "regions": {"uncomfortable": CIRCLE, "target": CIRCLE | {"radius": 1.5}},
 }  # fmt: skip
 WALK = {"others": [{"position": [0, 1], "walk": {"corners": [[0, 3]]}}], "ping_limit": 1}

@@ -24,8 +24,12 @@ def settings_of(path: str, **values: Any) -> Any:
 
 def trained(path: str, model: Model = S1, observation: str = "one_hot", **values: Any) -> Training:
     settings = settings_of(path, **({"budget": 400, "time_limit": 50} | values))
-    schedule = Schedule(settings.budget, (0, settings.budget // 2, settings.budget), (0, settings.budget))
-    return load_algorithm(path).train(model, settings, observation, [SeedSequence([5, 0])], schedule)
+    schedule = Schedule(
+        settings.budget, (0, settings.budget // 2, settings.budget), (0, settings.budget)
+    )
+    return load_algorithm(path).train(
+        model, settings, observation, [SeedSequence([5, 0])], schedule
+    )
 
 
 # Classes that users could write
@@ -34,7 +38,9 @@ def trained(path: str, model: Model = S1, observation: str = "one_hot", **values
 class Stepwise(DQN):
     """Has arguments of its own and passes the others on."""
 
-    def __init__(self, *args: Any, warm_up: int = 50, schedule: Any = lambda x: x, **kwargs: Any) -> None:
+    def __init__(
+        self, *args: Any, warm_up: int = 50, schedule: Any = lambda x: x, **kwargs: Any
+    ) -> None:
         self.warm_up, self.schedule = warm_up, schedule
         super().__init__(*args, **kwargs)
 
@@ -42,7 +48,9 @@ class Stepwise(DQN):
 class Demanding(A2C):
     """Needs an argument, and has one whose name has a meaning here."""
 
-    def __init__(self, policy: Any, env: Any, factor: float, rollout: int = 3, **kwargs: Any) -> None:
+    def __init__(
+        self, policy: Any, env: Any, factor: float, rollout: int = 3, **kwargs: Any
+    ) -> None:
         self.seen = factor, rollout
         super().__init__(policy, env, **kwargs)
 
@@ -58,7 +66,9 @@ class Hidden(A2C):
 
 
 def test_steps_that_are_not_those_declared_are_an_error() -> None:
-    with pytest.raises(InputError, match="Hidden: a rollout began after 10 steps; accepted: after 5"):
+    with pytest.raises(
+        InputError, match="Hidden: a rollout began after 10 steps; accepted: after 5"
+    ):
         trained(f"{HERE}:Hidden")
 
 
@@ -67,12 +77,21 @@ def test_steps_that_are_not_those_declared_are_an_error() -> None:
 
 @pytest.mark.parametrize("path", ["stable_baselines3:DQN", "sb3_contrib:TRPO"])
 def test_defaults_are_the_classs_and_part_of_the_identity(path: str) -> None:
-    signature = inspect.signature(load_algorithm(path).load().__init__).parameters  # type: ignore[attr-defined]
+    algorithm: Any = load_algorithm(path)
+    signature = inspect.signature(algorithm.load().__init__).parameters
     settings = settings_of(path, budget=10_240)
     written = settings.model_dump(mode="json")
     for key in written.keys() & signature.keys() - {"policy_kwargs"}:
         assert written[key] == signature[key].default, key
-    left_out = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}
+    left_out = {
+        "policy",
+        "env",
+        "device",
+        "seed",
+        "verbose",
+        "tensorboard_log",
+        "stats_window_size",
+    }
     assert signature.keys() - written.keys() == {"self", "_init_setup_model"} | left_out
     assert settings.discount_factor == 0.99
 
@@ -82,20 +101,37 @@ def test_arguments_that_are_passed_on_are_settings_too() -> None:
     assert settings.arguments == {"warm_up": 70, "train_freq": 8, "buffer_size": 10_000}
     assert settings.rollout == 8
     written = settings_of(f"{HERE}:Stepwise").model_dump(mode="json")
-    assert (written["warm_up"], written["schedule"]) == (50, None)  # a function: the class's own default
+    assert (written["warm_up"], written["schedule"]) == (
+        50,
+        None,
+    )  # a function: the class's own default
     assert settings_of(f"{HERE}:Demanding", factor=2).arguments == {"factor": 2}
 
 
 @pytest.mark.parametrize(
     ("name", "values", "expected"),
     [
-        ("stable_baselines3:A2C", {"learning_rat": 1.0}, r"learning_rat \(did you mean learning_rate\?\)"),
-        ("stable_baselines3:A2C", {"policy_kwargs": {"ortho_int": True}}, "cannot be trained: .*ortho_int"),
-        ("stable_baselines3:SAC", {}, "SAC cannot be trained: The algorithm only supports .*Box.* Discrete"),
+        (
+            "stable_baselines3:A2C",
+            {"learning_rat": 1.0},
+            r"learning_rat \(did you mean learning_rate\?\)",
+        ),
+        (
+            "stable_baselines3:A2C",
+            {"policy_kwargs": {"ortho_int": True}},
+            "cannot be trained: .*ortho_int",
+        ),
+        (
+            "stable_baselines3:SAC",
+            {},
+            "SAC cannot be trained: The algorithm only supports .*Box.* Discrete",
+        ),
         ("sb3_contrib:ARS", {}, "accepted: a class with an argument gamma"),
     ],
 )
-def test_what_cannot_be_trained_is_refused(name: str, values: dict[str, Any], expected: str) -> None:
+def test_what_cannot_be_trained_is_refused(
+    name: str, values: dict[str, Any], expected: str
+) -> None:
     with pytest.raises(InputError, match=f"^mine.toml: .*?{expected}") as refusal:
         settings_of(name, **values)
     assert str(refusal.value).endswith(".")
@@ -111,6 +147,8 @@ def test_missing_packages_get_a_sentence_and_names_need_no_torch() -> None:
         "except ValueError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout.startswith("mine.toml: algorithm sb3_contrib:QRDQN cannot be imported: "), done.stderr
+    assert done.stdout.startswith("mine.toml: algorithm sb3_contrib:QRDQN cannot be imported: "), (
+        done.stderr
+    )
     assert done.stdout.count("\n") == 1
     assert "make .venv/.deep installs it" in done.stdout

@@ -27,9 +27,9 @@ CROWD: Changes = {"grid.rows": 5, "grid.columns": 6, "issuer.places": 3, "onlook
 @pytest.mark.parametrize(
     ("scenario", "observation", "overrides", "shape", "width", "shift"),
     [
-        # S1 shows the agent's cell alone. The first tiling has its edges before rows 4 and 8. The second is
-        # displaced by 1 and 3 halves of a width, that is, modulo a width, by 2 cells along both, so its edges
-        # are before rows and columns 2, 6 and 10.
+        # S1 shows the agent's cell alone. The first tiling has its edges before rows 4 and 8. The
+        # second is displaced by 1 and 3 halves of a width, that is, modulo a width, by 2 cells
+        # along both, so its edges are before rows and columns 2, 6 and 10.
         ("S1", "coordinates", {}, (10, 12), 4, 2),
         ("Anywhere", "offset_coordinates", {}, (19, 23), 4, 2),  # with cells on both sides
     ],
@@ -54,16 +54,30 @@ def test_tiles_of_two_tilings_by_hand(
         (
             "S2",
             MOVES,
-            {"n_tilings": 5, "tile_width": 2, "ties": "lowest", "initial_value": 0.3, "halved_after": 500},
+            {
+                "n_tilings": 5,
+                "tile_width": 2,
+                "ties": "lowest",
+                "initial_value": 0.3,
+                "halved_after": 500,
+            },
         ),
         ("Noisy", {}, {"n_tilings": 4, "epsilon": 0.2, "initial_value": 0.3}),
         # With one tiling of single cells, the textbook's loop learns a table.
         ("MoodyHidden", {}, {"n_tilings": 1, "tile_width": 1, "halved_after": 900}),
         ("S2", {}, {"n_tilings": 4, "epsilon": 0.2, "backward_passes": 1}),
-        ("S2", MOVES, {"n_tilings": 3, "ties": "lowest", "halved_after": 500, "backward_passes": 2}),
+        (
+            "S2",
+            MOVES,
+            {"n_tilings": 3, "ties": "lowest", "halved_after": 500, "backward_passes": 2},
+        ),
         # Each two positions, or the agent's with each person's, have tilings of their own.
         ("Crowd", CROWD, {"parts": "pairs", "n_tilings": 2, "epsilon": 0.2, "initial_value": 0.3}),
-        ("Crowd", CROWD, {"parts": "agent_pairs", "n_tilings": 3, "epsilon": 0.2, "backward_passes": 1}),
+        (
+            "Crowd",
+            CROWD,
+            {"parts": "agent_pairs", "n_tilings": 3, "epsilon": 0.2, "backward_passes": 1},
+        ),
     ],
 )
 def test_kernel_equals_a_loop_in_plain_python(

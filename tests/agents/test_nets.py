@@ -1,4 +1,4 @@
-"""The compiled DQN and PPO: Stable-Baselines3's, update by update, and the same bits on every processor."""
+"""The compiled DQN and PPO: Stable-Baselines3's, and the same bits on every processor."""
 
 import hashlib
 import os
@@ -60,13 +60,20 @@ ANYWHERE = compile_scenario(
 SCENES = {"S1": S1, "moods": MOODY, "noisy moods": NOISY_MOODY, "anywhere": ANYWHERE}
 AGENTS: Changes = {"compiled_dqn": DqnAgent, "compiled_ppo": PpoAgent}
 SHARED: Changes = {
-    "budget": 400, "time_limit": 30, "gamma": 0.875, "policy_kwargs": PolicyArguments(net_arch=(24, 16)),
+    "budget": 400, "time_limit": 30, "gamma": 0.875,
+    "policy_kwargs": PolicyArguments(net_arch=(24, 16)),
 }  # fmt: skip
 SETTINGS: Changes = {
     "compiled_dqn": DqnSettings(
-        train_freq=2, learning_rate=1e-3, target_update_interval=50, exploration_fraction=0.8, **SHARED
+        train_freq=2,
+        learning_rate=1e-3,
+        target_update_interval=50,
+        exploration_fraction=0.8,
+        **SHARED,
     ),
-    "compiled_ppo": PpoSettings(n_envs=2, n_steps=20, batch_size=20, n_epochs=10, gae_lambda=0.75, **SHARED),
+    "compiled_ppo": PpoSettings(
+        n_envs=2, n_steps=20, batch_size=20, n_epochs=10, gae_lambda=0.75, **SHARED
+    ),
 }
 OBSERVATIONS = ["one_hot", "coordinates", "factored", "tiles", "centred"]
 N_AGENTS = 3
@@ -94,16 +101,19 @@ def trained(
     return algorithm.train(model, settings, observation, sequences(seeds), schedule)
 
 
-def agent_of(name: str, observation: str, model: Model, kind: Any, seed: int = 0, **changes: Any) -> Any:
+def agent_of(
+    name: str, observation: str, model: Model, kind: Any, seed: int = 0, **changes: Any
+) -> Any:
     """Returns an agent that is not trained yet."""
     points = np.zeros(0, np.int64)
     (sequence,) = sequences([seed])
     return AGENTS[name](model, settings_of(name, **changes), observation, points, sequence, kind)
 
 
-# Equal to Stable-Baselines3. An agent of its own makes the same run with the random numbers of ours: first
-# weights, exploration, what happens in the scenario, mini-batches. All else it does by itself, in float64, in
-# which both round so little that the final weights agree to eight digits on any processor.
+# Equal to Stable-Baselines3. An agent of its own makes the same run with the random numbers of
+# ours: first weights, exploration, what happens in the scenario, mini-batches. All else it does by
+# itself, in float64, in which both round so little that the final weights agree to eight digits on
+# any processor.
 
 
 class Chance:
@@ -148,8 +158,10 @@ class ExactVecEnv(SB3VecEnv):
         return observations, rewards.astype(np.float64), dones, infos
 
 
-def stock_agent(name: str, settings: Any, observation: str, model: Model, seed: int) -> tuple[Any, Chance]:
-    """Returns an agent of Stable-Baselines3 that computes in float64, and the random numbers of ours."""
+def stock_agent(
+    name: str, settings: Any, observation: str, model: Model, seed: int
+) -> tuple[Any, Chance]:
+    """Returns Stable-Baselines3's agent, computing in float64, and the random numbers of ours."""
     method = algorithms.DQN if name == "compiled_dqn" else algorithms.PPO
     n, limit = settings.n_envs, settings.time_limit
     env = ProxemicVectorEnv(n, model.scenario, observation, max_episode_steps=limit)
@@ -175,9 +187,13 @@ def stock_agent(name: str, settings: Any, observation: str, model: Model, seed: 
     return stock, chance
 
 
-def linear_layers(*nets: torch.nn.Module, values: list[NDArray[Any]] | None = None) -> list[torch.Tensor]:
-    """Returns weights and biases of all linear layers, as ours list them but transposed; sets values."""
-    layers = [layer for net in nets for layer in net.modules() if isinstance(layer, torch.nn.Linear)]
+def linear_layers(
+    *nets: torch.nn.Module, values: list[NDArray[Any]] | None = None
+) -> list[torch.Tensor]:
+    """Returns weights and biases of all linear layers, as ours but transposed; sets values."""
+    layers = [
+        layer for net in nets for layer in net.modules() if isinstance(layer, torch.nn.Linear)
+    ]
     parts = [part for layer in layers for part in (layer.weight, layer.bias)]
     for part, value in zip(parts, values or (), strict=values is not None):
         part.data.copy_(torch.from_numpy(value.T.copy()))
@@ -195,20 +211,22 @@ def in_turn(*cases: tuple[str, Changes]) -> list[tuple[str, str, Changes]]:
     return [(OBSERVATIONS[i % len(OBSERVATIONS)], *case) for i, case in enumerate(cases)]
 
 
-# Whatever it computes in, Stable-Baselines3 rounds discounts to float32. Those here are the same then.
+# Whatever it computes in, Stable-Baselines3 rounds discounts to float32. Those here stay the same.
 DQN_CASES: list[tuple[str, Changes]] = [
     ("S1", {}),
-    ("S1", {"learning_rate": 1e-2, "gamma": 0.625, "policy_kwargs": {"net_arch": ()}, "learning_starts": 173,
-            "train_freq": 4, "gradient_steps": 3}),
+    ("S1", {"learning_rate": 1e-2, "gamma": 0.625, "policy_kwargs": {"net_arch": ()},
+            "learning_starts": 173, "train_freq": 4, "gradient_steps": 3}),
     ("S1", {"buffer_size": 150, "batch_size": 50, "policy_kwargs": {"net_arch": (128, 128)},
-            "exploration_initial_eps": 0.9, "exploration_final_eps": 0.2, "exploration_fraction": 0.3}),
+            "exploration_initial_eps": 0.9, "exploration_final_eps": 0.2,
+            "exploration_fraction": 0.3}),
     ("S1", {"n_steps": 4, "n_envs": 2, "max_grad_norm": 0.01, "time_limit": None, "train_freq": 5,
             "gradient_steps": -1, "buffer_size": 203,
             "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-3}}}),
     # More envs than rows of a mini-batch, and a single row of the buffer; the first step is greedy.
     ("S1", {"n_envs": 40, "batch_size": 8, "buffer_size": 20, "tau": 0.0, "train_freq": 1,
             "gradient_steps": 20, "learning_starts": 0}),
-    ("noisy moods", {"n_envs": 3, "n_steps": 3, "gamma": 0.5, "time_limit": 11, "gradient_steps": 3}),
+    ("noisy moods", {"n_envs": 3, "n_steps": 3, "gamma": 0.5, "time_limit": 11,
+                     "gradient_steps": 3}),
     ("anywhere", {"tau": 0.3, "target_update_interval": 7, "batch_size": 90}),
 ]  # fmt: skip
 
@@ -264,11 +282,14 @@ def test_dqn_is_stable_baselines3s(
 
 PPO_CASES: list[tuple[str, Changes]] = [
     ("S1", {}),
-    ("S1", {"batch_size": 40, "ent_coef": 0.05, "n_epochs": 20, "policy_kwargs": {"net_arch": (128, 128)}}),
+    ("S1", {"batch_size": 40, "ent_coef": 0.05, "n_epochs": 20,
+            "policy_kwargs": {"net_arch": (128, 128)}}),
     ("S1", {"batch_size": 17, "gae_lambda": 0.5, "vf_coef": 1.5, "normalize_advantage": False,
-            "max_grad_norm": 0.05, "time_limit": 7, "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-2}}}),
+            "max_grad_norm": 0.05, "time_limit": 7,
+            "policy_kwargs": {"optimizer_kwargs": {"eps": 1e-2}}}),
     ("S1", {"n_envs": 1, "n_steps": 40, "batch_size": 39, "time_limit": None, "clip_range": 0.02}),
-    ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5, "time_limit": 7}),
+    ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5,
+               "time_limit": 7}),
     ("anywhere", {"clip_range_vf": 0.05, "n_envs": 5, "n_steps": 8, "time_limit": 7}),
 ]  # fmt: skip
 
@@ -288,7 +309,9 @@ def test_ppo_is_stable_baselines3s(
 
     def sample(distribution: Any, *_: Any) -> torch.Tensor:
         up_to = distribution.probs.numpy().cumsum(axis=1)[:, :-1]
-        return torch.from_numpy(chance.actions(lambda e: int((next(chance.acting) >= up_to[e]).sum())))
+        return torch.from_numpy(
+            chance.actions(lambda e: int((next(chance.acting) >= up_to[e]).sum()))
+        )
 
     def permute(n: int) -> Ints:
         order = list(range(n))
@@ -302,7 +325,9 @@ def test_ppo_is_stable_baselines3s(
     stock.learn(400)
     n_steps = int(next(iter(policy.optimizer.state.values()))["step"])
     assert n_steps == ours.parameters.n_steps[0]
-    whole = 400 // settings.rollout * settings.n_epochs * -(-settings.rollout // settings.batch_size)
+    whole = (
+        400 // settings.rollout * settings.n_epochs * -(-settings.rollout // settings.batch_size)
+    )
     assert 20 < n_steps < whole if settings.target_kl else n_steps == whole >= 200
     assert stock.env.disagreements == ours.envs.disagreements[0]
     check_weights(linear_layers(*nets), ours.weights())
@@ -312,7 +337,7 @@ def test_ppo_is_stable_baselines3s(
 
 
 def test_first_weights_are_those_of_pytorch() -> None:
-    """Of DQN uniform, bounded by 1 / sqrt(inputs); of PPO orthogonal, with Stable-Baselines3's gains."""
+    """Of DQN uniform, bounded by 1 / sqrt(inputs); of PPO orthogonal, with SB3's gains."""
     net: Changes = {"policy_kwargs": {"net_arch": (64, 48)}}
     dqn, ppo = (agent_of(name, "one_hot", S1, np.float32, **net).weights() for name in AGENTS)
     for weights, biases in zip(dqn[::2], dqn[1::2], strict=True):
@@ -347,7 +372,12 @@ CASES: dict[str, list[Changes]] = {
     "compiled_ppo": [
         {"policy_kwargs": {"net_arch": (48, 40)}, "n_steps": 50, "batch_size": 100},
         {"policy_kwargs": {"net_arch": ()}, "batch_size": 17, "ent_coef": 0.1},
-        {"policy_kwargs": {"net_arch": (33,)}, "batch_size": 13, "clip_range_vf": 0.1, "target_kl": 0.004},
+        {
+            "policy_kwargs": {"net_arch": (33,)},
+            "batch_size": 13,
+            "clip_range_vf": 0.1,
+            "target_kl": 0.004,
+        },
     ],
 }
 
@@ -369,17 +399,23 @@ def test_bits_of_an_agent_do_not_depend_on_how_work_is_split(name: str) -> None:
 
 
 def digest_of_all() -> str:
-    """Returns the digest of what nets of every case learn, a table, tile coding, and an exact evaluation."""
+    """Returns the digest of what nets, a table and tile coding learn, and of an evaluation."""
     digest = hashlib.sha256()
     for name, cases in CASES.items():
         for changes in cases:
-            for observation, model in zip(("one_hot", "coordinates"), (NOISY_MOODY, S1), strict=True):
-                training = trained(name, observation, [0], model, (0, 100, 200), budget=200, **changes)
+            for observation, model in zip(
+                ("one_hot", "coordinates"), (NOISY_MOODY, S1), strict=True
+            ):
+                training = trained(
+                    name, observation, [0], model, (0, 100, 200), budget=200, **changes
+                )
                 for field in fields(training):
                     if field.name != "cpu_time_s":
                         digest.update(np.ascontiguousarray(getattr(training, field.name)).tobytes())
     settings = learner.Settings(budget=1000)
-    table = learner.Q_LEARNING.train(NOISY_MOODY, settings, "index", sequences(), Schedule(1000, (1000,)))
+    table = learner.Q_LEARNING.train(
+        NOISY_MOODY, settings, "index", sequences(), Schedule(1000, (1000,))
+    )
     evaluation = evaluate(NOISY_MOODY, mask_policy(table.greedy[:, -1]), 200)
     anywhere = compile_scenario(load_scenario("Anywhere"))
     tiling = LinearSettings(budget=1000, halved_after=90)
@@ -396,7 +432,7 @@ DIGEST = "da836768baacaa23c0bd268228b6a14df7fed18f154c563a5c3d886ab4894975"
 
 @pytest.mark.parametrize("kind", ["this one", pytest.param("nehalem", marks=pytest.mark.slow)])
 def test_bits_are_the_same_on_every_processor(kind: str) -> None:
-    """As compiled for this processor, and for one of 2008, where fused operations are emulated, slowly."""
+    """As compiled for this processor, and for one of 2008, which emulates fused operations."""
     if kind == "this one":
         assert digest_of_all() == DIGEST
         return
@@ -411,7 +447,11 @@ def test_bits_are_the_same_on_every_processor(kind: str) -> None:
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
     }
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=os.environ | target, capture_output=True, text=True
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=os.environ | target,
+        capture_output=True,
+        text=True,
     )
     assert done.stdout.split() == [DIGEST, kind], done.stderr
 

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's algorithms: the adapter, the settings, and training that is repeatable bit by bit.
+"""Stable-Baselines3's algorithms: adapter, settings, and training, repeatable bit by bit.
 
 `test_nets` compares the compiled algorithms with them; what all four have in common is tested here.
 """
@@ -36,7 +36,12 @@ DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
 PPO = PpoSettings(budget=400, time_limit=50, n_steps=50, n_envs=2, batch_size=32, n_epochs=2)
 METHODS: Changes = {"sb3_dqn": algorithms.DQN, "sb3_ppo": algorithms.PPO}
 COMPILED: Changes = {name: load_algorithm(name) for name in ("compiled_dqn", "compiled_ppo")}
-SETTINGS: dict[str, Sb3Settings] = {"sb3_dqn": DQN, "sb3_ppo": PPO, "compiled_dqn": DQN, "compiled_ppo": PPO}
+SETTINGS: dict[str, Sb3Settings] = {
+    "sb3_dqn": DQN,
+    "sb3_ppo": PPO,
+    "compiled_dqn": DQN,
+    "compiled_ppo": PPO,
+}
 
 # Random starts, random changes of an observed phase and, in S2, random feedback.
 CHANGING: Changes = {
@@ -49,7 +54,9 @@ CHANGING: Changes = {
 def vec_env(
     n: int, scenario: str = "S1", observation: str = "coordinates", limit: int = 7, **overrides: Any
 ) -> SB3VecEnv:
-    return SB3VecEnv(ProxemicVectorEnv(n, scenario, observation, overrides, max_episode_steps=limit))
+    return SB3VecEnv(
+        ProxemicVectorEnv(n, scenario, observation, overrides, max_episode_steps=limit)
+    )
 
 
 # The adapter
@@ -70,7 +77,9 @@ def test_vec_env_steps_as_stable_baselines3s_own_does(
 ) -> None:
     ours: Any = vec_env(n, scenario, observation, **overrides)
     arguments: Any = {"observation": observation, "overrides": overrides, "max_episode_steps": 7}
-    theirs: Any = DummyVecEnv([lambda: gymnasium.make(f"envs:Proxemic/{scenario}-v0", **arguments)] * n)
+    theirs: Any = DummyVecEnv(
+        [lambda: gymnasium.make(f"envs:Proxemic/{scenario}-v0", **arguments)] * n
+    )
     ours.seed(3)
     theirs.seed(3)
     assert np.array_equal(ours.reset(), theirs.reset())
@@ -89,7 +98,9 @@ def test_vec_env_steps_as_stable_baselines3s_own_does(
             assert ("terminal_observation" in info) == ("terminal_observation" in expected)
             if "terminal_observation" in info:
                 assert info["is_success"] is expected["is_success"]
-                assert np.array_equal(info["terminal_observation"], expected["terminal_observation"])
+                assert np.array_equal(
+                    info["terminal_observation"], expected["terminal_observation"]
+                )
                 truncated += int(expected["TimeLimit.truncated"])
                 terminated += not expected["TimeLimit.truncated"]
     assert truncated > 5
@@ -119,7 +130,9 @@ def test_default_net_is_sb3s(name: str) -> None:
     assert str(ours.policy) == str(theirs.policy)
     assert ours.policy.optimizer.param_groups[0]["eps"] == settings.adam_epsilon
     assert settings.adam_epsilon == theirs.policy.optimizer.param_groups[0]["eps"]
-    changed = settings.model_validate({"budget": 10240, "policy_kwargs": {"optimizer_kwargs": {"eps": 0.5}}})
+    changed = settings.model_validate(
+        {"budget": 10240, "policy_kwargs": {"optimizer_kwargs": {"eps": 0.5}}}
+    )
     agent = make_agent(METHODS[name].load(), changed, vec_env(1))
     assert agent.policy.optimizer.param_groups[0]["eps"] == 0.5 == changed.adam_epsilon
 
@@ -127,13 +140,14 @@ def test_default_net_is_sb3s(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "values", "expected"),
     [
-        ("sb3_ppo", {"n_steps": 2048}, "budget = 10000 is not .* 2048 steps .*; accepted: a multiple"),
+        ("sb3_ppo", {"n_steps": 2048}, "budget = 10000 is not .* 2048 steps .*; accepted: a multi"),
         ("sb3_dqn", {"exploration_fraction": 0.0}, "exploration_fraction = 0.0"),
         ("sb3_ppo", {"policy_kwargs": {"net_arc": [5]}}, r"did you mean net_arch\?"),
         ("compiled_dqn", {"policy_kwargs": {"features_extractor_class": "a:B"}},
          "mine.toml: policy_kwargs.features_extractor_class: accepted: .* sb3_dqn or sb3_ppo"),
-        ("stable_baselines3:PPO", {"policy_kwargs": {"features_extractor_class": "torch.nn:Linear"}},
-         "PPO cannot be trained: policy_kwargs: features_extractor_class torch.nn:Linear: accepted"),
+        ("stable_baselines3:PPO",
+         {"policy_kwargs": {"features_extractor_class": "torch.nn:Linear"}},
+         "PPO cannot be trained: policy_kwargs: features_extractor_class torch.nn:Linear: accept"),
     ],
 )  # fmt: skip
 def test_settings_that_cannot_be_are_refused(name: str, values: Changes, expected: str) -> None:
@@ -144,7 +158,11 @@ def test_settings_that_cannot_be_are_refused(name: str, values: Changes, expecte
 @pytest.mark.parametrize(
     ("name", "values", "expected"),
     [
-        ("sb3_ppo", {}, 2000),  # 5 * 2000 = 10,000; 2048 does not divide it, nor does a number between
+        (
+            "sb3_ppo",
+            {},
+            2000,
+        ),  # 5 * 2000 = 10,000; 2048 does not divide it, nor does a number between
         ("sb3_ppo", {"n_envs": 4}, 1250),  # 2 * 4 * 1250
         ("sb3_contrib:TRPO", {}, 2000),
         ("sb3_dqn", {"budget": 9999}, 3),
@@ -184,7 +202,9 @@ def test_people_are_embedded_alike_and_added_up() -> None:
 def test_agents_learn_with_features_extractors(name: str, observation: str, tmp_path: Path) -> None:
     algorithm: Any = load_algorithm(name)
     model, kept = compile_scenario(load_scenario("Anywhere", {"issuer.places": 5})), list[Any]()
-    policy = {"features_extractor_class": f"agents.sb3.extractors:{EXTRACTORS[observation].__name__}"}
+    policy = {
+        "features_extractor_class": f"agents.sb3.extractors:{EXTRACTORS[observation].__name__}"
+    }
     settings = parse(algorithm.settings, {"budget": 400, "policy_kwargs": policy}, "mine.toml")
     settings = pickle.loads(pickle.dumps(settings))  # as for another process
     schedule = Schedule(400, (0, 200, 400), keep=kept.append)
@@ -196,7 +216,9 @@ def test_agents_learn_with_features_extractors(name: str, observation: str, tmp_
     last = training.q[0] if name == "sb3_dqn" else training.stochastic[0, -1]
     agent.save(tmp_path / "agent.zip")
     cls = f"stable_baselines3:{type(agent).__name__}"
-    assert np.allclose(saved_table(tmp_path / "agent.zip", cls, model, observation)[0], last, atol=1e-6)
+    assert np.allclose(
+        saved_table(tmp_path / "agent.zip", cls, model, observation)[0], last, atol=1e-6
+    )
 
 
 # Training
@@ -212,7 +234,9 @@ def trained(
 ) -> Any:
     settings = SETTINGS[name].model_copy(update=changes)
     schedule = Schedule(settings.budget, tuple(points), tuple(points[::2]), may_end)
-    return (METHODS | COMPILED)[name].train(S1, settings, observation, [SeedSequence([4, seed])], schedule)
+    return (METHODS | COMPILED)[name].train(
+        S1, settings, observation, [SeedSequence([4, seed])], schedule
+    )
 
 
 @pytest.mark.parametrize("name", SETTINGS)

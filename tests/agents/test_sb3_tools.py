@@ -17,7 +17,9 @@ from agents.sb3.tables import agent_table
 from agents.sb3.vec_env import SB3VecEnv
 from envs import ProxemicVectorEnv, compile_scenario, load_scenario
 
-NEAR: Any = {"grid.start": [4, 4]}  # two moves from the target region, so that an untrained agent may succeed
+NEAR: Any = {
+    "grid.start": [4, 4]
+}  # two moves from the target region, so that an untrained agent may succeed
 MODEL = compile_scenario(load_scenario("S2", NEAR))
 
 
@@ -28,7 +30,9 @@ def env() -> Any:
 @pytest.mark.filterwarnings("ignore:rich is experimental", "ignore:Training and eval env")
 @pytest.mark.parametrize("native", [False, True])
 def test_success_in_training_and_evaluation_is_the_exact_one(native: bool, tmp_path: Path) -> None:
-    made: Any = VecMonitor(SB3VecEnv(ProxemicVectorEnv(4, "S2", "one_hot", NEAR, max_episode_steps=200)))
+    made: Any = VecMonitor(
+        SB3VecEnv(ProxemicVectorEnv(4, "S2", "one_hot", NEAR, max_episode_steps=200))
+    )
     agent = PPO(
         "MlpPolicy", made if native else env(), n_steps=64, n_epochs=1, seed=2, learning_rate=0.0,
         stats_window_size=1000, tensorboard_log=str(tmp_path),

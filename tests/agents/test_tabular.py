@@ -1,4 +1,4 @@
-"""The kernel against the textbook's loop with the same draws, and what its settings and results are."""
+"""The kernel against the textbook's loop with the same draws; its settings and results."""
 
 from typing import Any
 
@@ -19,8 +19,9 @@ from tests.agents.words import textbook, xoshiro
 def test_generator_gives_the_published_numbers() -> None:
     # First outputs from the state 1, 2, 3, 4, as in the test vectors of the rand_xoshiro crate.
     published = [
-        41943041, 58720359, 3588806011781223, 3591011842654386, 9228616714210784205, 9973669472204895162,
-        14011001112246962877, 12406186145184390807, 15849039046786891736, 10450023813501588000,
+        41943041, 58720359, 3588806011781223, 3591011842654386, 9228616714210784205,
+        9973669472204895162, 14011001112246962877, 12406186145184390807,
+        15849039046786891736, 10450023813501588000,
     ]  # fmt: skip
     stream = xoshiro([1, 2, 3, 4])
     assert [next(stream) for _ in published] == published
@@ -51,14 +52,20 @@ CASES: dict[str, tuple[str, Changes, Changes]] = {
                     {"epsilon": 0.15, "ties": "lowest", "budget": 120, "budget_unit": "episodes",
                      "time_limit": 25, "record_every": 7, "learning_rate": 0.3, "discount": 1.0}),
     "one pass": ("S2", MOVES, {"time_limit": 50, "backward_passes": 1, "halved_after": 400}),
-    "two passes": ("S2", {}, {"epsilon": 0.2, "ties": "lowest", "budget": 60, "budget_unit": "episodes",
-                   "time_limit": 40, "learning_rate": 0.3, "backward_passes": 2, "initial_value": 0.1}),
+    "two passes": ("S2", {}, {"epsilon": 0.2, "ties": "lowest", "budget": 60,
+                   "budget_unit": "episodes", "time_limit": 40, "learning_rate": 0.3,
+                   "backward_passes": 2, "initial_value": 0.1}),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("rule", "case"),
-    [(rule, case) for rule in RULES for case in CASES if rule == "watkins_q_lambda" or "pass" not in case],
+    [
+        (rule, case)
+        for rule in RULES
+        for case in CASES
+        if rule == "watkins_q_lambda" or "pass" not in case
+    ],
 )
 def test_kernel_equals_the_textbooks_loop(rule: str, case: str) -> None:
     name, overrides, changes = CASES[case]
@@ -106,7 +113,11 @@ def test_snapshots_are_the_table_at_their_steps_and_disturb_nothing() -> None:
     [
         ("q_learning", {"epsilon": 0, "budget_unit": "episodes"}, "epsilon = 0"),
         ("q_learning", {"trace_decay": 0.5}, "unknown key trace_decay"),
-        ("watkins_q_lambda", {"backward_passes": 2}, "backward_passes = 2 needs time_limit <= 10,000,000"),
+        (
+            "watkins_q_lambda",
+            {"backward_passes": 2},
+            "backward_passes = 2 needs time_limit <= 10,000,000",
+        ),
         ("linear_q_lambda", {"tile_width": 0}, "tile_width = 0"),
     ],
 )

@@ -33,7 +33,7 @@ def xoshiro(state: Sequence[int]) -> Iterator[int]:
 
 
 def choose(word: int, epsilon: float, greedy: Sequence[int]) -> int:
-    """Returns a random one of five actions with probability epsilon, else one of the greedy actions."""
+    """Returns one of five actions at random with probability epsilon, else a greedy one."""
     upper, lower = divmod(word, 2**32)
     candidates = range(5) if upper < round(epsilon * 2**32) else greedy
     # A draw from 0..59 picks one of one to five candidates, each equally often.
@@ -66,7 +66,8 @@ def take(model: Model, state: int, action: int, stream: Iterator[int]) -> tuple[
 class Textbook:
     """An agent of the textbook's algorithm: nothing is updated incrementally.
 
-    A value is the sum of a weight for each feature of the observation; in a table, each has one of its own.
+    A value is the sum of a weight for each feature of the observation; in a table, each has one of
+    its own.
     """
 
     def __init__(
@@ -87,7 +88,9 @@ class Textbook:
         return sum(self.weights[table, tile] for tile in self.tiles[o])
 
     def values(self, o: int) -> Floats:
-        return np.asarray(sum(self.values_of(table, o) for table in range(self.n_tables)) / self.n_tables)
+        return np.asarray(
+            sum(self.values_of(table, o) for table in range(self.n_tables)) / self.n_tables
+        )
 
     def table(self) -> Floats:
         return np.array([self.values(o) for o in range(self.model.n_observations)])
@@ -110,11 +113,13 @@ class Textbook:
             return float(epsilon / 5 * total + (1 - epsilon) * row.max())
         if self.name == "double_q_learning":
             half = word >> 63
-            return float(self.values_of(1 - half, o)[choose(word, 0.0, self.best(self.values_of(half, o)))])
+            return float(
+                self.values_of(1 - half, o)[choose(word, 0.0, self.best(self.values_of(half, o)))]
+            )
         return float(row.max())
 
     def pass_back(self, rate: float) -> None:
-        """Goes through the steps of an episode backwards: one-step Sarsa or Q-learning (Lin 1992)."""
+        """Goes through an episode backwards: one-step Sarsa or Q-learning (Lin 1992)."""
         for _ in range(getattr(self.settings, "backward_passes", 0)):
             for o, action, reward, after, following, terminates in reversed(self.episode):
                 row = self.values(after)
@@ -145,7 +150,11 @@ class Textbook:
         faded = {pair: fading * trace for pair, trace in self.traces.items()}
         self.traces = {pair: trace for pair, trace in faded.items() if trace >= MIN_TRACE}
         self.traces |= {(tile, action): 1.0 for tile in self.tiles[o]}
-        rate = settings.learning_rate / (1 + self.steps / (settings.halved_after or np.inf)) / self.n_tilings
+        rate = (
+            settings.learning_rate
+            / (1 + self.steps / (settings.halved_after or np.inf))
+            / self.n_tilings
+        )
         for pair, trace in self.traces.items():
             self.weights[word >> 63, *pair] += rate * error * trace
         after = int(model.observation[state])
@@ -176,9 +185,14 @@ def textbook(
     record: Changes = {"greedy": [], "disagreements": [], "max_q": [], "table_max_q": []}
     for unit in range(settings.budget + 1):
         if unit in points:
-            record["greedy"].append([sum(2**action for action in agent.best(row)) for row in agent.table()])
+            record["greedy"].append(
+                [sum(2**action for action in agent.best(row)) for row in agent.table()]
+            )
             record["disagreements"].append(agent.wrong)
-        visited, largest = [], []  # largest values met in a unit of the budget, and those of the table then
+        visited, largest = (
+            [],
+            [],
+        )  # largest values met in a unit of the budget, and those of the table then
         is_over = unit == settings.budget
         while not is_over:
             visited.append(agent.values(int(model.observation[agent.state])).max())

@@ -1,4 +1,4 @@
-"""The dynamics a second time: plain Python over a scenario's tables as read from TOML, without the model."""
+"""The dynamics a second time: plain Python over a scenario's TOML, without the model."""
 
 from collections.abc import Iterable
 from functools import cache
@@ -29,10 +29,16 @@ class Reference:
         self.at_start = cache(self.distance_at_start)
         self.cells = [(r, c) for r in range(self.grid["rows"]) for c in range(self.grid["columns"])]
         drawn = self.grid.get("walls", "").split()
-        self.walls = {(r, c) for r, line in enumerate(drawn) for c, sign in enumerate(line) if sign == "#"}
+        self.walls = {
+            (r, c) for r, line in enumerate(drawn) for c, sign in enumerate(line) if sign == "#"
+        }
         self.phases = self._phases()
-        self.clock = [i for i, phase in enumerate(self.phases) for _ in range(phase.get("steps", 1))]
-        feedback = [person.get("feedback") for person in (tables["issuer"], *tables.get("others", []))]
+        self.clock = [
+            i for i, phase in enumerate(self.phases) for _ in range(phase.get("steps", 1))
+        ]
+        feedback = [
+            person.get("feedback") for person in (tables["issuer"], *tables.get("others", []))
+        ]
         self.is_delayed = any(each["kind"] == "delayed" for each in feedback if each)
         first_ticks = range(len(self.clock)) if tables.get("first_phase") == "any" else [0]
         self.places: list[Place] = []
@@ -43,7 +49,9 @@ class Reference:
             floor = [cell for cell in self.cells if cell not in self.walls]
             stages = range(len(self.phases))
             zones = {cell: {self.zone(place, p, cell) for p in stages} for cell in floor}
-            open_to = {cell for cell in floor if "target" in zones[cell]}  # the target region, at some time
+            open_to = {
+                cell for cell in floor if "target" in zones[cell]
+            }  # the target region, at some time
             passable = {cell for cell in floor if zones[cell] != {"issuer"}}
             for _ in floor:
                 open_to |= {(r + i, c + k) for r, c in open_to for i, k in WAYS.values()} & passable
@@ -60,12 +68,16 @@ class Reference:
     def _cells(self, place: Any) -> list[Cell]:
         if place == "anywhere":
             return self.cells
-        return [tuple(place)] if isinstance(place[0], int) else list(dict.fromkeys(map(tuple, place)))
+        return (
+            [tuple(place)] if isinstance(place[0], int) else list(dict.fromkeys(map(tuple, place)))
+        )
 
     def placed(self) -> list[Place]:
-        """Lists all ways in which the issuer and its group can stand where nobody else ever does."""
+        """Lists all ways for the issuer and its group to stand where nobody else ever does."""
         others = range(1, 1 + len(self.tables.get("others", [])))
-        taken = {tuple(self.other(i, p)["position"]) for i in others for p in range(len(self.phases))}
+        taken = {
+            tuple(self.other(i, p)["position"]) for i in others for p in range(len(self.phases))
+        }
         position, group = self.tables["issuer"]["position"], self.tables.get("group")
         cells = [cell for cell in self._cells(position) if cell not in self.walls | taken]
         if group is None:
@@ -94,11 +106,14 @@ class Reference:
         return table | dict(self.phases[phase].get("at", {}).get(i, {}))
 
     def people_in(self, place: Place, phase: int) -> list[Tables]:
-        """Lists the issuer, its group and the others, in the order in which equally near ones answer."""
+        """Lists issuer, group and others, in the order in which equally near ones answer."""
         now = self.phases[phase] | self.phases[phase].get("at", {}).get(0, {})
         issuer = {"heading": "up"} | self.tables["issuer"] | {"regions": self.tables["regions"]}
         drawn = [issuer | {"position": cell} | now for cell in place]
-        return [*drawn, *(self.other(i, phase) for i in range(1, 1 + len(self.tables.get("others", []))))]
+        return [
+            *drawn,
+            *(self.other(i, phase) for i in range(1, 1 + len(self.tables.get("others", [])))),
+        ]
 
     def zone_among_people(self, place: Place, phase: int, cell: Cell) -> str:
         if cell in self.walls:
@@ -139,18 +154,22 @@ class Reference:
         return "uncomfortable" if beyond < 0 else "outside"
 
     def step(self, state: State, action: int) -> tuple[dict[State, float], tuple[Any, ...]]:
-        """Returns the next states' probabilities; and grid's reward, mean, noise, end, event, wrong PINGs."""
+        """Returns next states' chances; grid's reward, mean, noise, end, event, wrong PINGs."""
         place, tick, is_late, pings, cell = state
         issuer, rewards = self.places[place], self.tables["rewards"]
         zone, event, comes_late = self.zone(issuer, self.clock[tick], cell), "", False
-        mean = self.answer(place, tick, cell)[0] if is_late else 0.0  # for the PING before, in the same cell
+        mean = (
+            self.answer(place, tick, cell)[0] if is_late else 0.0
+        )  # for the PING before, in the same cell
         noise = 0.0
         if action < 4:
             way = list(WAYS.values())[action]
             moved = cell[0] + way[0], cell[1] + way[1]
             cell = moved if moved in self.cells and moved not in self.walls else cell
             entered = self.zone(issuer, self.clock[tick], cell)
-            event = {"issuer": "issuer_reached", "uncomfortable": "uncomfortable"}.get(entered, "move")
+            event = {"issuer": "issuer_reached", "uncomfortable": "uncomfortable"}.get(
+                entered, "move"
+            )
             reward = rewards["other" if event == "move" else event]
         else:
             answer, noise, comes_late = self.answer(place, tick, cell)
@@ -200,7 +219,11 @@ class Reference:
                 is_right = self.zone(self.places[place], self.clock[tick], cell) == "target"
                 return feedback["high" if is_right else "low"], 0.0, False
             case kind:
-                return -distances[k] / self.at_start(place, k), feedback.get("noise", 0.0), kind == "delayed"
+                return (
+                    -distances[k] / self.at_start(place, k),
+                    feedback.get("noise", 0.0),
+                    kind == "delayed",
+                )
 
     def answering(self, place: int, tick: int) -> list[Tables]:
         people = self.people(self.places[place], self.clock[tick])
@@ -220,7 +243,9 @@ def route(person: Tables) -> list[Tables]:
     at = start
     for corner in [*map(tuple, walk["corners"]), start]:
         while at != corner:
-            ahead = [(corner[0] - at[0]) * r + (corner[1] - at[1]) * c > 0 for r, c in WAYS.values()]
+            ahead = [
+                (corner[0] - at[0]) * r + (corner[1] - at[1]) * c > 0 for r, c in WAYS.values()
+            ]
             heading = [*WAYS][ahead.index(True)]
             steps += [{"position": at, "heading": heading}] * walk.get("steps", 1)
             at = at[0] + WAYS[heading][0], at[1] + WAYS[heading][1]

@@ -70,7 +70,9 @@ def walk(draw: st.DrawFn, size: tuple[int, int], position: list[int]) -> Tables:
 
 
 @st.composite
-def changes(draw: st.DrawFn, kind: str, size: tuple[int, int], position: Any) -> tuple[Tables, Tables]:
+def changes(
+    draw: st.DrawFn, kind: str, size: tuple[int, int], position: Any
+) -> tuple[Tables, Tables]:
     """Draws what is added to the issuer's table, and to the scenario's: a walk, or phases."""
     if kind in ("none", "others walk"):
         return {}, {}
@@ -95,14 +97,17 @@ def scenarios(draw: st.DrawFn) -> Tables:
     rows, columns = draw(st.integers(3, 5)), draw(st.integers(3, 5))
     cell = cells(rows, columns)
     place = st.one_of(cell, st.lists(cell, min_size=1, max_size=3), st.just("anywhere"))
-    walls = draw(st.lists(st.sampled_from("......#"), min_size=rows * columns, max_size=rows * columns))
+    walls = draw(
+        st.lists(st.sampled_from("......#"), min_size=rows * columns, max_size=rows * columns)
+    )
     lines = ["".join(walls[i : i + columns]) for i in range(0, rows * columns, columns)]
     kind = draw(st.sampled_from(["none", "walk", "others walk", "schedule", "chain"]))
     is_group = kind != "walk" and draw(st.booleans())
     position = draw(cell if kind == "walk" else st.just("anywhere") if is_group else place)
     of_issuer, of_scenario = draw(changes(kind, (rows, columns), position))
     other = st.fixed_dictionaries(
-        {"position": cell, "feedback": feedback, "regions": regions()}, optional={"heading": heading}
+        {"position": cell, "feedback": feedback, "regions": regions()},
+        optional={"heading": heading},
     )
     bystander: st.SearchStrategy[Tables] = st.fixed_dictionaries({"position": cell})
     do_walk = kind == "others walk"
@@ -122,37 +127,52 @@ def scenarios(draw: st.DrawFn) -> Tables:
         "grid": {
             "rows": rows,
             "columns": columns,
-            "start": draw(st.just("anywhere") if is_group else st.one_of(st.just("anywhere"), place)),
+            "start": draw(
+                st.just("anywhere") if is_group else st.one_of(st.just("anywhere"), place)
+            ),
             "walls": "\n".join(lines) if not do_walk and draw(st.integers(0, 2)) == 0 else "",
             "metres_per_cell": 0.8,
         },
-        "issuer": {"position": position, "feedback": draw(feedback), "heading": draw(heading)} | of_issuer,
+        "issuer": {"position": position, "feedback": draw(feedback), "heading": draw(heading)}
+        | of_issuer,
         "regions": around,
         "ping_limit": draw(st.integers(1, 3)),
         "rewards": REWARDS,
-        "observe": ["agent", *sorted(draw(st.sets(st.sampled_from(["issuer", "phase", "wrong_pings"]))))],
+        "observe": [
+            "agent",
+            *sorted(draw(st.sets(st.sampled_from(["issuer", "phase", "wrong_pings"])))),
+        ],
         "others": others,
     } | (of_scenario | of_group)
 
 
 def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) -> None:
-    """Compares some states, with all actions and what is observed, with the second implementation."""
+    """Compares states, with all actions and observations, with the second implementation."""
     model = compile_scenario(scenario)
     assert_is_a_process(model)
     assert_env_agrees(model, n_steps)
     reference = Reference(tables, scenario.layout.places)
     assert list(scenario.layout.places) == reference.places
-    phases, n_pings, n_cells = range(len(reference.phases)), tables["ping_limit"], len(reference.cells)
+    phases, n_pings, n_cells = (
+        range(len(reference.phases)),
+        tables["ping_limit"],
+        len(reference.cells),
+    )
     shape = len(reference.places), len(reference.clock), 1 + reference.is_delayed, n_pings, n_cells
     assert len(model.observation) == math.prod(shape)
     stands = {
-        (j, p): tuple(tuple(person["position"]) for person in reference.people(place, p)[: len(place)])
+        (j, p): tuple(
+            tuple(person["position"]) for person in reference.people(place, p)[: len(place)]
+        )
         for j, place in enumerate(reference.places)
         for p in phases
     }
     values = sorted({*stands.values()})
     cells = sorted({cell for place in values for cell in place})
-    blocks, coordinates = observation_ones(model, "one_hot")[0], observation_table(model, "coordinates")
+    blocks, coordinates = (
+        observation_ones(model, "one_hot")[0],
+        observation_table(model, "coordinates"),
+    )
     one_hot = observation_table(model, "one_hot")
 
     def index(state: tuple[Any, ...]) -> int:
@@ -160,7 +180,10 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
         return int(np.ravel_multi_index((*rest, row * tables["grid"]["columns"] + column), shape))
 
     def scaled(cell: Any) -> list[float]:
-        return [cell[0] / max(tables["grid"]["rows"] - 1, 1), cell[1] / max(tables["grid"]["columns"] - 1, 1)]
+        return [
+            cell[0] / max(tables["grid"]["rows"] - 1, 1),
+            cell[1] / max(tables["grid"]["columns"] - 1, 1),
+        ]
 
     assert model.starts.tolist() == [index(state) for state in reference.starts]
     some = 60 if scenario.name == "drawn" else MAX_STATES
@@ -173,7 +196,9 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
         assert model.is_over[at] == is_over
         for action in range(len(ACTIONS)):
             found = dict.fromkeys(model.next_state[at, action].tolist(), 0.0)
-            for following, p in zip(model.next_state[at, action], model.probability[at, action], strict=True):
+            for following, p in zip(
+                model.next_state[at, action], model.probability[at, action], strict=True
+            ):
                 found[int(following)] += p
             if is_over:
                 expected, facts = {at: 1.0}, (0.0, 0.0, 0.0, True, "none", pings)
@@ -182,14 +207,24 @@ def assert_follows_the_tables(scenario: Scenario, tables: Tables, n_steps: int) 
                 expected = {index(state): p for state, p in states.items()}
             for following in found.keys() | expected.keys():
                 assert abs(found.get(following, 0) - expected.get(following, 0)) < 1e-12
-            assert (model.grid_reward[at, action], EVENTS[model.event[at, action]]) == (facts[0], facts[4])
+            assert (model.grid_reward[at, action], EVENTS[model.event[at, action]]) == (
+                facts[0],
+                facts[4],
+            )
             assert abs(model.issuer_reward[at, action] - facts[1]) < 1e-12
             assert model.issuer_noise[at, action] == facts[2]
-            assert (model.terminated[at, action], model.wrong_pings[at, action]) == (facts[3], facts[5])
+            assert (model.terminated[at, action], model.wrong_pings[at, action]) == (
+                facts[3],
+                facts[5],
+            )
 
-        # What is observed: value, number of values, columns of the one-hot block, its width, and coordinates
+        # What is observed: value, number of values, columns of the one-hot block, its width, and
+        # coordinates
         group, n_phases = stands[j, phase], len(phases)
-        spots, shown = [cells.index(cell) for cell in group], [n for cell in group for n in scaled(cell)]
+        spots, shown = (
+            [cells.index(cell) for cell in group],
+            [n for cell in group for n in scaled(cell)],
+        )
         known: dict[str, tuple[int, int, list[int], int, list[float]]] = {
             "agent": (c, n_cells, [c], n_cells, scaled(agent)),
             "issuer": (values.index(group), len(values), spots, len(cells), shown),

@@ -28,7 +28,9 @@ def test_gymnasium_checker_passes(name: str) -> None:
 def test_id_works_without_another_import_and_stays_light() -> None:
     heavy = "{'torch', 'pandas', 'matplotlib', 'numba', 'pygame', 'stable_baselines3', 'scipy'}"
     make = "gymnasium.make('envs:Proxemic/S1-v0', observation='one_hot')"
-    code = f"import sys, gymnasium; print({make}.reset()[0].sum(), sorted({heavy} & set(sys.modules)))"
+    code = (
+        f"import sys, gymnasium; print({make}.reset()[0].sum(), sorted({heavy} & set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "1.0 []"
 

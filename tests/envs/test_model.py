@@ -18,9 +18,13 @@ from envs.model import _compile
     ],
 )
 def test_tables_are_those_of_the_paper(name: str, feedback: dict[str, object]) -> None:
-    """`test_dynamics` compares the models with the tables, `test_regions` the zones with the paper."""
+    """`test_dynamics` compares models with the tables, `test_regions` zones with the paper."""
     scenario = load_scenario(name)
-    assert (scenario.grid.size, scenario.grid.start, scenario.issuer.position) == ((10, 12), (0, 0), (6, 8))
+    assert (scenario.grid.size, scenario.grid.start, scenario.issuer.position) == (
+        (10, 12),
+        (0, 0),
+        (6, 8),
+    )
     assert (scenario.ping_limit, scenario.issuer.feedback.model_dump()) == (5, feedback)
     assert scenario.rewards.model_dump() == {
         "issuer_reached": -1.0,
@@ -59,7 +63,11 @@ def assert_same_arrays(ours: Model, theirs: Model) -> None:
 
 def test_compiling_in_chunks_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     others = [{"position": [0, 1], "walk": {"corners": [[0, 3]]}}]
-    changes = {"issuer.places": 7, "issuer.feedback": {"kind": "noisy", "noise": 0.5}, "others": others}
+    changes = {
+        "issuer.places": 7,
+        "issuer.feedback": {"kind": "noisy", "noise": 0.5},
+        "others": others,
+    }
     scenario = load_scenario("TwoTalking", changes)
     whole = model_of(scenario)
     assert len(whole.observation) == 7 * 4 * 5 * 120

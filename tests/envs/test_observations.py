@@ -13,8 +13,8 @@ from envs.scenario import SCENARIO_DIRECTORY
 from tests.envs import Changes
 from tests.support import few_places
 
-# Five rows and six columns, so that offsets have 9 x 11 values: the number of (r, c) is (r + 4) * 11 + c + 5,
-# and as coordinates it is (r + 4) / 8 and (c + 5) / 10.
+# Five rows and six columns, so that offsets have 9 x 11 values: the number of (r, c) is (r + 4) *
+# 11 + c + 5, and as coordinates it is (r + 4) / 8 and (c + 5) / 10.
 ROOM: Changes = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"}
 ROOM |= {"regions.uncomfortable_radius": 0, "regions.target_radius": 1, "ping_limit": 1}
 WALL = "......\n.#....\n......\n......\n......"
@@ -22,17 +22,23 @@ PAIR, THREE = ({"group": {"people": n, "apart": [2, 4]}} | ROOM for n in (2, 3))
 
 
 def seen(changes: Changes, agent: tuple[int, int], *people: tuple[int, int]) -> Any:
-    """Returns what is observed in a cell with people in others: columns that are 1, and coordinates."""
+    """Returns what is observed in a cell with people: columns that are 1, and coordinates."""
     model = compile_seen(load_scenario("Anywhere", changes), "offset")
     is_here = model.cell == agent[0] * 6 + agent[1]
     is_there = model.context == model.scenario.layout.places.index(people)
     (o,) = {*model.observation[is_here & is_there].tolist()}
-    ones, coordinates = (observation_table(model, f"offset_{form}")[o] for form in ("one_hot", "coordinates"))
+    ones, coordinates = (
+        observation_table(model, f"offset_{form}")[o] for form in ("one_hot", "coordinates")
+    )
     return np.flatnonzero(ones).tolist(), coordinates.tolist()
 
 
 def test_offsets_of_two_people_by_hand() -> None:
-    agent, first, last = (2, 2), (2, 5), (0, 2)  # the second is nearer: 2 rows up, the other 3 columns right
+    agent, first, last = (
+        (2, 2),
+        (2, 5),
+        (0, 2),
+    )  # the second is nearer: 2 rows up, the other 3 columns right
     up, right = 2 * 11 + 5, 4 * 11 + 8
     columns, coordinates = seen(PAIR, agent, last, first)
     assert columns == [up, 99 + right]
@@ -43,7 +49,8 @@ def test_of_equally_near_people_the_upper_and_then_the_left_one_comes_first() ->
     up, left, right, down = (2 * 11 + 5, 4 * 11 + 3, 4 * 11 + 7, 6 * 11 + 5)  # each two cells away
     assert seen(PAIR, (2, 2), (2, 0), (2, 4))[0] == [left, 99 + right]
     assert seen(THREE, (2, 2), (0, 2), (2, 0), (4, 2))[0] == [up, 99 + left, 198 + down]
-    # Distances are Euclidean: 2 and 1 cells aside (2.24) are nearer than 3 (3), though both are 3 steps.
+    # Distances are Euclidean: 2 and 1 cells aside (2.24) are nearer than 3 (3), though both are 3
+    # steps.
     assert seen(PAIR, (0, 0), (0, 3), (2, 1))[0] == [6 * 11 + 6, 99 + 4 * 11 + 8]
 
 
@@ -59,7 +66,10 @@ def test_further_encodings_of_a_pair_of_cells_by_hand() -> None:
     assert observation_table(model, "centred")[o].tolist() == pytest.approx(expected)
     offsets = compile_seen(model.scenario, "offset_factored")
     (o,) = {*offsets.observation[(offsets.cell == 3 * 6 + 1) & is_there].tolist()}
-    assert np.flatnonzero(observation_table(offsets, "offset_factored")[o]).tolist() == [-3 + 4, 9 + 3 + 5]
+    assert np.flatnonzero(observation_table(offsets, "offset_factored")[o]).tolist() == [
+        -3 + 4,
+        9 + 3 + 5,
+    ]
     assert observation_table(offsets, "offset_centred")[o].tolist() == pytest.approx([-1.5, 1.2])
 
 
@@ -84,7 +94,10 @@ def test_planes_by_hand(badge: bool) -> None:
     for s in range(0, len(model.observation), 97):
         planes, place = table[model.observation[s]], model.context[s]
         people, others = layout.standing[place, 0], layout.onlookers[place]
-        shown = [[cell[c] for c in sorted(cells)] for cells in ([model.cell[s]], people, others, [1 * 6 + 1])]
+        shown = [
+            [cell[c] for c in sorted(cells)]
+            for cells in ([model.cell[s]], people, others, [1 * 6 + 1])
+        ]
         assert cells_of(planes) == shown
         assert (planes[4] == [0, 128, 255][wrong_pings[s]]).all()  # 255 / 2, rounded to even
     assert len(np.unique(table.reshape(len(table), -1), axis=0)) == len(table)
@@ -93,7 +106,7 @@ def test_planes_by_hand(badge: bool) -> None:
 @pytest.mark.parametrize(
     ("name", "changes", "expected"),
     [
-        ("Anywhere", {"observe": ["offset"]}, r'Anywhere .* \["offset"\]; accepted: cells, so "agent" in'),
+        ("Anywhere", {"observe": ["offset"]}, r'Anywhere .* \["offset"\]; accepted: cells, so "ag'),
         ("TwoStrangers", {}, "699,600 observations of 480 numbers each; accepted: at most"),
     ],
 )  # fmt: skip
@@ -120,5 +133,7 @@ def test_the_guide_has_the_width_of_every_form() -> None:
     widths = dict[str, str]()
     for form in OBSERVATIONS:
         space = ProxemicEnv("Anywhere", form).observation_space
-        widths[form] = f"{space.n if isinstance(space, spaces.Discrete) else spaces.flatdim(space):,}"
+        widths[form] = (
+            f"{space.n if isinstance(space, spaces.Discrete) else spaces.flatdim(space):,}"
+        )
     assert dict(said) == widths

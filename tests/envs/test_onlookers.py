@@ -1,4 +1,4 @@
-"""People who are seen and do not matter: where they stand, what is shown of them, and what stays the same."""
+"""People who are seen and do not matter: where they stand, what shows, what stays the same."""
 
 import hashlib
 import json
@@ -46,7 +46,8 @@ def test_onlookers_stand_in_the_first_free_cells_of_each_way() -> None:
     )  # each unseen place has as many ways as each of the others, rounded up
     for place in range(7):
         rows = np.flatnonzero((layout.ways == every.ways[place]).all(axis=1))
-        # Ten ways take turns with four places; those of each unseen place go on where the one before ended.
+        # Ten ways take turns with four places; those of each unseen place go on where the one
+        # before ended.
         for n, row in enumerate(rows):
             person = int(every.ways[place, 0])
             if every.is_seen[place]:
@@ -66,7 +67,9 @@ def test_onlookers_change_nothing_but_what_is_seen(more: Changes) -> None:
     """In each place, steps, optimum and success are those without onlookers."""
     crowd, alone = model_of(CROWD | {"onlookers": {"people": 3, "ways": 8} | more}), model_of(ROOM)
     block = 12 * alone.scenario.ping_limit
-    of_place = {tuple(cells): place for place, cells in enumerate(alone.scenario.layout.ways.tolist())}
+    of_place = {
+        tuple(cells): place for place, cells in enumerate(alone.scenario.layout.ways.tolist())
+    }
     place_of = [of_place[tuple(cells)] for cells in crowd.scenario.layout.ways.tolist()]
     for name in ARRAYS:
         theirs = getattr(alone, name).reshape(7, block, -1)[place_of]
@@ -81,12 +84,16 @@ def test_onlookers_change_nothing_but_what_is_seen(more: Changes) -> None:
 
 
 def test_what_is_seen_by_hand() -> None:
-    """The agent's cell, the person's and each onlooker's; with badges, people are in random order."""
+    """Cells of agent, person and onlookers; with badges, people are in random order."""
     model = model_of(CROWD)
     layout, table = model.scenario.layout, observation_table(model, "coordinates")
     for state in range(0, len(model.observation), 7):
         place = model.context[state]
-        cells = [int(model.cell[state]), int(layout.ways[place, 0]), *layout.onlookers[place].tolist()]
+        cells = [
+            int(model.cell[state]),
+            int(layout.ways[place, 0]),
+            *layout.onlookers[place].tolist(),
+        ]
         expected = [number for cell in cells for number in (cell // 4 / 2, cell % 4 / 3)]
         assert table[model.observation[state]] == pytest.approx(expected)
     ones = observation_table(model, "one_hot")
@@ -122,12 +129,16 @@ def test_structures_of_tiles_equal_a_plain_loop(parts: Parts, badge: bool) -> No
     numbers = 3 if badge else 2
     tiles: dict[Any, int] = {}
     for o in range(model.n_observations):
-        positions = [agent[o], *(people[o][i : i + numbers] for i in range(0, 3 * numbers, numbers))]
+        positions = [
+            agent[o],
+            *(people[o][i : i + numbers] for i in range(0, 3 * numbers, numbers)),
+        ]
         pairs = [(p, q) for q in range(4) for p in range(q) if parts == "pairs" or p == 0]
         for p, q in sorted(pairs):
             for t in range(n_tilings):
                 places = positions[p][:2] + positions[q][:2]
-                # In thirds of a cell; tiling t is displaced by t times odd numbers of thirds of a width.
+                # In thirds of a cell; tiling t is displaced by t times odd numbers of thirds of a
+                # width.
                 key = [
                     (3 * x + t * odd % 3 * width) // (3 * width)
                     for x, odd in zip(places, (1, 3, 5, 7), strict=True)

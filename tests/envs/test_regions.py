@@ -1,4 +1,4 @@
-"""Zones, distances and outlines of the regions: by hand, and as properties of drawn sets of cells."""
+"""Zones, distances and outlines of regions: by hand, and as properties of drawn sets of cells."""
 
 from typing import Any
 
@@ -33,9 +33,9 @@ def distances(scenario: Scenario) -> Ints:
             "......+xxx+.",
             "......+++++.",
         ]),
-        # Uncomfortable is what is within 0.45 m = 1.5 cells: eight cells around each person, since diagonal
-        # ones are 0.42 m away. Within 0.75 m = 2.5 cells are those two away in a row or column, and one more
-        # aside (0.67 m), not those two away in both (0.85 m).
+        # Uncomfortable is what is within 0.45 m = 1.5 cells: eight cells around each person, since
+        # diagonal ones are 0.42 m away. Within 0.75 m = 2.5 cells are those two away in a row or
+        # column, and one more aside (0.67 m), not those two away in both (0.85 m).
         ("TwoStrangers", ((4, 3), (5, 6)), [
             "..+++.......",
             ".+xxx+++....",
@@ -44,10 +44,10 @@ def distances(scenario: Scenario) -> Ints:
             "..+++xxx+...",
             ".....+++....",
         ]),
-        # They are 1.27 m apart. The centre is the corner between four cells, 0.64 m from both, so the ring is
-        # 0.34 to 0.94 m from it: the four cells around it (0.21 m) lie within. Cells 0.5 and 1.5 aside are
-        # 0.47 m away, 1.5 and 1.5 0.64 m, 0.5 and 2.5 0.76 m, 1.5 and 2.5 0.87 m; 2.5 and 2.5 (1.06 m) are
-        # too far.
+        # They are 1.27 m apart. The centre is the corner between four cells, 0.64 m from both, so
+        # the ring is 0.34 to 0.94 m from it: the four cells around it (0.21 m) lie within. Cells
+        # 0.5 and 1.5 aside are 0.47 m away, 1.5 and 1.5 0.64 m, 0.5 and 2.5 0.76 m, 1.5 and 2.5
+        # 0.87 m; 2.5 and 2.5 (1.06 m) are too far.
         ("TwoTalking", ((3, 4), (6, 7)), [
             "...xxx++....",
             "...xIx+++...",
@@ -56,10 +56,10 @@ def distances(scenario: Scenario) -> Ints:
             "...+++xIx...",
             "....++xxx...",
         ]),
-        # They are 1.08, 1.08 and 1.2 m apart. The centre is [5, 5], 0.6, 0.671 and 0.671 m from them, 0.647 m
-        # on average, so the ring is 0.347 to 0.947 m from it: the cell and its four neighbours (0.3 m) lie
-        # within, the next are 0.42 m away. Three cells in a row or column are 0.9 m, and one aside 0.949 m,
-        # too far.
+        # They are 1.08, 1.08 and 1.2 m apart. The centre is [5, 5], 0.6, 0.671 and 0.671 m from
+        # them, 0.647 m on average, so the ring is 0.347 to 0.947 m from it: the cell and its four
+        # neighbours (0.3 m) lie within, the next are 0.42 m away. Three cells in a row or column
+        # are 0.9 m, and one aside 0.949 m, too far.
         ("ThreeTalking", ((3, 5), (6, 3), (6, 7)), [
             "....xxx.....",
             "...+xIx+....",
@@ -81,7 +81,18 @@ def test_zones_by_hand(name: str, place: tuple[Cell, ...], expected: list[str]) 
 def test_target_distance_by_hand() -> None:
     distance = distances(load_scenario("S1")).reshape(10, 12)
     assert distance[6].tolist() == [6, 5, 4, 3, 2, 1, 0, 1, 2, 1, 0, 1]  # the issuer's row
-    assert distance[:, 7].tolist() == [4, 3, 2, 1, 0, 1, 1, 1, 0, 1]  # the column left of the issuer
+    assert distance[:, 7].tolist() == [
+        4,
+        3,
+        2,
+        1,
+        0,
+        1,
+        1,
+        1,
+        0,
+        1,
+    ]  # the column left of the issuer
     assert distance[0, 0] == 6  # six columns and four rows from the region's corner
     # With the issuer in the top row, the region's rows above it are off the grid, but count.
     scenario = load_scenario("S1", {"issuer.position": [0, 8]})
@@ -89,19 +100,32 @@ def test_target_distance_by_hand() -> None:
 
 
 ROOM = Grid(rows=7, columns=7, start="anywhere")
-CIRCLE = {"uncomfortable": {"kind": "circle", "radius": 1}, "target": {"kind": "circle", "radius": 2}}
+CIRCLE = {
+    "uncomfortable": {"kind": "circle", "radius": 1},
+    "target": {"kind": "circle", "radius": 2},
+}
 EGG = {"uncomfortable": {"kind": "egg", "front": 1.5}, "target": {"kind": "egg", "front": 3}}
 
 
 @pytest.mark.parametrize(
     ("table", "heading", "expected"),
     [
-        # Within a distance of 1 the four neighbours, within 2 the diagonal ones (1.41) and the next but one.
-        (CIRCLE, "left", [".......", "...+...", "..+x+..", ".+xIx+.", "..+x+..", "...+...", "......."]),
-        # Three ahead, two aside, 1.5 behind: aside 2 * sqrt(1 - (2 / 3) ** 2) = 1.5 in the second row ahead,
-        # 1.9 in the first, and 1.5 in the row behind. Uncomfortable is one ahead, and one aside.
+        # Within a distance of 1 the four neighbours, within 2 the diagonal ones (1.41) and the next
+        # but one.
+        (
+            CIRCLE,
+            "left",
+            [".......", "...+...", "..+x+..", ".+xIx+.", "..+x+..", "...+...", "......."],
+        ),
+        # Three ahead, two aside, 1.5 behind: aside 2 * sqrt(1 - (2 / 3) ** 2) = 1.5 in the second
+        # row ahead, 1.9 in the first, and 1.5 in the row behind. Uncomfortable is one ahead, and
+        # one aside.
         (EGG, "up", ["...+...", "..+++..", "..+x+..", ".+xIx+.", "..+++..", ".......", "......."]),
-        (EGG, "left", [".......", "...+...", ".++x+..", "++xI+..", ".++x+..", "...+...", "......."]),
+        (
+            EGG,
+            "left",
+            [".......", "...+...", ".++x+..", "++xI+..", ".++x+..", "...+...", "......."],
+        ),
     ],
 )
 def test_shapes_by_hand(table: dict[str, Any], heading: Heading, expected: list[str]) -> None:
@@ -110,8 +134,12 @@ def test_shapes_by_hand(table: dict[str, Any], heading: Heading, expected: list[
 
 
 def test_a_cell_on_the_border_belongs_to_the_region() -> None:
-    # 0.3 * 3 is a little less than 0.9 in floating point; the cell on the border belongs to the region.
-    border = {"uncomfortable": {"kind": "circle", "radius": 0.1}, "target": {"kind": "circle", "radius": 0.9}}
+    # 0.3 * 3 is a little less than 0.9 in floating point; the cell on the border belongs to the
+    # region.
+    border = {
+        "uncomfortable": {"kind": "circle", "radius": 0.1},
+        "target": {"kind": "circle", "radius": 0.9},
+    }
     narrow = ROOM.model_copy(update={"metres_per_cell": 0.3})
     zone = zones(parse(Regions, border | {"unit": "metres"}, "by hand"), "up", (3, 3), narrow)
     assert drawn(zone, 7)[3] == "+++I+++"

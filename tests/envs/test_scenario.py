@@ -30,8 +30,8 @@ def phase(name: str = "a", **more: Any) -> Changes:
 
 
 ANYWHERE = {"issuer.position": "anywhere"}
-# 120 cells, 50 phases, in each of which the issuer is elsewhere, 16 wrong PINGs: more observations than the
-# 96,000 states.
+# 120 cells, 50 phases, in each of which the issuer is elsewhere, 16 wrong PINGs: more observations
+# than the 96,000 states.
 OBSERVING: Changes = {
     "ping_limit": 16,
     "phases": [phase(f"{i}", steps=1, position=[3 + i // 8, 4 + i % 8]) for i in range(50)],
@@ -52,18 +52,30 @@ def bystander(position: list[int], *corners: list[int], steps: int = 1) -> Chang
 MISTAKES: list[tuple[Changes, str]] = [
     ({"grid.start": [5, 7]}, "grid.start = [5, 7]: accepted: a cell outside every region"),
     ({"issuer.position": [6, 12]}, "issuer.position = [6, 12] is off the grid"),
-    ({"grid.depth": 3}, "[grid]: unknown key depth; accepted: columns, metres_per_cell, rows, start, walls."),
+    (
+        {"grid.depth": 3},
+        "[grid]: unknown key depth; accepted: columns, metres_per_cell, rows, start, walls.",
+    ),
     ({"issuer.feedback": {"kind": "loud"}}, "accepted: a table whose kind is none, uniform,"),
     ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
     ({"observe": ["phase", "agent"]}, "observe = ['phase', 'agent']"),
-    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: agent or offset, and"),
+    (
+        {"observe": ["agent", "offset"]},
+        "observe = ['agent', 'offset']: accepted: agent or offset, and",
+    ),
     # Walls
     ({"grid.walls": FLOOR.replace(".", "x")}, "walls"),
     ({"grid.walls": "#" + FLOOR[1:]}, "grid.start = [0, 0] is a wall"),
-    ({"grid.walls": WALL, "grid.start": [[0, 11], [0, 0]]}, "grid.start = [0, 0]: accepted: a cell outside"),
+    (
+        {"grid.walls": WALL, "grid.start": [[0, 11], [0, 0]]},
+        "grid.start = [0, 0]: accepted: a cell outside",
+    ),
     # Regions
     ({"regions.target_radius": 1}, "target_radius = 1"),
-    ({"regions": shapes(CIRCLE, {"kind": "circle"})}, "the key regions.target.circle.radius is missing"),
+    (
+        {"regions": shapes(CIRCLE, {"kind": "circle"})},
+        "the key regions.target.circle.radius is missing",
+    ),
     ({"regions": shapes(CIRCLE, RING)}, 'target.kind = "ring": accepted: a ring around a [group]'),
     # Phases and walks
     ({"phases": [phase(steps=1), phase("b", next={"a": 0.5})]}, "phases.1 (b)"),
@@ -72,7 +84,10 @@ MISTAKES: list[tuple[Changes, str]] = [
     ({"phases": [phase(next={"c": 0.5}), phase("b", next={})]}, "phases.0.next: c"),
     ({"phases": [phase("\x1b]0;x", steps=1)]}, 'phases.0.name = "\\u001b]0;x"'),
     ({"issuer.walk": {"corners": [[3, 3]]}}, "issuer.walk.corners: from [6, 8] to [3, 3]"),
-    ({"issuer.walk": {"corners": [[6, 10**9]]}}, "issuer.walk.corners = [6, 1000000000] is off the grid"),
+    (
+        {"issuer.walk": {"corners": [[6, 10**9]]}},
+        "issuer.walk.corners = [6, 1000000000] is off the grid",
+    ),
     (WALK | {"phases": [phase(steps=1)]}, "issuer.walk and phases"),
     (WALK | {"issuer.feedback": {"kind": "delayed"}}, 'feedback.kind = "delayed"'),
     (ANYWHERE | WALK, 'issuer.walk with issuer.position = "anywhere": accepted: a cell'),
@@ -83,20 +98,41 @@ MISTAKES: list[tuple[Changes, str]] = [
     ),
     # Other people. After two steps, both walkers are in [2, 4].
     ({"others": [person([6, 8])]}, "two people at once in [6, 8]"),
-    ({"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]}, "two people at once in [2, 4]"),
-    ({"others": [bystander([2, 2]) | {"feedback": {"kind": "none"}}]}, "both, or neither (a bystander)"),
+    (
+        {"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]},
+        "two people at once in [2, 4]",
+    ),
+    (
+        {"others": [bystander([2, 2]) | {"feedback": {"kind": "none"}}]},
+        "both, or neither (a bystander)",
+    ),
     # Groups and onlookers
-    ({"onlookers": {"people": 120, "ways": 1}}, "onlookers.people = 120: accepted: at most 119, a free"),
+    (
+        {"onlookers": {"people": 120, "ways": 1}},
+        "onlookers.people = 120: accepted: at most 119, a free",
+    ),
     (ANYWHERE | {"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
-    (ANYWHERE | {"issuer.places": 100, "issuer.unseen": 12}, "issuer.places = 100 with issuer.unseen = 12"),
+    (
+        ANYWHERE | {"issuer.places": 100, "issuer.unseen": 12},
+        "issuer.places = 100 with issuer.unseen = 12",
+    ),
     (PAIR | {"group.apart": [15, 16]}, "group: nowhere do 2 people stand [15.0, 16.0] apart"),
     # At most 4 + 1/2 cells from the centre, the ring lies within the circles.
-    (PAIR | {"regions": shapes(CIRCLE | {"radius": 5}, RING)}, "grid.start = [0, 0]: accepted: a cell"),
+    (
+        PAIR | {"regions": shapes(CIRCLE | {"radius": 5}, RING)},
+        "grid.start = [0, 0]: accepted: a cell",
+    ),
     # Sizes
     ({"grid.rows": 1000, "grid.columns": 1000}, "rows x columns = 1000 x 1000"),
     (OBSERVING, "4800000 observations"),
-    (PAIR | {"group.people": 6, "group.apart": [0, 20]}, "of the 6 people of the group can stand in"),
-    ({"ping_limit": 834}, "100080 states for each position of the person: accepted: at most 100000"),
+    (
+        PAIR | {"group.people": 6, "group.apart": [0, 20]},
+        "of the 6 people of the group can stand in",
+    ),
+    (
+        {"ping_limit": 834},
+        "100080 states for each position of the person: accepted: at most 100000",
+    ),
     # 120 cells x 5 wrong PINGs x 21 phases x 20 positions = 252,000 states.
     (
         {

