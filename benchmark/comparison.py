@@ -386,7 +386,7 @@ def draw_rliable(data: Data) -> Figure:
         for axis, measure in zip(axes[0], measures, strict=True):
             rows = [
                 style.Row(data.title(name), data.look(name), statistics.ends_of(measure, row))
-                for name, row in table.set_index("learner").iterrows()
+                for name, row in table.set_index("learner").to_dict("index").items()
             ]
             style.draw_rows(axis, rows, is_named=axis is axes[0, 0])
             axis.set(title=MEASURES[measure])

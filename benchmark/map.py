@@ -329,7 +329,8 @@ _COARSE: Final = 1.25  # largest ratio of successive evaluations that are not to
 
 def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.DataFrame:
     """Decides contrasts in a unit: columns of `UNITS`, by the keys of pairs of runs."""
-    found: Any = pd.DataFrame([evidence(pair, unit, margins) for pair in pairs.values()])
+    parts = [evidence(pair, unit, margins) for pair in pairs.values()]
+    found: Any = pd.DataFrame(parts, index=[*pairs])
     verdict, why, less, words = UNITS[unit]
     adjusted = np.array(holm((_ENDS * found["p_known"]).clip(upper=1)))
     n_open, tail = (adjusted > ALPHA).sum(), ALPHA / _ENDS / len(found)
@@ -342,9 +343,7 @@ def decide_all(pairs: Mapping[str, Pair], unit: str, margins: Margins) -> pd.Dat
     decided = np.select([*cases.values()], [*cases], UNDECIDED)
     table = {verdict: decided, why: found["why"].where(decided == NO_VERDICT, "")}
     ends = proportion_interval(found["less"], found["n"], tail)
-    return pd.DataFrame(table | with_ends(less, Estimate(found["less"], *ends))).set_index(
-        [[*pairs]]
-    )
+    return pd.DataFrame(table | with_ends(less, Estimate(found["less"], *ends)), index=[*pairs])
 
 
 def evidence(pair: Pair, unit: str, margins: Margins) -> dict[str, object]:
@@ -585,7 +584,7 @@ def headline(data: Data) -> str:
     budgets = " or ".join(f"{n:,}" for n in cells[cells["grid"] == grid]["budget"].unique())
     groups = [*table.groupby(["x", "y", "verdict", "why_none", "differs"], sort=False)]
     is_named = [len(groups) <= _MOST_NAMED or names[2] != UNDECIDED for names, _ in groups]
-    lines = [_sentence(data, *map(str, names), rows) for names, rows in compress(groups, is_named)]
+    lines = [_sentence(data, names, rows) for names, rows in compress(groups, is_named)]
     if not all(is_named):
         lines.append(f"- All others in this grid are {UNDECIDED}, see contrasts.csv.")
     text = "\n".join(lines)
@@ -602,11 +601,9 @@ less that differs from 1/2 by {margins.probability:g} or more, and medians that 
 of {margins.ratio:g} or more."""
 
 
-def _sentence(
-    data: Data, x: str, y: str, verdict: str, why: str, differs: str, rows: pd.DataFrame
-) -> str:
+def _sentence(data: Data, names: Iterable[object], rows: pd.DataFrame) -> str:
     """Says what the verdict on two learners is at some points, why, and what else differs."""
-    points = []
+    (x, y, verdict, why, differs), points = map(str, names), []
     for row in rows.to_dict("records"):
         picks = f"; faster with {row['picks_faster']} of {row['picks']} pairs of picks"
         learned = f"{row['learned_x']} and {row['learned_y']} runs learn"

@@ -206,16 +206,14 @@ def chosen(data: Data) -> pd.DataFrame:
     """The chosen settings of each learner, and what it reaches with them on fresh seeds."""
     texts = data.tables["trials"].set_index(["learner", "trial"])["settings"]
     margin, search = data.declared.margin, search_of(data.experiment)
-    n_finalists = search.finalists * search.parts * len(data.experiment.learners)
+    n_finalists = search.finalists * search.parts * len(found(data))
     runs, rows = measured(data.experiment, data.curves), []
     rises = runs[runs["seed"].isin(search.fresh)].groupby(["learner", "trial"])["rise"].mean()
     for outcome in found(data):
         name, picks = outcome.learner.name, outcome.picks
         for part, trial in enumerate(picks, 1):
-            x, y = (
-                Means([*outcome.fresh.loc[each]], [search.seeds] * outcome.fresh.shape[1])
-                for each in (trial, 0)
-            )
+            means = (outcome.fresh.loc[each] for each in (trial, 0))
+            x, y = (Means([*own], [search.seeds] * len(own)) for own in means)
             *gain, _, _, p, _ = contrast(x, y, margin) if trial else [0.0] * 5 + [1.0, 1.0]
             row: dict[str, object] = {"learner": name} | ({"part": part} if len(picks) > 1 else {})
             row |= {"trial": trial, "settings": texts[name, trial]}
@@ -246,14 +244,13 @@ def effort(data: Data) -> pd.DataFrame | None:
         return None
     runs, budget = measured(data.experiment, data.curves), int(data.curves["step"].max())
     first = runs[~runs["seed"].isin(search_of(data.experiment).fresh)]
-    groups = first.groupby(["scenario", "learner"], sort=False)
-    table = pd.DataFrame(
-        {"scenario": scenario, "learner": learner} | _expected(rows, budget)
-        for (scenario, learner), rows in groups
-    )
-    sums = {"learned": "sum", "trials": "sum"}
-    how = {"default": "mean", **sums, "total": "mean", "drawn": "mean"}
-    over_all = table.groupby("learner", sort=False, as_index=False).agg(how)
+    keys = ["scenario", "learner"]
+    groups = first.groupby(keys, sort=False)
+    rows = [dict(zip(keys, key, strict=True)) | _expected(own, budget) for key, own in groups]
+    table = pd.DataFrame(rows)
+    sums = dict.fromkeys(("learned", "trials"), "sum")
+    means = dict.fromkeys(("default", "total", "drawn"), "mean")
+    over_all = table.groupby("learner", sort=False, as_index=False).agg(sums | means)
     return pd.concat([over_all.assign(scenario=_ALL), table], ignore_index=True)[[*table]]
 
 
@@ -298,19 +295,15 @@ def cost(data: Data) -> pd.DataFrame:
 def figure(data: Data) -> Figure:
     """What each trial of the search reached, and what the chosen settings reach in fresh runs."""
     measure, learners = measure_of(data), data.experiment.learners
-    trials, chosen = (
-        data.tables[key].assign(y=lambda table: table["learner"].map([*learners].index))
-        for key in ("trials", "chosen")
-    )
-    drawn = trials[trials["trial"] > 0]
-    ends = chosen[["chosen_low", "chosen_high"]].sub(chosen["chosen"], axis=0).abs().T
+    drawn, chosen = data.tables["trials"].query("trial > 0"), data.tables["chosen"]
+    rows, y = (table["learner"].map([*learners].index) for table in (drawn, chosen))
     with figure_of(1, 1, (WIDTH, 0.3 * len(learners) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
-        axis.plot(drawn[measure], drawn["y"], "|", ms=9, color="0.55", label="a trial")
-        axis.plot(chosen["default"], chosen["y"], "kx", ms=7, mew=2, label="trial 0, as declared")
-        style = {"color": "0.25", "ms": 7, "mec": "white", "elinewidth": 3, "ecolor": "0.7"}
+        axis.plot(drawn[measure], rows, "|", ms=9, color="0.55", label="a trial")
+        axis.plot(chosen["default"], y, "kx", ms=7, mew=2, label="trial 0, as declared")
+        axis.hlines(y, chosen["chosen_low"], chosen["chosen_high"], color="0.7", lw=3)
         label = "chosen settings, 95 % interval"
-        axis.errorbar("chosen", "y", xerr=ends, data=chosen, fmt="o", label=label, **style)
+        axis.plot(chosen["chosen"], y, "o", color="0.25", ms=7, mec="white", label=label)
         name_rows(axis, [learner.title for learner in learners.values()])
         axis.set(xlim=(-0.02, 1.0), xlabel=_MEASURES[measure])
         figure.legend(loc="outside upper center", ncols=3, frameon=False)
@@ -358,25 +351,25 @@ def headline(data: Data) -> str:
     search, settings = search_of(experiment), experiment.populations[0].first.settings
     best = table.loc[table.groupby("learner", sort=False)["chosen"].idxmax()]
     budget = f"{settings.budget:,} {getattr(settings, 'budget_unit', 'steps')}"
-    runs = f"{search.seeds} fresh seeds in each of {len(experiment.scenarios)} scenarios"
+    runs = f"mean over {listed(experiment.scenarios)}, {search.seeds} fresh seeds in each"
     if best["chosen"].max() <= 0:
         return f"""\
 With settings chosen among {search.trials:,} trials, no run of any learner has learned before the
 end of its {budget} ({runs}). {giving_up(data.experiment)}"""
-    gaining = best[best["verdict"] == "gain"]
+    gaining = best[best["verdict"] == "gain"][["learner", "default", "chosen"]]
     gains = [
         f"{data.title(name)} ({before:.3g} to {after:.3g})"
-        for name, before, after in zip(
-            *map(gaining.get, ("learner", "default", "chosen")), strict=True
-        )
+        for name, before, after in gaining.itertuples(index=False)
     ]
+    is_area = experiment.declared.solved is None
+    random = f"The random policy has {random_of(data):.3g}. " if is_area else ""
     return f"""\
 Settings chosen among {search.trials:,} trials {"are" if gains else "are not"} shown to raise
 {_MEASURES[measure_of(data)]} ({budget}; {runs}) over that of the declared ones for
 {listed(gains) or "any learner"}. A gain counts if it is above 0 at a level of 5 %, adjusted for all
 finalists, and estimated at {data.declared.margin:g} or more, and if training with these settings
-raises success by as much. The random policy has {random_of(data):.3g}. Learners are not compared
-with each other. {giving_up(experiment)}"""
+raises success by as much. {random}Learners are not compared with each other.
+{giving_up(experiment)}"""
 
 
 def reading(data: Data) -> str:
@@ -409,7 +402,7 @@ sequence. The best {search.finalists:,} of {of} and trial 0 ran again with {sear
 seeds in each of {len(experiment.scenarios)} scenarios. The best of these are chosen, so their
 means and gains are biased upwards. For that, p-values are multiplied by the number of all
 finalists. A gain is shown if p is at most 0.05, the gain and the rise of success in training are
-at least {data.declared.margin:g}, and the interval of the chosen settings is above the random policy.
-Intervals treat runs as independent, although trials share random streams.
+at least {data.declared.margin:g}, and the interval of the chosen settings is above the random
+policy. Intervals treat runs as independent, although trials share random streams.
 
 {steps}"""

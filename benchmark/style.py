@@ -215,7 +215,7 @@ def draw_rows(axis: Axes, rows: Sequence[Row], *, is_named: bool = True) -> None
         if row.look:
             axis.hlines(y, low, high, color=row.look["color"], lw=2)
             axis.plot(value, y, **row.look | {"ls": ""})
-            place = {"va": "center", "transform": axis.get_yaxis_transform()}
+            place: dict[str, Any] = {"va": "center", "transform": axis.get_yaxis_transform()}
             axis.text(1.02, y, row.text, fontsize="small", **place)
 
 

@@ -230,7 +230,8 @@ BEST = [[0.0] * 2, [1.0] * 2, [0.0] * 2, [0.0] * 2]
 def test_a_gain_is_claimed_with_learners_budget_seeds_and_margin(tmp_path: Path) -> None:
     text = headline(tmp_path, BEST, BEST)
     assert (
-        "3 trials are shown to raise mean success over training (400 steps; 200 fresh seeds" in text
+        "3 trials are shown to raise mean success over training (400 steps; mean over FarCorner and SixPlaces, 200 fresh"
+        in text
     )
     assert "for q_learning (0 to 1) and q_learning of offsets (0 to 1)." in text
     assert "best" not in text
@@ -263,7 +264,7 @@ def test_a_learner_that_is_good_untrained_has_not_gained(tmp_path: Path) -> None
 
 def test_of_runs_that_are_given_up_nothing_is_claimed(tmp_path: Path) -> None:
     text = headline(tmp_path, [[0.0] * 2] * 4, [[0.0] * 2] * 4, solved=SOLVED)
-    assert "no run of any learner has learned before the end of its 400 steps (200 fresh" in text
+    assert "no run of any learner has learned before the end of its 400 steps (mean over" in text
     assert "not reached 0.25 by 50 % of the budget is given up" in text
     assert "even if it would learn late" in text
 
