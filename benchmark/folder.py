@@ -97,7 +97,7 @@ def damaged(path: Path) -> Iterator[None]:
 def unsealed(text: bytes) -> dict[str, Any]:
     """Returns the content of a sealed file; raises a ValueError if its digest is another."""
     content = dict(json.loads(text))
-    if content.get(SEAL) != _seal({key: value for key, value in content.items() if key != SEAL}):
+    if content != _with_seal(content):
         raise ValueError(f"{SEAL} is not the digest of the content")
     return content
 
@@ -126,12 +126,12 @@ def read_csv(file: Path | BytesIO) -> pd.DataFrame:
 
 def sealed(content: Mapping[str, Any], indent: int = 2) -> str:
     """Returns JSON that carries its own digest, which replaces an earlier one."""
-    unsealed = {key: value for key, value in content.items() if key != SEAL}
-    return json.dumps(unsealed | {SEAL: _seal(unsealed)}, indent=indent) + "\n"
+    return json.dumps(_with_seal(content), indent=indent) + "\n"
 
 
-def _seal(content: Mapping[str, Any]) -> str:
-    return _sha256(json.dumps(content, sort_keys=True).encode())
+def _with_seal(content: Mapping[str, Any]) -> dict[str, Any]:
+    others = {key: value for key, value in content.items() if key != SEAL}
+    return others | {SEAL: _sha256(json.dumps(others, sort_keys=True).encode())}
 
 
 def _sha256(content: bytes) -> str:
@@ -140,9 +140,11 @@ def _sha256(content: bytes) -> str:
 
 def digests(path: Path, but: Collection[str] = ()) -> dict[str, str]:
     """Returns the SHA-256 digest of each file of a folder, by name, but pages and hidden files."""
-    names = sorted(file.name for file in path.iterdir() if file.is_file())
-    shown = [name for name in names if name not in (*but, "index.html") and name[0] != "."]
-    return {name: _sha256((path / name).read_bytes()) for name in shown}
+    return {
+        file.name: _sha256(file.read_bytes())
+        for file in sorted(path.iterdir())
+        if file.is_file() and file.name not in (*but, "index.html") and file.name[0] != "."
+    }
 
 
 def write_manifest(path: Path, content: Mapping[str, Any]) -> None:
@@ -172,12 +174,13 @@ def _number(value: Any) -> str:
 
 def write_text(path: Path, text: str) -> None:
     """Writes a file, whole, unless it has this text; an InputError if it cannot be written."""
-    if path.is_file() and path.read_bytes() == text.encode():
+    content = text.encode(errors="replace")
+    if path.is_file() and path.read_bytes() == content:
         return
     with _unwritable(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         made = _aside(path)
-        made.write_text(text, encoding="utf-8")
+        made.write_bytes(content)
         made.replace(path)
 
 

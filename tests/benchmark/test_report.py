@@ -15,7 +15,7 @@ from benchmark import report
 from benchmark.__main__ import main
 from benchmark.experiment import load_experiment
 from benchmark.folder import MANIFEST, README, Folder
-from benchmark.tables import CURVES, RUNS, read
+from benchmark.tables import AGENTS, CURVES, RUNS, read
 from envs import InputError
 from tests.support import git, small_experiment, variant
 
@@ -103,7 +103,7 @@ def test_a_study_is_one_file_and_its_folder_says_what_it_has(mine: Path) -> None
     write_experiment(mine, kind="spread_study", items=["spread_study:extra"])
     folder = draw(mine)
     manifest = Folder(folder).manifest
-    names = {"spread.csv", "spread.svg", "extra.csv", RUNS, CURVES, "agents.json.gz"}
+    names = {"spread.csv", "spread.svg", "extra.csv", RUNS, CURVES, AGENTS}
     assert {*manifest["files"]} == names
     assert manifest["runs"] == 5
     assert {path.name for path in folder.iterdir()} == {*names, MANIFEST, README, "columns.csv"}
@@ -167,6 +167,37 @@ def test_mistakes_are_told_in_a_sentence_and_leave_the_folder(
     assert {path.name: path.read_bytes() for path in (mine / "mine").iterdir()} == before
 
 
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("TABLES = [1]", r"flawed\.py: TypeError: .*not a mapping"),
+        ("TABLES = {'columns': print}", "accepted: functions, each with a new name"),
+        ("TABLES = {'../a': lambda data: None}", "accepted: functions, each with a new name"),
+        ("TABLES = {}; SHOWN = {'a': 3}", r"flawed\.py: AttributeError: 'int' object"),
+        (
+            "TABLES = {}; headline = lambda data: None",
+            "<lambda> returns NoneType; accepted: a text",
+        ),
+        ("TABLES = {}; check = lambda *_: exit(3)", r"flawed\.py, line 1: SystemExit: 3"),
+        ("TABLES = {}; Declared = 3", r"flawed\.py: AttributeError: 'int' object"),
+    ],
+)
+def test_mistakes_of_a_study_are_told_in_a_sentence(mine: Path, text: str, fault: str) -> None:
+    before = {path.name: path.read_bytes() for path in (mine / "mine").iterdir()}
+    sys.modules.pop("flawed", None)
+    (mine / "flawed.py").write_text(text)
+    write_experiment(mine, kind="flawed")
+    with pytest.raises(InputError, match=fault):
+        draw(mine)
+    assert {path.name: path.read_bytes() for path in (mine / "mine").iterdir()} == before
+
+
+def test_a_changed_file_of_agents_is_refused(mine: Path) -> None:
+    (mine / "mine" / AGENTS).write_bytes(b"changed")
+    with pytest.raises(InputError, match=r"agents\.json\.gz: damaged"):
+        draw(mine)
+
+
 def test_other_runs_than_those_declared_are_refused(mine: Path) -> None:
     path = mine / "mine.toml"
     path.write_text(path.read_text().replace("budget = 200", "budget = 400"), encoding="utf-8")
@@ -180,11 +211,11 @@ def test_other_runs_than_those_declared_are_refused(mine: Path) -> None:
 def test_findings_assert_their_claims(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, start = mine / "mine.py", "def finding(tables):\n    n = len(tables['spread'])\n"
     path.write_text(
-        f"{start}    assert n == 2, 'two'\n    return f'''There are\n{{n}}.\n\n**A.** b.'''\n"
+        f"{start}    assert n == 2, 'two'\n    return f'''There are\n{{n}}.\n\n- b\n- c'''\n"
     )
     text = (draw(mine) / README).read_text(encoding="utf-8")
     assert "There are 2.\n\n![spread]" in text
-    assert "**A.** b." in text
+    assert "\n\n- b\n- c\n\n" in text
     path.write_text(f"{start}    assert n == 3, 'there are three'\n    return ''\n")
     text = (draw(mine) / README).read_text(encoding="utf-8")
     assert "2 learners vary." in text
