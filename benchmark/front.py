@@ -154,11 +154,11 @@ def _compared(tables: Tables, tuning: Tables) -> str:
 |---|---|---|---|
 {table}
 
-*Means over 100 runs, of SB3 over 30; shades: 95 % intervals. Tuned: the best of
+*Means over 100 runs (SB3: 30); shades: 95 % intervals. Tuned: the best of
 {tuning["cost"]["trials"].iloc[0] + 1} settings in four other scenarios.*
 
 With random feedback (S2), both nets succeed more often than the paper's table. Over all three
-scenarios, so does that table, tuned, and no net is shown to beat the tuned Q(λ) table or tile
+scenarios, so does that table when tuned, and no net is shown to beat the tuned Q(λ) table or tile
 coding. With SB3's defaults, DQN never succeeds.
 [All learners and verdicts](results/compare_deep/README.md)
 """
@@ -238,8 +238,8 @@ def _words(equivalence: Tables) -> str:
     return f"""\
 ## Words
 
-- **PING:** in a ring around the person, it succeeds and ends the episode. Elsewhere it costs; the
-  fifth time ends it, too.
+- **PING:** in a ring around the person, it succeeds and ends the episode. Elsewhere it costs, and
+  the fifth wrong PING ends the episode.
 - **S1, S2, S3:** the person gives no feedback, random feedback, or feedback by distance.
 - **Success:** the exact probability of a correct PING. *Learned* at step *s*: success stays at 0.9
   or above until step 2*s*.

@@ -257,9 +257,10 @@ def check_declared(
     others = {row for row in found - declared if search is None or row[-2] not in search.fresh}
     missing = len(declared - found)
     if others or missing:
-        what = f"{missing} of {len(declared)} declared runs are missing, {len(others)} are others"
+        there = f"{len(others)} others are there"
+        what = f"in its tables, {missing} of {len(declared)} declared runs are missing, {there}"
         run = f"python -m benchmark run {experiment.argument}"
-        raise InputError(f"{experiment.name}: of the published runs, {what}; {run} repairs that.")
+        raise InputError(f"{experiment.name}: {what}; '{run}' publishes those declared.")
 
 
 def parse_seeds(text: str | None) -> range | None:

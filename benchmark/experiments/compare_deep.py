@@ -71,8 +71,8 @@ is a table, has {mean[LINEAR]}, within 0.1 of DQN and of the Q(λ) table. Search
 table is better than with the paper's constants: {mean[TUNED]} against {mean[PAPER]}.
 
 **More often ahead, but not better.** A run of Stable-Baselines3's DQN scores higher than one of the
-Q(λ) table with a probability of {ahead["score", SB3_DQN]}: its way is often a step or two shorter.
-In success, the probability is {ahead["success", SB3_DQN]}.
+Q(λ) table with a probability of {ahead["score", SB3_DQN]}: its path is often a step or two
+shorter. In success, the probability is {ahead["success", SB3_DQN]}.
 
 **Forms of input.** On coordinates, compiled DQN and PPO are worse, {mean["dqn, coordinates"]} and
 {mean["ppo, coordinates"]}. With the picks of `tuning_map`, searched for larger rooms, DQN has
