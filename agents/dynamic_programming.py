@@ -113,12 +113,10 @@ def _sweep(
     next_state, outcome, _, observation = dynamics
     n_transitions = n_block * grid_reward.shape[1] * next_state.shape[2]
     index = np.full(len(grid_reward), -1, dtype=np.int32)  # where states are in `reached`, or -1
-    reached = np.empty(
-        n_block, dtype=np.int64
-    )  # the states reached, in the order of their discovery
-    ends = np.empty(
-        (n_transitions, 2), dtype=np.int32
-    )  # where each transition begins and ends in `reached`
+    # the states reached, in the order of their discovery
+    reached = np.empty(n_block, dtype=np.int64)
+    # where each transition begins and ends in `reached`
+    ends = np.empty((n_transitions, 2), dtype=np.int32)
     probability = np.empty(n_transitions)  # of each transition
     for n in range(len(policies)):
         for g in range(len(first) - 1):

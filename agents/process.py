@@ -75,9 +75,8 @@ def process_of(model: Model) -> Process:
 def _outcomes(model: Model, some: slice) -> Records:
     """Returns the outcomes of some states, (states, A, K)."""
     state = np.arange(len(model.observation))[some, None, None]
-    outcomes = np.zeros(
-        model.next_state[some].shape, dtype=OUTCOME
-    )  # zeros between fields, too: bytes count
+    # zeros between fields, too: bytes count
+    outcomes = np.zeros(model.next_state[some].shape, dtype=OUTCOME)
     outcomes["reward"] = (model.grid_reward[some] + model.issuer_reward[some])[..., None]
     outcomes["state_change"] = model.next_state[some] - state
     outcomes["observation_change"] = (

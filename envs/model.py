@@ -95,9 +95,8 @@ class Model:
     cell: Indices  # (S,) the agent's, row * columns + column
     context: Indices  # (S,) place * P + phase
     zone: Codes  # (S,) index into ZONES
-    derived: dict[Hashable, Any] = field(
-        default_factory=dict, init=False, repr=False
-    )  # kept with it
+    # kept with it
+    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __repr__(self) -> str:
         return f"<Model of {self.scenario.name}>"

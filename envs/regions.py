@@ -28,12 +28,8 @@ Corner = tuple[
 # enclosed cells on its right.
 Loop = tuple[Corner, ...]
 _DIRECTIONS = (0, 1), (1, 0), (0, -1), (-1, 0)  # right, down, left, up
-_CORNERS = (
-    (0, 0),
-    (0, 1),
-    (1, 1),
-    (1, 0),
-)  # of a cell: where its upper, right, lower, left edge begins
+# of a cell: where its upper, right, lower, left edge begins
+_CORNERS = ((0, 0), (0, 1), (1, 1), (1, 0))
 
 MAX_CELLS = 100_000
 # Lengths that are rounded in metres must not decide whether a cell on the border belongs to a

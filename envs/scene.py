@@ -50,11 +50,8 @@ _ASIDE = MOVES[:, ::-1]
 TRIANGLES = np.stack([MOVES - abs(_ASIDE), MOVES + abs(_ASIDE), 0 * MOVES], axis=1) / 2
 _BASE = 0.27 * MOVES
 ARROWHEADS = np.stack([0.46 * MOVES, _BASE + 0.13 * _ASIDE, _BASE - 0.13 * _ASIDE], axis=1)
-NOSE = (
-    0.5,
-    0.2,
-    0.25,
-)  # distances of the nose's tip and base from a person's centre, and half its base
+# distances of the nose's tip and base from a person's centre, and half its base
+NOSE = (0.5, 0.2, 0.25)
 
 
 @dataclass(frozen=True)
@@ -92,9 +89,8 @@ class Scene:
     outlines: dict[str, tuple[Loop, ...]]  # of the regions in `BORDERS`
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
-    circle: (
-        tuple[float, float, float] | None
-    )  # row, column and radius of the circle of people who talk
+    # row, column and radius of the circle of people who talk
+    circle: tuple[float, float, float] | None
 
     @property
     def n_cells(self) -> int:

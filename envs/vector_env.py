@@ -74,9 +74,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
                     f"{name} = {shortened(repr(number))}; accepted: a whole number, at least 1."
                 )
         self.num_envs = n = int(num_envs)
-        self._single = ProxemicEnv(
-            scenario, observation, overrides, render_mode
-        )  # draws what is rendered
+        # draws what is rendered
+        self._single = ProxemicEnv(scenario, observation, overrides, render_mode)
         self.model = self._single.model
         self._table = observation_table(self.model, observation)
         self.single_observation_space = self._single.observation_space
@@ -86,9 +85,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
         self._state = np.full(n, self.model.start, dtype=np.intp)
         self._last_event = np.zeros(n, dtype=np.int64)
-        self._steps = np.full(
-            n, -1, dtype=np.int64
-        )  # steps in the episode; -1 before the first reset
+        # steps in the episode; -1 before the first reset
+        self._steps = np.full(n, -1, dtype=np.int64)
         self._over = np.zeros(n, dtype=np.bool_)  # episodes that the next step resets
         self._seeded = [seeding.np_random() for _ in range(n)]  # generators and their seeds
 
@@ -155,9 +153,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
             accepted = f"({n},) integers from 0 to {PING}"
             raise InputError(f"actions = {shortened(repr(actions))}; accepted: {accepted}.")
         fresh = np.flatnonzero(self._over)
-        going = np.flatnonzero(
-            ~self._over
-        )  # an env that is about to be reset takes no draws for its step
+        # an env that is about to be reset takes no draws for its step
+        going = np.flatnonzero(~self._over)
         draw = partial(self._draw, going)
         taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
             actions.astype(np.intp), draw
@@ -194,9 +191,8 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         terminated, and truncated.
         """
         model, k = self.model, self.model.n_outcomes
-        taken = (
-            self._state * len(ACTIONS) + actions
-        )  # serves all flat tables over states and actions
+        # serves all flat tables over states and actions
+        taken = self._state * len(ACTIONS) + actions
         issuer_reward = model.issuer_reward.take(taken)
         if model.is_noisy:
             issuer_reward = draw_issuer_reward(

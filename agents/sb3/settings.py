@@ -45,9 +45,8 @@ class PolicyArguments(Table):
 def _features_extractor(name: str) -> object:
     """Imports a class of features extractors; anything else raises an InputError."""
     found = imported(name, "policy_kwargs", key := "features_extractor_class")
-    module = sys.modules.get(
-        "stable_baselines3.common.torch_layers"
-    )  # which every such class has loaded
+    # which every such class has loaded
+    module = sys.modules.get("stable_baselines3.common.torch_layers")
     if module and isinstance(found, type) and issubclass(found, module.BaseFeaturesExtractor):
         return found
     accepted = "a subclass of stable_baselines3.common.torch_layers.BaseFeaturesExtractor"

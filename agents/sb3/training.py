@@ -86,9 +86,8 @@ class _Snapshots(BaseCallback):
         self._n_policies = 0  # evaluation steps whose policy is known
         self.has_ended = False  # early
         n_points = len(self._points)
-        self.tables = np.full(
-            (n_points, len(observations), len(ACTIONS)), np.nan
-        )  # see `policy_table`
+        # see `policy_table`
+        self.tables = np.full((n_points, len(observations), len(ACTIONS)), np.nan)
         self.disagreements = np.zeros(n_points, dtype=np.int64)
         self.cpu_time_s = np.zeros(n_points)
         self._started_s = time.thread_time()

@@ -101,10 +101,8 @@ def test_arguments_that_are_passed_on_are_settings_too() -> None:
     assert settings.arguments == {"warm_up": 70, "train_freq": 8, "buffer_size": 10_000}
     assert settings.rollout == 8
     written = settings_of(f"{HERE}:Stepwise").model_dump(mode="json")
-    assert (written["warm_up"], written["schedule"]) == (
-        50,
-        None,
-    )  # a function: the class's own default
+    # a function: the class's own default
+    assert (written["warm_up"], written["schedule"]) == (50, None)
     assert settings_of(f"{HERE}:Demanding", factor=2).arguments == {"factor": 2}
 
 

@@ -158,11 +158,8 @@ def test_settings_that_cannot_be_are_refused(name: str, values: Changes, expecte
 @pytest.mark.parametrize(
     ("name", "values", "expected"),
     [
-        (
-            "sb3_ppo",
-            {},
-            2000,
-        ),  # 5 * 2000 = 10,000; 2048 does not divide it, nor does a number between
+        # 5 * 2000 = 10,000; 2048 does not divide it, nor does a number between
+        ("sb3_ppo", {}, 2000),
         ("sb3_ppo", {"n_envs": 4}, 1250),  # 2 * 4 * 1250
         ("sb3_contrib:TRPO", {}, 2000),
         ("sb3_dqn", {"budget": 9999}, 3),

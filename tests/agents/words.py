@@ -189,10 +189,8 @@ def textbook(
                 [sum(2**action for action in agent.best(row)) for row in agent.table()]
             )
             record["disagreements"].append(agent.wrong)
-        visited, largest = (
-            [],
-            [],
-        )  # largest values met in a unit of the budget, and those of the table then
+        # largest values met in a unit of the budget, and those of the table then
+        visited, largest = [], []
         is_over = unit == settings.budget
         while not is_over:
             visited.append(agent.values(int(model.observation[agent.state])).max())

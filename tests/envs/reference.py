@@ -158,9 +158,8 @@ class Reference:
         place, tick, is_late, pings, cell = state
         issuer, rewards = self.places[place], self.tables["rewards"]
         zone, event, comes_late = self.zone(issuer, self.clock[tick], cell), "", False
-        mean = (
-            self.answer(place, tick, cell)[0] if is_late else 0.0
-        )  # for the PING before, in the same cell
+        # for the PING before, in the same cell
+        mean = self.answer(place, tick, cell)[0] if is_late else 0.0
         noise = 0.0
         if action < 4:
             way = list(WAYS.values())[action]

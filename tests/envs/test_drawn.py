@@ -89,12 +89,7 @@ def test_what_walls_cut_off_is_not_drawn() -> None:
         ("#", {"grid.start": [0, 0]}, 15 - 4, 11),
         (".", {"grid.start": [0, 0]}, 15 - 4 + 1 + 3, 15),
         ("#", {"grid.start": "anywhere"}, 15 + 2, 15 * 15 - 4 * 4 - 8 * 6 - 3 * 9 + 2),
-        (
-            "#",
-            {"grid.start": [0, 0], "group": {"people": 2, "apart": [1, 1]}},
-            8 + 6,
-            14,
-        ),  # in rows, columns
+        ("#", {"grid.start": [0, 0], "group": {"people": 2, "apart": [1, 1]}}, 8 + 6, 14),
     ):
         room = {"grid.rows": 3, "grid.columns": 7, "grid.walls": f".....#.\n.....{door}.\n.....#."}
         model = compile_scenario(load_scenario("Anywhere", room | RADII | changes))

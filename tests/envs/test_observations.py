@@ -34,11 +34,8 @@ def seen(changes: Changes, agent: tuple[int, int], *people: tuple[int, int]) -> 
 
 
 def test_offsets_of_two_people_by_hand() -> None:
-    agent, first, last = (
-        (2, 2),
-        (2, 5),
-        (0, 2),
-    )  # the second is nearer: 2 rows up, the other 3 columns right
+    # the second is nearer: 2 rows up, the other 3 columns right
+    agent, first, last = (2, 2), (2, 5), (0, 2)
     up, right = 2 * 11 + 5, 4 * 11 + 8
     columns, coordinates = seen(PAIR, agent, last, first)
     assert columns == [up, 99 + right]

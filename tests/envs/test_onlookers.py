@@ -41,9 +41,8 @@ def test_onlookers_stand_in_the_first_free_cells_of_each_way() -> None:
     layout = model_of(CROWD, draw=5).scenario.layout
     orders, seen = orders_by_hand(10, 12, "onlookers", 5), 0
     every = load_scenario("Anywhere", ROOM | {"draw": 5}).layout
-    assert (
-        len(layout.ways) == 10 + 3 * 3
-    )  # each unseen place has as many ways as each of the others, rounded up
+    # each unseen place has as many ways as each of the others, rounded up
+    assert len(layout.ways) == 10 + 3 * 3
     for place in range(7):
         rows = np.flatnonzero((layout.ways == every.ways[place]).all(axis=1))
         # Ten ways take turns with four places; those of each unseen place go on where the one
