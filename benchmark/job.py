@@ -184,8 +184,7 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     if has_unseen:
         scored = np.stack([*policies(learned), *policies(-1)])
         unseen = evaluate(model, scored, run.horizon, "unseen").success.reshape(1, 2, 2)
-    names = (*_CURVE, *(POLICY if run.keep else ()))
-    columns = {name: getattr(training, name) for name in names}
+    columns = {name: getattr(training, name) for name in _CURVE + POLICY * bool(run.keep)}
     return columns | {"success": np.array([curve]), "unseen_success": unseen}
 
 

@@ -167,16 +167,23 @@ def execute(
     errors: list[str] = []
 
     def keep(future: Future[list[Record]]) -> None:
-        records = _records(future, *under_way[future])
+        # Its arrays would stay in memory if it stayed under way.
+        job, started = under_way.pop(future)
+        try:
+            records = future.result()
+        except Exception as error:  # the job was lost
+            records = failures(job, error, started)
         store.add(records)
         failed = [record.error for record in records if record.error is not None]
         errors.extend(failed)
         on_progress([record.digest for record in records], len(failed))
-        del under_way[future]  # or its arrays would stay in memory
 
     try:
         with ExitStack() as stack:
-            executors = _executors(todo, jobs, executor, stack)
+            executors = dict[str, Executor]()
+            for name in {load_algorithm(run.algorithm).placement for run in todo}:
+                executors[name] = executor or EXECUTORS[name](jobs)
+                stack.callback(executors[name].cancel)
             done: set[Future[list[Record]]] = set()
             while True:
                 for job in islice(waiting, jobs - len(under_way) + len(done)):
@@ -194,33 +201,13 @@ def execute(
         raise
 
 
-def _executors(
-    runs: Sequence[RunSpecification], jobs: int, executor: Executor | None, stack: ExitStack
-) -> dict[str, Executor]:
-    """Returns the executor of each placement, or a given one for all; the stack cancels them."""
-    executors = dict[str, Executor]()
-    for name in {load_algorithm(run.algorithm).placement for run in runs}:
-        executors[name] = executor or EXECUTORS[name](jobs)
-        stack.callback(executors[name].cancel)
-    return executors
-
-
-def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:
-    """Returns what an ended future has, or records of failure if its job was lost."""
-    try:
-        return future.result()
-    except Exception as error:
-        return failures(job, error, started)
-
-
 # Logs for TensorBoard
 
 
 def _check_log(options: Any) -> None:
     """Refuses logs on a cluster, in an unwritable folder, and without Stable-Baselines3."""
     if options.cluster is not None:
-        what = "not accepted with --cluster, whose workers may be on other machines"
-        raise InputError(f"--log: {what}.")
+        raise InputError("--log: not accepted with --cluster, whose workers may be elsewhere.")
     with needed_by("--log"):
         import agents.sb3.training  # noqa: F401
     options.log.mkdir(parents=True, exist_ok=True)

@@ -37,15 +37,6 @@ _COSTS: Final = ("cpu_time_s", "cpu_learned_s", "peak_memory_mb", "wall_time_s")
 _MADE: Final = ("started_at", "commit", "machine", "processor", "versions")
 # These differ between machines, or whenever a run is repeated.
 MEASURED: Final = (*_COSTS, *_MADE)
-# Success in unseen places: when a run has learned (0) or at the budget (1), by which policy
-_UNSEEN: Final = {
-    "unseen_success": (0, ""),
-    "unseen_greedy": (0, "greedy"),
-    "unseen_stochastic": (0, "stochastic"),
-    "unseen_budget": (1, ""),
-    "unseen_budget_greedy": (1, "greedy"),
-    "unseen_budget_stochastic": (1, "stochastic"),
-}
 _TEXTS: Final = ("scenario", "grid", "point", "reading", "learner", "run", "policy", *_MADE)
 _NEEDED: Final = {
     RUNS: {"scenario", "learner", "seed", "run", "budget", "success", "versions"},
@@ -134,16 +125,22 @@ def _unseen(records: Records, policy: str) -> dict[str, Any]:
     if records.run.solved is None:
         return {}
     found = records.arrays["unseen_success"]  # (N, 2, 2), or without unseen places (N, 0, 2)
-    which = {name: (when, (of or policy) == "stochastic") for name, (when, of) in _UNSEEN.items()}
-    return {name: found[:, i, int(j)] if found.size else np.nan for name, (i, j) in which.items()}
+    if not found.size:
+        found = np.full((len(found), 2, 2), np.nan)
+    columns, which = {}, int(policy == "stochastic")
+    # When a run has learned, and at the budget
+    for i, (name, start) in enumerate([("unseen_success", "unseen"), ("unseen_budget",) * 2]):
+        columns[name] = found[:, i, which]
+        columns |= {f"{start}_greedy": found[:, i, 0], f"{start}_stochastic": found[:, i, 1]}
+    return columns
 
 
 def _measured(records: Records) -> pd.DataFrame:
     """Returns costs, machine and software, a row per run."""
     made = pd.DataFrame([*records.provenance])
     made["versions"] = [json.dumps(each, sort_keys=True) for each in made["versions"]]
-    times = made["cpu_time_s"].to_list()
-    made["cpu_time_s"] = [curve[-1] for curve in times]
+    times = made["cpu_time_s"]
+    made["cpu_time_s"] = times.str[-1]
     if records.run.solved is not None:
         level, steps = float(records.run.solved["success"]), records.evaluation_steps
         learned = [solved(curve, steps, level)[0] for curve in records.arrays["success"].tolist()]
@@ -251,8 +248,9 @@ def check_declared(
         for run in population.runs(population.taken(seeds))
     }
     keys = [*experiment.populations[0].keys, "seed", "run"]
-    is_alike = {*keys} <= {*table}
-    found = {*table[keys].itertuples(index=False, name=None)} if is_alike else set()
+    found = set[tuple[Any, ...]]()
+    if {*keys} <= {*table}:
+        found = {*table[keys].itertuples(index=False, name=None)}
     search = experiment.declared.search
     others = {row for row in found - declared if search is None or row[-2] not in search.fresh}
     missing = len(declared - found)

@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import pandas as pd
-
 from benchmark.experiment import Experiment
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
@@ -164,11 +162,3 @@ def copy_compiled(folder: Path) -> None:
             shutil.copy(source, target)
         elif source.suffix == ".py":
             shutil.copystat(source, target)  # by which numba knows a source
-
-
-def mistyped_columns(path: Path) -> list[str]:
-    """Lists columns of a CSV file whose type cannot be inferred from its first hundred rows."""
-    types = {"dtype_backend": "numpy_nullable", "keep_default_na": False, "na_values": [""]}
-    whole, first = pd.read_csv(path, **types), pd.read_csv(path, nrows=100, **types)
-    is_known = first.notna().any() & (first.dtypes == whole.dtypes)
-    return [str(name) for name in whole if not is_known[name]]

@@ -137,19 +137,6 @@ def test_all_mistakes_of_a_file_are_reported_at_once(
     assert "(did you mean horizon?)" in said[-1]
 
 
-def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """If all steps and PINGs pay the same, the optimal policy earns what the random one does."""
-    table = read_toml(SCENARIO_DIRECTORY / "S1.toml")
-    table["rewards"] = dict.fromkeys(table["rewards"], 0.0)
-    (tmp_path / "Flat.toml").write_text(toml(table))
-    text = small_experiment(scenarios=[f"{tmp_path}/Flat.toml"])
-    (tmp_path / "mine.toml").write_text(text)
-    command = ["run", f"{tmp_path}/mine.toml", "--results", f"{tmp_path}/out"]
-    for arguments in (command, ["assess", *AGENT, f"{tmp_path}/Flat.toml"]):
-        assert "so scores" in refused(capsys, *arguments)
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.slow
 def test_closed_and_full_outputs(tmp_path: Path) -> None:
     def bash(command: str) -> subprocess.CompletedProcess[str]:

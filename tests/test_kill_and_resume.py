@@ -5,12 +5,10 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from benchmark.executors import Threads
@@ -95,21 +93,6 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
     assert process.returncode == (130 if number == signal.SIGINT else -number)
     assert "Traceback" not in stderr
     assert 1 <= resume(runs, tmp_path, expected) < len(expected)
-
-
-@pytest.mark.slow
-def test_driver_that_is_killed_again_and_again(
-    experiment: Path, runs: list[RunSpecification], expected: Arrays, tmp_path: Path
-) -> None:
-    rng, n_before = np.random.default_rng(0), 0
-    for _ in range(4):
-        process = start(experiment, tmp_path)
-        time.sleep(rng.uniform(0.5, 3.0))
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate(timeout=60)
-        assert n_stored(tmp_path) >= n_before
-        n_before = n_stored(tmp_path)
-    assert resume(runs, tmp_path, expected) == n_before
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ import ast
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
@@ -18,6 +17,7 @@ from tests.support import ROOT
 LAYERS: Final = ("envs", "agents", "benchmark", "tests")
 MAX_FLOORS: Final = 8  # of modules in `benchmark`, each of which imports from floors below alone
 MAX_FILES: Final = 30  # of Python, but in `experiments` and `page`
+NETS: Final = {"torch", "stable_baselines3"}
 
 
 @cache
@@ -36,11 +36,6 @@ def imports(path: Path) -> frozenset[str]:
 def imported(path: Path) -> set[str]:
     """Returns the top-level names that a file imports."""
     return {name.partition(".")[0] for name in imports(path)}
-
-
-def sources() -> Iterator[Path]:
-    for layer in LAYERS[:3]:
-        yield from sorted((ROOT / layer).rglob("*.py"))
 
 
 @pytest.mark.parametrize("layer", LAYERS)
@@ -74,15 +69,12 @@ def test_the_benchmark_has_few_files_on_few_floors() -> None:
 
 
 def test_only_some_modules_know_torch_and_the_store() -> None:
-    torch = {"torch", "stable_baselines3"}
-    loading = {str(path.relative_to(ROOT)) for path in sources() if imported(path) & torch}
+    sources = [path for layer in LAYERS[:3] for path in (ROOT / layer).rglob("*.py")]
+    loading = {str(path.relative_to(ROOT)) for path in sources if imported(path) & NETS}
     tools = ("extractors", "tables", "training", "vec_env")
     assert loading <= {f"agents/sb3/{name}.py" for name in tools}
-    storing = [path.name for path in sources() if "sqlite3" in imported(path)]
+    storing = [path.name for path in sources if "sqlite3" in imported(path)]
     assert storing == ["store.py"]
-
-
-NETS: Final = {"torch", "stable_baselines3"}
 
 
 @pytest.mark.parametrize(

@@ -79,15 +79,10 @@ class Machines:
             process.wait()
 
     def add(self, name: str, preload: str = ELSEWHERE) -> subprocess.Popen[bytes]:
-        (self._folder / f"preload_{name}.py").write_text(preload, encoding="utf-8")
+        (file := self._folder / f"preload_{name}.py").write_text(preload, encoding="utf-8")
         own = ["--name", name, "--nthreads", "1", "--local-directory", str(self._folder)]
-        more = [
-            "--no-nanny",
-            "--no-dashboard",
-            "--preload",
-            str(self._folder / f"preload_{name}.py"),
-        ]
-        return self._start(ROOT, "dask", "worker", self.address, *own, *more)
+        own += ["--no-nanny", "--no-dashboard", "--preload", str(file)]
+        return self._start(ROOT, "dask", "worker", self.address, *own)
 
     def addresses(self, *names: str) -> dict[str, str]:
         """Waits until these workers are there, and no others, and returns their addresses."""
@@ -138,8 +133,8 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
         for stored, record in zip(records, expected, strict=True):
             assert stored.status == record.status == "done"
             assert stored.provenance["machine"].startswith("Elsewhere")
-            assert stored.provenance["versions"] == record.provenance["versions"]
-            assert stored.provenance["commit"] == record.provenance["commit"]
+            for name in ("versions", "commit"):
+                assert stored.provenance[name] == record.provenance[name]
 
 
 @pytest.mark.slow
@@ -162,10 +157,8 @@ def test_workers_that_differ_are_refused(
 
         until(has_had_a_job)
         # Now it is there at the start.
-        assert (
-            main(["run", str(experiment), "--results", str(tmp_path), "--cluster", pair.address])
-            == 2
-        )
+        command = ["run", str(experiment), "--results", str(tmp_path)]
+        assert main([*command, "--cluster", pair.address]) == 2
         assert refused in capsys.readouterr().err
     finally:
         executor.cancel()
@@ -177,9 +170,8 @@ def test_workers_that_differ_are_refused(
 def test_death_of_the_scheduler_ends_the_run_which_can_be_resumed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "slow.toml").write_text(
-        SLOW_EXPERIMENT.replace("60000", "150000"), encoding="utf-8"
-    )
+    slow = SLOW_EXPERIMENT.replace("60000", "150000")
+    (tmp_path / "slow.toml").write_text(slow, encoding="utf-8")
     runs = all_specifications(load_experiment(tmp_path / "slow.toml"))
     with Machines(tmp_path) as machines:
         machines.add("a")
@@ -192,10 +184,8 @@ def test_death_of_the_scheduler_ends_the_run_which_can_be_resumed(
 
         killer = threading.Thread(target=kill)
         killer.start()
-        assert (
-            main(["run", f"{tmp_path}/slow.toml", "--results", str(tmp_path), "--cluster", address])
-            == 1
-        )
+        command = ["run", f"{tmp_path}/slow.toml", "--results", str(tmp_path)]
+        assert main([*command, "--cluster", address]) == 1
         killer.join()
     last = capsys.readouterr().err.splitlines()[-1]
     with Store(tmp_path / "runs.db") as store:

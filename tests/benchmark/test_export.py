@@ -15,11 +15,11 @@ from benchmark.__main__ import main
 from benchmark.assess import assess
 from benchmark.experiment import load_experiment
 from benchmark.export import find_run
-from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
 from tests.support import ROOT, small_experiment, variant
 
-OBSERVATIONS = {"tiles": "coordinates", "dqn": "one_hot", "ppo": "one_hot", "table": "index"}
+LEARNERS = {name: f"{name}, one_hot" for name in ("dqn", "ppo", "stock")}
+LEARNERS |= {"tiles": "tiles, coordinates", "table": "table"}
 SHORT: Any = {"settings": {"n_steps": 100}}
 EXPERIMENT = small_experiment(
     scenarios=["S1", "S3"],
@@ -42,23 +42,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run_of(folder: Path, name: str) -> RunSpecification:
-    learner = f"{name}, {OBSERVATIONS.get(name, 'one_hot')}"
-    return find_run(load_experiment(folder / "small.toml"), learner, "1", "S3", None)
-
-
 def stored(folder: Path, name: str) -> Record:
+    experiment = load_experiment(folder / "small.toml")
+    run = find_run(experiment, LEARNERS[name], "1", "S3", None)
     with Store(folder / "runs.db", read_only=True) as store:
-        return store.get([run_of(folder, name).digest])[0]
+        return store.get([run.digest])[0]
 
 
 def export(folder: Path, name: str, file: str) -> int:
-    learner = f"{name}, {OBSERVATIONS.get(name, 'one_hot')}"
+    learner = LEARNERS[name]
     command = ["export", str(folder / "small.toml"), "--learner", learner, "--seed", "1"]
     return main([*command, "--scenario", "S3", "--results", str(folder), str(folder / file)])
 
 
-@pytest.mark.parametrize("name", [*OBSERVATIONS, pytest.param("stock", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["tiles", "dqn", "ppo", "table", pytest.param("stock", marks=pytest.mark.slow)]
+)
 def test_files_act_as_recorded(name: str, folder: Path) -> None:
     assert export(folder, name, f"{name}.npz") == 0
     record = stored(folder, name)

@@ -1,13 +1,8 @@
 """How speed is measured, and what an interrupt leaves."""
 
-import os
-import signal
-from pathlib import Path
-
 import pytest
 
 from benchmark import speed
-from benchmark.__main__ import main
 from benchmark.speed import Side
 
 
@@ -26,15 +21,3 @@ def test_all_turns_but_the_first_count(monkeypatch: pytest.MonkeyPatch) -> None:
     sides = side(9, 1, 2, 3, 2, 2), side(9, 4, 8, 4, 8, 6)  # 60 steps in 10 and 30 seconds
     (row,) = speed.measured([("row", *sides, "it")]).itertuples(index=False, name=None)
     assert row == ("row", 6, 2, 3, "it")
-
-
-def test_an_interrupt_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    interrupt = Side(1, lambda: os.kill(os.getpid(), signal.SIGINT))
-    monkeypatch.setattr(speed, "all_rows", lambda *_: [("row", Side(1, int), interrupt, "it")])
-    results = tmp_path / "results"
-    assert main(["speed", "--smoke", "--results", str(results)]) == 130
-    *_, said = capsys.readouterr().err.splitlines()
-    assert said.startswith("interrupted: ")
-    assert list(results.iterdir()) == []

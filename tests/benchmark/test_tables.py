@@ -15,7 +15,7 @@ from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
 from benchmark.executors import Threads
 from benchmark.experiment import Experiment, load_experiment
-from benchmark.folder import csv_text, write_manifest
+from benchmark.folder import MANIFEST, csv_text, write_manifest
 from benchmark.records import Records, anchors
 from benchmark.run import execute
 from benchmark.store import Record, Store
@@ -36,12 +36,9 @@ TWO = small_experiment(
     },
 )
 MADE: dict[str, Any] = {
-    "cpu_time_s": [0.5, 2.0],
-    "peak_memory_mb": None,
-    "wall_time_s": 3.0,
-    "commit": None,
+    **{"cpu_time_s": [0.5, 2.0], "peak_memory_mb": None, "wall_time_s": 3.0, "commit": None},
+    **{"started_at": "2026-01-01", "machine": "m", "processor": "p", "versions": {"b": 1, "a": 2}},
 }
-MADE |= {"started_at": "2026-01-01", "machine": "m", "processor": "p", "versions": {"b": 1, "a": 2}}
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +64,8 @@ def test_tables_have_what_records_hold(two: Experiment, results: Path) -> None:
     runs, curves = read(results / "mine")
     with Store(results / "runs.db") as store:
         for each in two.populations:
-            is_own = {"scenario": each.scenario.name, "learner": each.learner.name}.items()
-            own, curve = (
-                frame[np.all([frame[name] == value for name, value in is_own], axis=0)]
-                for frame in (runs, curves)
-            )
+            names = f"scenario == {each.scenario.name!r} and learner == {each.learner.name!r}"
+            own, curve = runs.query(names), curves.query(names)
             records = [record.arrays for record in store.get([run.digest for run in each.runs()])]
             assert own["run"].tolist() == [run.digest[:16] for run in each.runs()]
             model = compile_seen(each.scenario, each.learner.observation)
@@ -98,15 +92,11 @@ def test_tables_have_what_records_hold(two: Experiment, results: Path) -> None:
 
 def tabulated(made: Records, path: Path) -> dict[str, Any]:
     """Returns the first row of the table of runs that are made by hand, and stored."""
-    agents = zip(made.runs, made.agents, strict=True)
-    fixed = {"updates": 7, "parameters": 600, "diverged_at": -1}
+    fixed = {"updates": np.array(7), "parameters": np.array(600), "diverged_at": np.array(-1)}
+    (run,), (arrays,) = made.runs, made.agents
     with Store(path / "runs.db") as store:
-        store.add(
-            Record(run.digest, run.content, "done", MADE, {**arrays, **each})
-            for run, arrays in agents
-            for each in [{name: np.array(value) for name, value in fixed.items()}]
-        )
-        group = Group(load_experiment("reproduce", smoke=True).populations[0], made.runs)
+        store.add([Record(run.digest, run.content, "done", MADE, {**arrays, **fixed})])
+        group = Group(load_experiment("reproduce", smoke=True).populations[0], [run])
         runs, _ = tables([group], store)
     return dict(runs.iloc[0])
 
@@ -162,16 +152,9 @@ def test_files_stay_if_only_measured_columns_or_the_compression_differ(
     (tmp_path / "mine" / RUNS).write_bytes(content)
     publish(tmp_path / "mine", runs.assign(wall_time_s=1e9, machine="another"), curves)
     assert (tmp_path / "mine" / RUNS).read_bytes() == content
-    (tmp_path / "mine" / "manifest.json").write_text("{}")
+    (tmp_path / "mine" / MANIFEST).write_text("{}")
     publish(tmp_path / "mine", runs.assign(success=0.5), curves)
     assert (read(tmp_path / "mine")[0]["success"] == 0.5).all()
-
-
-def damaged(name: str, change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
-    def damage(folder: Path) -> None:
-        (folder / name).write_bytes(change((folder / name).read_bytes()))
-
-    return damage
 
 
 def replaced(name: str, old: str, new: str) -> Callable[[Path], object]:
@@ -190,8 +173,8 @@ def replaced(name: str, old: str, new: str) -> Callable[[Path], object]:
     ("damage", "problem"),
     [
         (lambda folder: (folder / CURVES).unlink(), "there are no runs yet"),
-        (damaged(RUNS, lambda content: content[:-9]), "manifest.json lists another digest"),
-        (damaged("manifest.json", lambda content: content[5:]), "manifest.json: damaged"),
+        (lambda folder: (folder / RUNS).write_text("a"), "manifest.json lists another digest"),
+        (lambda folder: (folder / MANIFEST).write_text("a"), "manifest.json: damaged"),
         (replaced(RUNS, ",success,", ",failure,"), "without success"),
         (replaced(RUNS, ",400,", ",many,"), "budget, updates: not numbers"),
         (replaced(CURVES, ",400,", ",400,7"), "success is not a probability"),

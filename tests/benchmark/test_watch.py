@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from PIL import Image
 
 from agents.dynamic_programming import evaluate, solve
-from agents.policy import contains, greedy_masks, mask_policy
+from agents.policy import mask_policy
 from benchmark.__main__ import main
 from benchmark.watch import CIRCLE, HORIZON, draw, walk, write
-from envs import ACTIONS, compile_scenario, load_scenario
+from envs import ACTIONS, Model, compile_scenario, load_scenario
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.populations import population
 
@@ -22,14 +21,14 @@ S1 = compile_scenario(load_scenario("S1"))
 SUCCESS, TOO_MANY = "success", "too many wrong PINGs"
 
 
-def everywhere(mask: int) -> NDArray[np.uint8]:
-    """The policy that has the same greedy actions in all cells of S1."""
-    return np.full(S1.n_observations, mask, dtype=np.uint8)
+def walked(mask: int, n: int, model: Model = S1) -> tuple[list[int], str]:
+    """Walks by the policy that has the same greedy actions in all cells."""
+    return walk(model, np.full(model.n_observations, mask, dtype=np.uint8), n)
 
 
 def test_walks_of_deterministic_policies_are_as_long_as_exact_evaluation_says() -> None:
     rng, endings = np.random.default_rng(0), set()
-    best = contains(greedy_masks(solve(S1, 0.9).q[S1.fresh_state])).argmax(axis=1)
+    best = solve(S1, 0.9).q[S1.fresh_state].argmax(axis=1)
     for share in np.repeat([0.0, 0.05, 0.2, 1.0], 25):
         random = rng.integers(5, size=len(best))
         greedy = (1 << np.where(rng.random(len(best)) < share, random, best)).astype(np.uint8)
@@ -43,11 +42,11 @@ def test_walks_of_deterministic_policies_are_as_long_as_exact_evaluation_says() 
 
 
 def test_walks_end_as_the_episode_ends_by_hand() -> None:
-    assert walk(S1, everywhere(PING), S1.scenario.ping_limit)[1] == TOO_MANY
-    assert walk(S1, everywhere(UP | LEFT), 9) == ([0, 0], CIRCLE)
-    assert walk(S1, everywhere(RIGHT), 1) == ([0, 1], HORIZON)
+    assert walked(PING, S1.scenario.ping_limit)[1] == TOO_MANY
+    assert walked(UP | LEFT, 9) == ([0, 0], CIRCLE)
+    assert walked(RIGHT, 1) == ([0, 1], HORIZON)
     model = compile_scenario(load_scenario("S1", {"grid.start": [6, 5]}))  # the issuer's row
-    assert walk(model, everywhere(RIGHT), 3) == ([77, 78, 79, 80], "ran into the person")
+    assert walked(RIGHT, 3, model) == ([77, 78, 79, 80], "ran into the person")
 
 
 def test_a_frame_shows_values_greedy_actions_the_walk_and_its_end() -> None:
@@ -72,11 +71,9 @@ def test_a_frame_shows_values_greedy_actions_the_walk_and_its_end() -> None:
 
 @pytest.mark.parametrize("name", ["film.webp", "film.GIF"])
 def test_films_have_a_frame_per_map(name: str, tmp_path: Path) -> None:
-    greedy = np.full((1, 4, 120), RIGHT, dtype=np.uint8)
-    greedy[0, 1:3] = [[PING], [UP]]
     values = np.zeros((1, 4, 120, 5))
-    values[0, 1:] = np.array([1, 2, 3])[:, None, None]
-    write("mine", population(n=1, greedy=greedy, values=values), tmp_path / name)
+    values[0] = np.arange(4)[:, None, None]
+    write("mine", population(n=1, values=values), tmp_path / name)
     with Image.open(tmp_path / name) as image:
         assert getattr(image, "n_frames", 1) >= 4
 

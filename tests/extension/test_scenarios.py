@@ -70,15 +70,6 @@ def test_a_scenario_is_given_by_its_path(corridor: Path) -> None:
     assert env.observation_space == gymnasium.spaces.Discrete(3 * 6)
 
 
-def test_its_agent_may_see_the_offset_alone(corridor: Path) -> None:
-    corridor.write_text(f'observe = ["offset"]\n{CORRIDOR}', encoding="utf-8")
-    env = gymnasium.make("Proxemic/S1-v0", scenario=corridor)
-    # Offsets from -2 to 2 rows and -5 to 5 columns: no row and five columns, then four.
-    assert env.observation_space == gymnasium.spaces.Discrete(5 * 11)
-    assert env.reset()[0] == 2 * 11 + 5 + 5
-    assert env.step(RIGHT)[0] == 2 * 11 + 5 + 4
-
-
 def test_a_scenario_beside_the_experiment_is_compared_like_any_other(
     corridor: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
