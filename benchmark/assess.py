@@ -26,7 +26,7 @@ with needed_by("benchmark.assess"):
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
     from agents.sb3.algorithms import is_sb3_class
-    from benchmark.records import anchors, check_anchors, unbounded_scores
+    from benchmark.records import check_anchors, unbounded_scores
     from benchmark.scenes import draw_policy, policy_legend
     from benchmark.style import check_file, figure_of, save
 
@@ -80,11 +80,7 @@ class Assessment:
         return float(self.evaluation.success)
 
     def __repr__(self) -> str:
-        exact, below = self.evaluation, ""
-        if self.unbounded_score < 0:
-            random, _ = anchors(self.model, HORIZON)
-            returned = f"{float(exact.grid_return):g}"
-            below = f" (the return, {returned}, is below a random policy's, {random:g})"
+        exact = self.evaluation
         clipped = "(0: random, 1: optimal for an agent that knows the state; clipped)"
         uncomfortable = exact.zone_steps[ZONES.index("uncomfortable")]
         return (
@@ -92,7 +88,7 @@ class Assessment:
             f"evaluated exactly over episodes of at most {HORIZON} steps\n"
             f"  success              {self.success:g}\n"
             f"  score                {self.score:<10g} {clipped}\n"
-            f"  unbounded score      {self.unbounded_score:g}{below}\n"
+            f"  unbounded score      {self.unbounded_score:g}\n"
             f"  steps                {float(exact.steps):g}\n"
             f"  wrong PINGs          {float(exact.wrong_pings):g}\n"
             f"  uncomfortable steps  {float(uncomfortable):g}"
@@ -139,10 +135,8 @@ def assess(
       InputError: The scenario, the form of observation or the model cannot be used, or a function
         returns something else, or another answer when it is asked again.
     """
-    model, is_path = (
-        compile_seen(load_scenario(scenario), observation),
-        isinstance(agent, str | Path),
-    )
+    model = compile_seen(load_scenario(scenario), observation)
+    is_path = isinstance(agent, str | Path)
     if is_path != (algorithm is not None):
         accepted = "module:class, such as stable_baselines3:PPO, only and always with a saved model"
         what = agent if is_path else "agent"

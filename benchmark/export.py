@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from agents import load_algorithm
 from agents.nets.learner import NetAlgorithm
 from agents.policy import mask_policy
 from agents.sb3.algorithms import Sb3Algorithm
@@ -32,12 +33,10 @@ _MAX_SEED = 999_999
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment, path = load_experiment(options.experiment), options.file
-    learner, scenario = options.learner, options.scenario
-    run = find_run(experiment, learner, options.seed, scenario, options.condition)
-    learner = experiment.learners[f"{run.variant}, {run.observation}"]
-    is_net = isinstance(learner.algorithm, NetAlgorithm | Sb3Algorithm)
+    given = options.learner, options.seed, options.scenario, options.condition
+    run, title = find_run(experiment, *given)
+    is_net = isinstance(load_algorithm(run.algorithm), NetAlgorithm | Sb3Algorithm)
     check_file(path, *([".zip"] if is_net else []), ".npz")
-    title = f"{run.scenario.name}: {learner.title}, seed {run.seed}"
     print(f"training {title} ...", file=sys.stderr)
     made = path.with_name(f".making_{path.name}")
     try:
@@ -52,8 +51,10 @@ def main(options: argparse.Namespace) -> int:
 
 def find_run(
     experiment: Experiment, learner: str, seed: str, scenario: str | None, condition: str | None
-) -> RunSpecification:
-    """Returns a run with any seed of a learner, or of a variant with its first form of observation.
+) -> tuple[RunSpecification, str]:
+    """Finds a run with any seed of a learner, or of a variant with its first form of observation.
+
+    Returns it and its title.
 
     By default, the scenario is the experiment's first, and the condition the learner's first.
     """
@@ -62,18 +63,19 @@ def find_run(
     if not alike:
         names = {f'"{population.learner.name}"' for population in experiment.populations}
         unknown_name(experiment.name, "learner", learner, names)
-    name, condition = alike[0].learner.name, condition or alike[0].condition.name
-    conditions = {each.condition.name for each in alike if each.learner.name == name}
-    if condition not in conditions:
-        unknown_name(f"{experiment.name}: {name}", "condition", condition, conditions)
-    wanted = condition, name
-    found = next(each for each in alike if (each.condition.name, each.learner.name) == wanted)
+    first = alike[0]
+    own = [each for each in alike if each.learner.name == first.learner.name]
+    conditions = {each.condition.name: each for each in reversed(own)}
+    if condition is not None and condition not in conditions:
+        where = f"{experiment.name}: {first.learner.name}"
+        unknown_name(where, "condition", condition, conditions)
+    found = conditions.get(condition or "", first)
     (run,) = found.runs([number])
-    if scenario is None:
-        return run
-    stem = Path(scenario).stem
-    known = experiment.scenarios.get(stem, scenario)
-    return replace(run, scenario=load_scenario(known, found.condition.scenario(stem)))
+    if scenario is not None:
+        stem = Path(scenario).stem
+        known = experiment.scenarios.get(stem, scenario)
+        run = replace(run, scenario=load_scenario(known, found.condition.scenario(stem)))
+    return run, f"{run.scenario.name}: {found.learner.title}, seed {number}"
 
 
 def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None:
@@ -86,7 +88,11 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
         from agents.sb3.training import save
 
         keep = partial(save, path, about, scenario, run.settings, form)
-    record = _repeated(replace(run, keep=keep))
+    executor = Processes(1)
+    try:
+        (record,) = executor.submit([replace(run, keep=keep)]).result()
+    finally:
+        executor.cancel()
     if record.status != "done":
         reason = record.error or "it diverged"
         raise InputError(f"{title}: there is no agent to write: {reason}.")
@@ -104,15 +110,6 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
         store.add([record])
     elif found := difference_of(store.get([run.digest])[0], record):
         raise InputError(f"{title}: not written, since the repeated run {found}.")
-
-
-def _repeated(run: RunSpecification) -> Record:
-    executor = Processes(1)
-    try:
-        (record,) = executor.submit([run]).result()
-    finally:
-        executor.cancel()
-    return record
 
 
 def difference_of(before: Record, after: Record) -> str:

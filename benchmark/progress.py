@@ -4,8 +4,11 @@ import heapq
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from benchmark.job import Job
 from benchmark.tables import RUNS, read_table
@@ -27,13 +30,14 @@ class Forecast:
 
         If it has none, how long a step takes is unknown until the first job has ended.
         """
-        per_step = _seconds_per_step(published)
-        steps = [float(job[0].settings.budget * len(job)) for job in jobs]
-        names = [f"{job[0].variant}, {job[0].observation}" for job in jobs]
-        self._costs = steps
+        self._costs = [float(job[0].settings.budget * len(job)) for job in jobs]
         self._rate: float | None = None  # seconds per unit of costs
-        if {*names} <= per_step.keys():
-            self._costs = [n * per_step[name] for n, name in zip(steps, names, strict=True)]
+        with suppress(InputError, KeyError):  # there are no results, or none of a learner
+            runs = read_table(published, RUNS)
+            sums = runs.groupby("learner")[["wall_time_s", "budget"]].sum()
+            seconds = sums["wall_time_s"] / sums["budget"]  # of a step
+            names = [f"{job[0].variant}, {job[0].observation}" for job in jobs]
+            self._costs = (np.array(self._costs) * seconds[names]).tolist()
             self._rate = 1.0
         self._waiting = [*reversed(range(len(jobs)))]
         self._running: dict[int, float] = {}  # when each started
@@ -72,16 +76,6 @@ class Forecast:
             return f"for an unknown time: {self._published} has no results of these learners"
         by = f"{self._workers} worker{'s' * (self._workers > 1)}"
         return f"{about(seconds)} with {by}, if as fast as for the results in {self._published}"
-
-
-def _seconds_per_step(published: Path) -> dict[str, float]:
-    """Returns the mean seconds per step of published runs, by learner; none if there are none."""
-    try:
-        runs = read_table(published, RUNS)
-    except InputError:
-        return {}
-    sums = runs.groupby("learner")[["wall_time_s", "budget"]].sum()
-    return {str(name): row["wall_time_s"] / row["budget"] for name, row in sums.iterrows()}
 
 
 class Display:
@@ -130,8 +124,5 @@ def about(seconds: float) -> str:
     """Returns a time for readers, such as "about 17 minutes"."""
     if seconds < 90:
         return "about a minute" if seconds > 40 else "less than a minute"
-    return (
-        f"about {seconds / 60:.0f} minutes"
-        if seconds < 6000
-        else f"about {seconds / 3600:.1f} hours"
-    )
+    hours, minutes = f"{seconds / 3600:.1f} hours", f"{seconds / 60:.0f} minutes"
+    return f"about {minutes if seconds < 6000 else hours}"

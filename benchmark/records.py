@@ -110,21 +110,17 @@ class _Stacked(dict[str, Array]):
 def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
     """Reads the records of runs of a population; an InputError says if one is not valid."""
     records = store.get(run.digest for run in runs)
-    for run, record in zip(runs, records, strict=True):
-        if record.status == "failed":
-            raise InputError(f"{run.folder}: this run failed: run the experiment again.")
+    if failed := [run for run, record in zip(runs, records, strict=True) if record.error]:
+        raise InputError(f"{failed[0].folder}: this run failed: run the experiment again.")
     arrays = [record.arrays for record in records]
     return Records(runs, arrays, [record.provenance for record in records])
 
 
 @kept_with_model
-def anchors(model: Model, horizon: int, returns: str = "grid_return") -> tuple[float, float]:
-    """Computes the exact returns of the random and of the optimal policy.
-
-    `"grid_return"` is the sum of the grid's rewards, `"scenario_return"` that with the issuer's.
-    """
-    random = getattr(evaluate(model, uniform_policy(model), horizon), returns)
-    values = solve(model, 1.0, horizon, issuer_rewards=returns == "scenario_return").value
+def anchors(model: Model, horizon: int) -> tuple[float, float]:
+    """Computes the exact sums of the grid's rewards of the random and of the optimal policy."""
+    random = evaluate(model, uniform_policy(model), horizon).grid_return
+    values = solve(model, 1.0, horizon, issuer_rewards=False).value
     return float(random), float(from_starts(model) @ values)
 
 
@@ -141,9 +137,9 @@ def unbounded_scores(returns: Floats, model: Model, horizon: int) -> Floats:
 
 
 def check_anchors(model: Model, horizon: int) -> None:
-    """Raises an InputError if the optimal policy earns no more than the random one.
+    """Refuses a scenario in which nobody earns more than the random policy: scores are undefined.
 
-    Scores would be undefined.
+    Raises an InputError then.
     """
     random, optimal = anchors(model, horizon)
     if optimal - random <= OPTIMUM_TOLERANCE:
@@ -160,8 +156,7 @@ def check_scores(runs: Iterable[RunSpecification]) -> None:
         check_anchors(model, horizon)
         if not largest_success(model, horizon):
             what = f"no policy succeeds within horizon = {horizon}"
-            accepted = "a longer horizon, or another scenario"
-            raise InputError(f"{scenario.name}: {what}; accepted: {accepted}.")
+            raise InputError(f"{scenario.name}: {what}; accepted: a longer horizon.")
 
 
 def optimal_values(records: Records) -> Floats:

@@ -37,33 +37,27 @@ def main(options: argparse.Namespace) -> int:
     parse_jobs(options.jobs)  # refused before the store is made
     experiment = load_experiment(options.experiment, smoke=options.smoke)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
-    _check_report(experiment, seeds, is_drawn=options.report)
+    if options.report or experiment.declared.report is not None:
+        study_of(experiment)  # what cannot be reported is refused before any run
     check_scores(population.first for population in experiment.populations)
     if options.log is not None:
         _check_log(options)
     groups = list[Group]()
     with Store(options.results / "runs.db") as store:
         for stage in stages(experiment, store, seeds):
-            if code := _train(experiment.name, _runs(stage, options.log), store, options):
+            runs = interleaved(group.runs for group in stage)
+            if log := options.log:
+                runs = [replace(run, log=str(log.absolute() / run.folder)) for run in runs]
+            if code := _train(experiment.name, runs, store, options):
                 return code
             groups += stage
-            if options.log is not None:
-                _log_curves(stage, store, options.log)
+            if log:
+                _log_curves(stage, store, log)
         folder = options.results / folder_name(experiment, seeds)
         agents = partial(explorer.write, experiment, store, seeds=seeds)
         publish(folder, *tables(groups, store), agents)
     print(f"{experiment.name}: the tables of all runs are in {folder}.")
     return report(options) if options.report else 0
-
-
-def _check_report(experiment: Experiment, seeds: range | None, *, is_drawn: bool) -> None:
-    """Refuses, before any run, what cannot be reported."""
-    if is_drawn or experiment.declared.report is not None:
-        study_of(experiment)
-    fewest = min(len(each.taken(seeds)) for each in experiment.populations)
-    if is_drawn and fewest < 2 and experiment.declared.search is None:
-        accepted = "accepted: at least two for every learner"
-        raise InputError(f"--report: one seed gives no interval; {accepted}.")
 
 
 def stages(experiment: Experiment, store: Store, seeds: range | None) -> Iterator[list[Group]]:
@@ -74,12 +68,6 @@ def stages(experiment: Experiment, store: Store, seeds: range | None) -> Iterato
         yield from import_module("benchmark.search").stages(experiment, store)
     else:
         raise InputError(f"{experiment.name}: --seeds: a search uses only its declared seeds.")
-
-
-def _runs(groups: Iterable[Group], log: Path | None) -> list[RunSpecification]:
-    """Lists the runs of groups once, see `interleaved`, perhaps each with its folder for logs."""
-    runs = interleaved(group.runs for group in groups)
-    return [replace(run, log=str(log.absolute() / run.folder)) for run in runs] if log else runs
 
 
 def _train(name: str, runs: list[RunSpecification], store: Store, options: Any) -> int:

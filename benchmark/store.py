@@ -174,13 +174,14 @@ class Store:
     def _get(self, digest: str) -> Record:
         query = f"SELECT {_COLUMNS}, arrays FROM runs WHERE digest = ?"
         row = self._connection.execute(query, (digest,)).fetchone()
+        _, *about, checksum, head, arrays = row or [None] * 8
+        is_same = isinstance(arrays, bytes) and zlib.crc32(arrays) == checksum
         # The checksum covers the digest asked for: a damaged index may lead to another run.
-        if row is None or not _is_whole(digest, *row[1:]):
+        if not is_same or _head(digest, *about, checksum) != head:
             what = f"the record of run {digest[:12]} is missing or damaged"
             raise InputError(f"{self._path}: {what}; run its experiment again, which repeats it.")
-        _, specification, status, error, provenance, _, _, arrays = row
-        made = json.loads(provenance)
-        return Record(digest, specification, status, made, _Packed(arrays), error)
+        specification, status, error, made = about
+        return Record(digest, specification, status, json.loads(made), _Packed(arrays), error)
 
     def damaged(self, digests: Collection[str]) -> list[str]:
         """Returns which of these stored runs have a record that is damaged or cannot be found."""
@@ -260,10 +261,3 @@ class _Packed(Arrays):
 def _head(*columns: object) -> int:
     """Returns the CRC-32 of the columns before `head`; its checksum stands for its arrays."""
     return zlib.crc32(json.dumps(columns, default=repr).encode())
-
-
-def _is_whole(*row: object) -> bool:
-    """Returns whether a record is as stored: `_COLUMNS` and its arrays."""
-    *columns, head, arrays = row
-    is_same = isinstance(arrays, bytes) and zlib.crc32(arrays) == columns[-1]
-    return is_same and _head(*columns) == head

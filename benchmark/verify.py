@@ -46,9 +46,8 @@ Tables = tuple[pd.DataFrame, pd.DataFrame]
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code: 0 if everything is as it should be, else 1."""
     jobs, n = parse_jobs(options.jobs), whole_number(options.runs, "--runs", 0, _MOST)
-    seed = secrets.randbelow(_MOST)
-    if options.seed is not None:
-        seed = whole_number(options.seed, "--seed", 0, _MOST)
+    seed = secrets.randbelow(_MOST) if options.seed is None else options.seed
+    seed = whole_number(str(seed), "--seed", 0, _MOST)
     names = experiment_names() if options.experiment is None else [options.experiment]
     experiments = [load_experiment(name, smoke=options.smoke) for name in names]
     results, n_problems = options.results, 0
@@ -61,7 +60,7 @@ def main(options: argparse.Namespace) -> int:
             n_problems += 1
     if n_problems:
         print(f"problems found: {n_problems}.")
-    return min(n_problems, 1)
+    return int(n_problems > 0)
 
 
 def _problems(

@@ -53,9 +53,8 @@ def main(options: argparse.Namespace) -> int:
         accepted = "an experiment without grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
     learner = ", ".join(filter(None, [options.learner, options.observation]))
-    watched = find_run(experiment, learner, options.seed, options.scenario, DEFAULT_CONDITION)
-    named = experiment.learners[f"{watched.variant}, {watched.observation}"].title
-    title = f"{watched.scenario.name}: {named}, seed {watched.seed}"
+    given = learner, options.seed, options.scenario, DEFAULT_CONDITION
+    watched, title = find_run(experiment, *given)
     with Store(options.results / "runs.db") as store:
         store.discard_damaged([watched.digest])
         if pending([watched], store):
