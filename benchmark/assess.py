@@ -46,8 +46,13 @@ def main(options: argparse.Namespace) -> int:
     agent = options.model
     if options.agent is not None:
         agent = imported(options.agent, "--agent", "function")
-    names = ("scenario", "observation", "algorithm", "stochastic")
-    assessment = assess(agent, **{name: getattr(options, name) for name in names})
+    assessment = assess(
+        agent,
+        scenario=options.scenario,
+        observation=options.observation,
+        algorithm=options.algorithm,
+        stochastic=options.stochastic,
+    )
     print(assessment)
     if options.save is not None:
         assessment.draw(options.save)
@@ -201,12 +206,11 @@ def _row(answer: object) -> NDArray[np.float64] | None:
     except (ValueError, TypeError, RuntimeError):  # nested lists, or tensors that need a gradient
         return None
     if values.shape == () and values.dtype.kind in "iu" and 0 <= values < len(ACTIONS):
-        return np.asarray(np.eye(len(ACTIONS))[int(values)])
-    if values.shape != (len(ACTIONS),) or values.dtype.kind not in "iuf":
+        values = np.eye(len(ACTIONS))[int(values)]
+    if values.shape != (len(ACTIONS),) or values.dtype.kind not in "iuf" or (values < 0).any():
         return None
     total = values.sum(dtype=np.float64)
-    is_distribution = (values >= 0).all() and abs(total - 1.0) <= _TOLERANCE
-    return values / total if is_distribution else None
+    return values / total if abs(total - 1.0) <= _TOLERANCE else None
 
 
 def _shown(answer: object) -> str:

@@ -59,10 +59,6 @@ class Threads:
         self._pool.shutdown(cancel_futures=True)
 
 
-class WorkerDiedError(Exception):
-    """A worker process ended before its job did."""
-
-
 class Processes:
     """Worker processes: for jobs that hold Python's global lock, as those of Stable-Baselines3 do.
 
@@ -110,8 +106,8 @@ class Processes:
             self._worker.connection = None
             self._worker.process.join()
             code = self._worker.process.exitcode
-            reason = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
-            raise WorkerDiedError(f"its process {reason}") from None
+            how = f"signal {-code}" if code < 0 else f"exit code {code}"
+            raise RuntimeError(f"its process ended with {how}") from None
 
     def _start(self) -> tuple[BaseProcess, Connection]:
         context = multiprocessing.get_context("spawn")

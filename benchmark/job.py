@@ -170,10 +170,12 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     if which and not training.stochastic.shape[1]:
         raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
     curve: list[float] = []
-    is_over = is_given_up = False
-    while len(curve) < n_steps and not is_over:
-        curve.append(success(policies(len(curve))[which].tobytes()))
+    is_given_up = False
+    for i in range(n_steps):
+        curve.append(success(policies(i)[which].tobytes()))
         is_over, is_given_up = _is_over(run, curve)
+        if is_over:
+            break
     learned = len(curve) - 1
     curve += [curve[-1]] * (n_steps - len(curve))
     if is_given_up:

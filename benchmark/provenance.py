@@ -37,11 +37,10 @@ def provenance(algorithm: str) -> dict[str, object]:
 @cache
 def processor() -> str:
     """Returns what the bits of some libraries depend on: processor, instructions, and BLAS."""
-    try:
+    model = platform.processor()
+    with suppress(OSError, IndexError):
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
         model = text.split("model name")[1].split("\n")[0].strip("\t :")
-    except (OSError, IndexError):
-        model = platform.processor()
     available = llvmlite.binding.get_host_cpu_features()
     features = " ".join(name for name in _FEATURES if available.get(name))
     build: Any = np.show_config(mode="dicts")

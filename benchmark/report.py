@@ -39,6 +39,7 @@ from benchmark.folder import (
     csv_text,
     damaged,
     replaced,
+    unsealed,
     write_manifest,
     write_text,
 )
@@ -57,6 +58,7 @@ _PARTS: Final = ("TABLES", "FIGURES", "SHOWN", "COLUMNS")  # dicts of a study's 
 _MARKDOWN: Final = MarkdownIt("commonmark").enable("table")
 _DRAWN: Final = {"a table": pd.DataFrame, "a figure": Figure, "None": type(None)}
 _TEXT: Final = {"a text": str}
+_CERTIFIED: Final = ("experiment", "command", "question", "runs", "digest")  # of a manifest
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
 _OF_RUNS: Final = """\
 scenario: scenario
@@ -153,15 +155,26 @@ def folder_name(experiment: Experiment, seeds: range | None) -> str:
 
 
 def certificate(folder: Path) -> str:
-    """Says whether a folder is as in the last commit; returns an empty text if this has none."""
+    """Says whether a folder is as in the last commit; returns an empty text if this has none.
+
+    What was measured of runs, such as times, may be another.
+    """
     name, published = folder.name, committed(folder.name, MANIFEST)
     if published is None:
         return ""
     files = {*Folder(folder).files, *json.loads(published)["files"], README, MEANINGS, MANIFEST}
     there = {file: (folder / file).read_bytes() for file in files if (folder / file).is_file()}
-    if different := sorted(file for file in files if there.get(file) != committed(name, file)):
+    sides = {file: (there.get(file), committed(name, file)) for file in files}
+    if different := sorted(file for file in files if len({*map(_unmeasured, sides[file])}) > 1):
         return f"{name}: different from the published results: {', '.join(different)}."
     return f"{name}: identical to the published results."
+
+
+def _unmeasured(content: bytes | None) -> object:
+    """Returns the content of a file, of a manifest or tables of runs without what was measured."""
+    if content is None or content[:1] != b"{":
+        return content and tables.unmeasured(content)
+    return str([unsealed(content).get(name) for name in _CERTIFIED])
 
 
 # The study of an experiment

@@ -79,15 +79,12 @@ def tables(groups: Iterable[Group], store: Store) -> tuple[pd.DataFrame, pd.Data
             "parameters": arrays["parameters"],
         }
         runs.append(pd.DataFrame(columns).join(_measured(records)))
-        progress = {
-            "seed": np.repeat(seeds, len(steps)),
-            "step": np.tile(steps, len(seeds)),
-            "success": found["success"].ravel(),
-            "training_wrong_pings": arrays["disagreements"].ravel(),
-        }
+        progress = {"success": found["success"], "training_wrong_pings": arrays["disagreements"]}
         if "score" in found:
-            progress["score"] = found["score"].ravel()
-        curves.append(pd.DataFrame(population.keys | progress))
+            progress["score"] = found["score"]
+        steps_of_all = {"seed": np.repeat(seeds, len(steps)), "step": np.tile(steps, len(seeds))}
+        values = {name: curve.ravel() for name, curve in progress.items()}
+        curves.append(pd.DataFrame(population.keys | steps_of_all | values))
     return pd.concat(runs, ignore_index=True), pd.concat(curves, ignore_index=True)
 
 
@@ -188,11 +185,11 @@ def _kept(made: bytes, *known: bytes | None) -> bytes:
 
     Other versions of zlib make other bytes of the same content.
     """
-    same = (each for each in known if each and _unmeasured(each) == _unmeasured(made))
+    same = (each for each in known if each and unmeasured(each) == unmeasured(made))
     return next(same, made)
 
 
-def _unmeasured(packed: bytes) -> object:
+def unmeasured(packed: bytes) -> str | bytes:
     """Returns the content of a compressed file, without measured columns if it is a table."""
     try:
         content = gzip.decompress(packed)
@@ -270,11 +267,11 @@ def parse_seeds(text: str | None) -> range | None:
     if text is None:
         return None
     match = re.fullmatch(r"([0-9]{1,6})(?:-([0-9]{1,6}))?", text)
-    low, high = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
-    if low > high:
+    seeds = range(int(match[1]), int(match[2] or match[1]) + 1) if match else range(0)
+    if not seeds:
         accepted = "A-B with A at most B, as in 0-29, or one seed, as in 7; below 1,000,000"
         raise InputError(f"--seeds {shortened(text)}: accepted: {accepted}.")
-    return range(low, high + 1)
+    return seeds
 
 
 # For an analysis of one's own

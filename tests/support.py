@@ -133,13 +133,9 @@ def git(folder: Path, *arguments: str) -> str:
 
 def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """Runs make with this Python, which has all it needs, instead of one that make installs."""
-    settings = [f"PY={sys.executable}", "BASE=", "DEEP=", "DEV=", "DOCS="]
-    return subprocess.run(
-        ["make", "--no-print-directory", *arguments, *settings],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-    )
+    settings = [f"PY={sys.executable}", "BASE=", "DEEP=", "DEV="]
+    command = ["make", "--no-print-directory", *arguments, *settings]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
 
 
 def copy_sources(folder: Path | None) -> set[str]:

@@ -154,5 +154,6 @@ def test_what_is_imported_is_declared() -> None:
     assert {*map(package_of, third_party(["envs"]))} == core
     used = {name for extra in ("reproduce", "deep", "cluster") for name in extras()[extra]}
     # Of other packages, and by name
-    used -= {"arch", "imageio-ffmpeg", "moviepy", "sb3-contrib", "tensorboard", "tqdm"}
+    used -= {"arch", "imageio-ffmpeg", "moviepy", "pillow", "rich", "sb3-contrib", "tabulate"}
+    used -= {"tensorboard", "tqdm"}
     assert {*map(package_of, third_party(LAYERS))} - {*extras()["render"]} == core | used

@@ -85,12 +85,6 @@ def test_every_command_works(tmp_path: Path) -> None:
         assert known[words[0]](words), words
 
 
-def test_ci_does_what_contributing_says() -> None:
-    lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
-    assert lines[-3:] == ["make check", "make test", "make test-slow"]
-    assert ".ci/run" in (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
-
-
 def anchors(path: Path) -> set[str]:
     """Returns the anchors of a page's headings, as GitHub makes them."""
     headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), flags=re.MULTILINE)

@@ -247,6 +247,8 @@ def test_a_certificate_compares_with_the_last_commit(
     assert report.certificate(made) == ""
     git(repository, "add", ".")
     git(repository, "commit", "-qm", "published")
+    manifest = folders.unsealed((made / MANIFEST).read_bytes())
+    folders.write_manifest(made, manifest | {"commits": ["later"], "busy_time_s": 1.5})
     assert report.certificate(made) == "mine: identical to the published results."
     (made / "spread.csv").write_text("changed")
     (made / README).unlink()
