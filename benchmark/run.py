@@ -156,11 +156,7 @@ def execute(
 
     def keep(future: Future[list[Record]]) -> None:
         # Its arrays would stay in memory if it stayed under way.
-        job, started = under_way.pop(future)
-        try:
-            records = future.result()
-        except Exception as error:  # the job was lost
-            records = failures(job, error, started)
+        records = _records(future, *under_way.pop(future))
         store.add(records)
         failed = [record.error for record in records if record.error is not None]
         errors.extend(failed)
@@ -187,6 +183,14 @@ def execute(
             if future.done() and not future.cancelled() and future.exception() is None:
                 keep(future)
         raise
+
+
+def _records(future: Future[list[Record]], job: Job, started: float) -> list[Record]:
+    """Returns what an ended future has, or records of failure if its job was lost."""
+    try:
+        return future.result()
+    except Exception as error:
+        return failures(job, error, started)
 
 
 # Logs for TensorBoard

@@ -31,7 +31,7 @@ from benchmark.folder import (
     write_text,
 )
 from benchmark.run import execute, parse_jobs
-from benchmark.store import DamagedError, Store
+from benchmark.store import DamagedError, Record, Store
 from benchmark.tables import MEASURED, RUNS, Group, read, run_id, tables
 from benchmark.trials import chosen_file, read_chosen
 from envs import InputError
@@ -116,15 +116,17 @@ def _stored(
                     if run.digest in ended or run_id(run) in ids:
                         groups.setdefault(run.digest, (Group(population, [run]), published))
         drawn = np.random.default_rng(seed).permutation(sorted(groups))[:n].tolist()
+        n_same = len(drawn)
         with Store(made / "repeated.db") as repeated:
             execute([groups[digest][0].runs[0] for digest in drawn], repeated, jobs)
-            stored = {digest: store if digest in ended else None for digest in drawn}
-            found = {d: _difference(*groups[d], stored[d], repeated) for d in drawn}
-        different = {digest: text for digest, text in found.items() if text}
-        for digest, text in different.items():
-            yield f"{groups[digest][0].runs[0].folder} ({digest[:12]}): the repeated run {text}."
+            for digest in drawn:
+                before = store.get([digest]) if digest in ended else []
+                if found := _difference(*groups[digest], before, repeated):
+                    n_same -= 1
+                    run = groups[digest][0].runs[0]
+                    yield f"{run.folder} ({digest[:12]}): the repeated run {found}."
         which = f"{len(drawn)} of {len(groups)} runs were repeated, drawn with --seed {seed}"
-        print(f"runs: {which}; {len(drawn) - len(different)} are identical.")
+        print(f"runs: {which}; {n_same} are identical.")
 
 
 def _published(folder: Path) -> Tables | None:
@@ -135,15 +137,14 @@ def _published(folder: Path) -> Tables | None:
 
 
 def _difference(
-    group: Group, published: Tables | None, store: Store | None, repeated: Store
+    group: Group, published: Tables | None, stored: Sequence[Record], repeated: Store
 ) -> str:
     """Returns in what a repeated run differs from its record and from its rows in the tables."""
     run, names = group.runs[0], group.population.keys
     (record,) = repeated.get([run.digest])
     if record.error:
         return f"failed: {record.error}"
-    if store is not None:
-        (before,) = store.get([run.digest])
+    for before in stored:
         if found := difference_of(before, record):
             return found
     different = list[str]()
