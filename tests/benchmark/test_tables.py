@@ -194,7 +194,9 @@ def test_published_runs_are_those_that_are_declared(two: Experiment, results: Pa
     runs, _ = read(results / "mine")
     check_declared(two, runs)
     what = "2 of 10 declared runs are missing, 0 others are there"
-    with pytest.raises(InputError, match=rf"^mine: .*{what}; 'python -m benchmark run .*mine\.toml"):
+    with pytest.raises(
+        InputError, match=rf"^mine: .*{what}; 'python -m benchmark run .*mine\.toml"
+    ):
         check_declared(two, runs[2:])
     with pytest.raises(InputError, match="5 of 10 declared runs are missing, 5 others are there"):
         check_declared(two, runs.replace({"scenario": {"S1": "S2"}}))
