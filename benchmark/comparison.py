@@ -456,12 +456,11 @@ that two one-sided tests show a difference below the margin; *but better* and *b
 is significant nevertheless. *Mixed* means that a scenario contradicts the verdict by the margin or
 more. A learner is shown to learn if it succeeds significantly more often than the random policy,
 and more often than before training by the margin. Otherwise it is never called better
-(*{NEITHER}*, *{UNEARNED}*). With fewer than {FEWEST_RUNS} runs of each learner in each scenario,
-there is *no verdict*.
+(*{NEITHER}*, *{UNEARNED}*). With fewer than {FEWEST_RUNS} runs per learner and scenario, there
+is *no verdict*.
 
 Tests are at the 5 % level. P-values are adjusted by Holm's method, separately for each endpoint,
-for tests of differences and of margins, and for contrasts that were declared when results were
-known (`later`); intervals are not. Verdicts are valid only if the runs are looked at once."""
+for differences and margins, and for contrasts declared when results were known (`later`); intervals are not. Verdicts are valid only if the runs are looked at once."""
 
 
 TABLES: Final[dict[str, TableFunction]] = {

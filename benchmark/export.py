@@ -45,7 +45,7 @@ def main(options: argparse.Namespace) -> int:
         made.replace(path)
     finally:
         made.unlink(missing_ok=True)
-    print(f"{title}: {path} has the trained agent; its run is stored in {options.results}")
+    print(f"{title}: {path} has the trained agent; its run is stored in {options.results}.")
     return 0
 
 

@@ -620,9 +620,8 @@ def reading(data: Data) -> str:
     return f"""\
 {learning(data.experiment)}
 Successive evaluations, except the first ones, are at most about {100 * (solved.growth - 1):.0f} %
-apart. What happens later is measured only in runs that are trained to the budget, for example where
-there are unseen places. In figures, a marker is hollow if at least half of a learner's runs never
-learn.
+apart. What happens later is measured only in runs trained to the budget, for example where there
+are unseen places. In figures, hollow markers mean that at least half of the runs never learn.
 
 Contrasts pair runs of the same seed, which have the same draw of the scenario. A run that never
 learns takes more than every run that does; two such runs are tied, and a tie counts as a half.
@@ -631,12 +630,11 @@ taking less differs from 1/2 significantly, and by {margins.probability:g} or mo
 median of steps or wrong PINGs is at least {margins.ratio:g} times as large, or its success in
 unseen places lower by {margins.unseen:g} or more; and the learner that takes less has learned, by
 training, in more than half of its runs and, except for unseen places, has not lost the level in
-half of these (at the end, or in half of the later evaluations or steps). If another condition fails
-although the difference is significant, or if the verdict would depend on runs whose evaluations are
-too far apart, that reach the level in the last evaluation only, or that reach it untrained, there
-is *no verdict*. *{NEITHER.capitalize()}* is said only if no difference is significant.
+half of these (at the end, or in half of the later evaluations or steps). There is *no verdict* if a
+significant difference fails another condition, or depends on runs whose evaluations are too far
+apart, or that reach the level only in the last evaluation or untrained. *{NEITHER.capitalize()}* is
+said only if no difference is significant.
 
 The probability of any wrong verdict is at most 5 % for each of steps, wrong PINGs, and failures in
 unseen places at the end of training (Holm's method; if contrasts share runs, this is known from
-simulation). Intervals in `contrasts.csv` are those of its first step, and hold for all contrasts at
-once."""
+simulation). Intervals in `contrasts.csv`, those of its first step, hold for all contrasts at once."""

@@ -73,7 +73,7 @@ class Forecast:
     def __str__(self) -> str:
         seconds = self.seconds(0.0)
         if seconds is None:
-            return f"for an unknown time: {self._published} has no results of these learners"
+            return f"duration unknown, since {self._published} has no results of these learners"
         by = f"{self._workers} worker{'s' * (self._workers > 1)}"
         return f"{about(seconds)} with {by}, if as fast as for the results in {self._published}"
 
