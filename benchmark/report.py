@@ -495,11 +495,11 @@ def _files(study: Study, folder: Folder) -> str:
     """Returns what each file holds."""
     about = {
         tables.RUNS: "a row per run",
-        tables.CURVES: "a row per run and evaluation",
-        tables.AGENTS: "what agents have learned, for the page",
+        tables.CURVES: "a row per evaluation",
+        tables.AGENTS: "learned policies, for the page",
         **{file: first_line(each) for file, each in study.files.items() if file.endswith(".csv")},
         MEANINGS: "what columns mean",
-        MANIFEST: "what made the runs, digests of files",
+        MANIFEST: "versions, machines, digests",
     }
     there = {*folder.files, MEANINGS, MANIFEST}
     lines = [f"- [{name}]({name}): {text}" for name, text in about.items() if name in there]
@@ -516,5 +516,5 @@ def _made(study: Study, folder: Folder) -> str:
     again = "Its runs are not published, so tables and verdicts are of an earlier version."
     if tables.RUNS in folder.files:
         source = "stored runs" if hasattr(study.module, "READS_STORE") else f"`{tables.RUNS}`"
-        again = f"`report {study.experiment.argument}` draws them again from {source}."
-    return "\n\n".join(["## How it was made", *filter(None, [note]), f"{made} {again}"])
+        again = f"`report {study.experiment.argument}` redraws them from {source}."
+    return "\n\n".join(["## Origin", *filter(None, [note]), f"{made} {again}"])
