@@ -460,7 +460,8 @@ and more often than before training by the margin. Otherwise it is never called 
 is *no verdict*.
 
 Tests are at the 5 % level. P-values are adjusted by Holm's method, separately for each endpoint,
-for differences and margins, and for contrasts declared when results were known (`later`); intervals are not. Verdicts are valid only if the runs are looked at once."""
+for differences and margins, and for contrasts declared when results were known (`later`);
+intervals are not. Verdicts are valid only if the runs are looked at once."""
 
 
 TABLES: Final[dict[str, TableFunction]] = {

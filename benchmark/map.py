@@ -637,4 +637,5 @@ said only if no difference is significant.
 
 The probability of any wrong verdict is at most 5 % for each of steps, wrong PINGs, and failures in
 unseen places at the end of training (Holm's method; if contrasts share runs, this is known from
-simulation). Intervals in `contrasts.csv`, those of its first step, hold for all contrasts at once."""
+simulation). Intervals in `contrasts.csv`, those of its first step, hold for all contrasts at
+once."""
