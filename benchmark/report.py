@@ -26,7 +26,7 @@ import pandas as pd
 from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 
-from benchmark import front, search, style, tables
+from benchmark import front, style, tables
 from benchmark.experiment import PUBLISHED, Experiment, load_experiment
 from benchmark.folder import (
     MANIFEST,
@@ -129,7 +129,7 @@ def main(options: argparse.Namespace) -> int:
     folder = results / folder_name(experiment, seeds)
     write(experiment, folder, seeds)
     if experiment.declared.search is not None:
-        search.write_chosen(experiment, folder)
+        load_study("search", experiment.argument).write_chosen(experiment, folder)
     print(f"{experiment.name}: tables and figures are in {folder}.")
     is_published = folder.name in PUBLISHED
     folders = _published(results) if is_published else [Folder(folder)]
