@@ -222,8 +222,8 @@ def chosen(data: Data) -> pd.DataFrame:
             row |= {"rise": rises[name, trial]}
             rows.append(row)
     table = pd.DataFrame(rows)
-    has_learned = (table["chosen_low"] > random_of(data)) & (table["rise"] >= margin)
-    is_gain = has_learned & (table["p"] <= ALPHA) & (table["gain"] >= margin)
+    is_large = table[["gain", "rise"]].min(axis=1).round(_DIGITS) >= margin
+    is_gain = is_large & (table["chosen_low"] > random_of(data)) & (table["p"] <= ALPHA)
     return table.assign(verdict=np.where(is_gain, "gain", "no gain shown"))
 
 

@@ -229,10 +229,8 @@ BEST = [[0.0] * 2, [1.0] * 2, [0.0] * 2, [0.0] * 2]
 
 def test_a_gain_is_claimed_with_learners_budget_seeds_and_margin(tmp_path: Path) -> None:
     text = headline(tmp_path, BEST, BEST)
-    assert (
-        "3 trials are shown to raise mean success over training (400 steps; mean over FarCorner and SixPlaces, 200 fresh"
-        in text
-    )
+    assert "3 trials are shown to raise mean success over training (400 steps; mean over" in text
+    assert "FarCorner and SixPlaces, 200 fresh seeds in each)" in text
     assert "for q_learning (0 to 1) and q_learning of offsets (0 to 1)." in text
     assert "best" not in text
     assert "estimated at 0.05 or more" in text
