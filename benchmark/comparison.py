@@ -447,7 +447,7 @@ def reading(data: Data) -> str:
     return f"""\
 *Success* is the exact probability that an episode of at most {data.experiment.declared.horizon}
 steps ends with a correct PING, by the policy after training; a learner that diverged acts at
-random. An agent that does nothing but PING has a score of {level:.2f}.
+random. An agent that only PINGs has a score of {level:.2f}.
 
 Contrasts compare x with y, averaged over scenarios unless one is named. *Better* and *worse*
 require a significant difference whose estimate is at least the margin, {margins.success:g} of
@@ -481,8 +481,10 @@ COLUMNS: Final = {
     "n": "runs in each scenario, of a contrast the smaller number",
     "runs": "runs over all scenarios",
     "declared": "`later` if the contrast was declared when results were known",
-    "p_random_*": "p-value of * succeeding no more often than the random policy, adjusted",
-    "learned_*": "whether * is shown to have learned, see README",
+    "p_random_x": "p-value of x succeeding no more often than the random policy, adjusted",
+    "p_random_y": "p-value of y succeeding no more often than the random policy, adjusted",
+    "learned_x": "whether x is shown to learn, see README",
+    "learned_y": "whether y is shown to learn, see README",
     "diverged": "runs that diverged, and act at random",
     "untrained_success": "success before training",
     "*_difference": "* of x minus that of y",
