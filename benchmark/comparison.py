@@ -179,8 +179,9 @@ def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
         row |= {"n": min(own["n"].min() for own in both)}
         row |= {"differs": differences(of[x], of[y], [own["diverged"].sum() for own in both])}
         for side, own, p in zip("xy", both, p_values, strict=True):
-            rise = round((own["success"] - own["untrained_success"]).mean(), _DIGITS)
-            has_learned = p <= ALPHA and rise >= data.declared.margins.success
+            after, before = own["success"].mean(), own["untrained_success"].mean()
+            least = min(data.declared.margins.success, after / 2)
+            has_learned = p <= ALPHA and round(after - before - least, _DIGITS) >= 0
             row |= {f"p_random_{side}": p, f"learned_{side}": has_learned}
         rows.append(row)
     for endpoint in ENDPOINTS:
@@ -455,7 +456,7 @@ success and {margins.score:g} of the score; with *slightly*, it is smaller. *Wit
 that two one-sided tests show a difference below the margin; *but better* and *but worse*, that it
 is significant nevertheless. *Mixed* means that a scenario contradicts the verdict by the margin or
 more. A learner is shown to learn if it succeeds significantly more often than the random policy,
-and more often than before training by the margin. Otherwise it is never called better
+and than before training by the margin, or twice as often. Otherwise it is never called better
 (*{NEITHER}*, *{UNEARNED}*). With fewer than {FEWEST_RUNS} runs per learner and scenario, there
 is *no verdict*.
 

@@ -183,6 +183,9 @@ def test_a_learner_that_is_good_untrained_wins_nothing(tmp_path: Path) -> None:
     assert row["success_verdict"] == comparison.UNEARNED
     data.curves.loc[is_x & (data.curves["step"] == 0), "success"] = 0.8  # lower by the margin
     assert only(data)["success_verdict"] == "better"
+    report = "margins.success = 0.2\n" + pair()  # larger than what was learned
+    row = only(made(tmp_path, {"x": share(0.15), "y": share(0)}, report))
+    assert (row["learned_x"], row["success_verdict"]) == (True, "slightly better")
 
 
 def test_runs_that_diverged_are_counted_in_the_sentence(tmp_path: Path) -> None:
