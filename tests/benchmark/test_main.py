@@ -33,7 +33,6 @@ FILES = {
         ("run reproduce --results FOLDER/file/results", "/file/results"),
         ("speed --smoke --results FOLDER/file/results", "/file/results"),
         ("report", "FOLDER"),  # no results
-        ("report reproduce", "FOLDER/reproduce"),
         ("verify reproduce --runs -1", "--runs -1: "),
         ("watch --save a.gif --scenario s1", "s1 (did you mean S1?)"),
         ("watch --save a.gif --learner dqn --observation index", "unknown learner dqn, index"),
@@ -41,7 +40,6 @@ FILES = {
         ("assess --observation index --agent mistaken_agent:wrong", "observation 0"),
         ("assess --observation index --agent mistaken_agent:act --save map.gif", "map.gif"),
         ("assess --observation index --agent a:b --model c.zip", "--agent"),
-        ("assess --observation index", "--agent"),
     ],
 )
 def test_mistakes_get_one_line_before_any_work(

@@ -62,7 +62,6 @@ def test_ended_jobs_say_how_long_the_others_take() -> None:
 
 def test_the_time_of_learners_without_results_is_unknown_until_a_job_ends(tmp_path: Path) -> None:
     forecast = Forecast(NETS[:3], tmp_path / "none", 1)
-    assert "unknown" in str(forecast)
     assert f"{tmp_path / 'none'} has no results of these learners" in str(forecast)
     forecast.start(0.0)
     assert forecast.seconds(50.0) is None
