@@ -24,9 +24,10 @@ from pydantic import Field, model_validator
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.specification import DEFAULT_CONDITION as DEFAULT_CONDITION
 from benchmark.specification import RunSpecification
-from benchmark.trials import Chosen, Count, Search, Seed, Space, read_chosen, trials
+from benchmark.trials import Chosen, Search, Seed, Space, read_chosen, trials
 from envs import InputError, Scenario, inputs, load_scenario, model
 from envs.inputs import (
+    Count,
     Label,
     Line,
     Name,
@@ -60,6 +61,7 @@ _RESERVED: Final = "speed|.*_smoke|.*_seeds_.*"
 _MINIATURE: Final = "_smoke"  # how its name ends
 # What a reference implementation takes from its variant, and does not set itself
 _SHARED: Final = ("settings", "policy", "tuned_by")
+_NAMED: Final = ("algorithms", "readings", "grids")  # tables of named tables
 # Which of these tables the studies of this project read
 _VARIATIONS: Final = ("readings", "grids", "search", "solved")
 _READ: Final = {
@@ -199,11 +201,6 @@ class Condition:
         names = (f"trial {key}" if isinstance(key, int) else key for key in self.keys.values())
         return "/".join(names) or DEFAULT_CONDITION
 
-    @property
-    def settings(self) -> dict[str, object]:
-        """What it changes of settings, by dotted key."""
-        return _merged(change.settings for change in self.changes)
-
     def scenario(self, name: str) -> dict[str, object]:
         """Returns what it changes of a scenario, by dotted key."""
         return _merged(
@@ -211,10 +208,6 @@ class Condition:
             for change in self.changes
             if change.scenarios is None or name in change.scenarios
         )
-
-    def has(self, learner: "Learner") -> bool:
-        """Returns whether a learner is named among those that run under it."""
-        return not {learner.name, learner.variant}.isdisjoint(self.learners)
 
 
 def _merged(tables: Iterable[Mapping[str, object]]) -> dict[str, object]:
@@ -271,6 +264,10 @@ class Declaration(Table):
         require(is_one, " and ".join(given), "one of readings, grids and search")
         is_named = not self.readings or DEFAULT_CONDITION in self.readings
         require(is_named, "readings", f"one named {DEFAULT_CONDITION} among them")
+        for name, each in self.readings.items():
+            is_new = each.scenario or each.settings or each.curve != "visited"
+            accepted = "a scenario, settings or a curve that differs"
+            require(bool(is_new) or name == DEFAULT_CONDITION, f"readings.{name}", accepted)
         kind = str((self.report or {}).get("kind"))
         read = _READ.get(kind, _VARIATIONS)
         for name in given:
@@ -290,13 +287,13 @@ class Declaration(Table):
             where = f"algorithms.{name}"
             is_seen = bool(variant.observations or variant.reference_for)
             require(is_seen, f"{where}.observations", "at least one form")
-            if self.search is None:
-                require(not variant.search, f"{where}.search", "a table [search] beside it")
-                continue
-            require(bool(variant.search), where, "a table search, as the experiment has one")
-            require("budget" not in variant.search, f"{where}.search.budget", "other settings")
-            _check_apart(variant.numbered(), self.search.fresh, f"{where}.first_seed")
-            efforts.add((variant.seeds, str((self.settings | variant.settings).get("budget"))))
+            is_searched = bool(variant.search) == (self.search is not None)
+            accepted = "in each variant, together with a table [search], or in none"
+            require(is_searched, f"{where}.search", accepted)
+            if self.search is not None:
+                require("budget" not in variant.search, f"{where}.search.budget", "other settings")
+                _check_apart(variant.numbered(), self.search.fresh, f"{where}.first_seed")
+                efforts.add((variant.seeds, str((self.settings | variant.settings).get("budget"))))
         require(len(efforts) < 2, "algorithms", "the same seeds and budget for all in a search")
 
     def _check_changes(self) -> None:
@@ -324,13 +321,13 @@ class Declaration(Table):
 
         Budgets are divided when settings are resolved.
         """
+        readings = {
+            name: reading.model_copy(update={"seeds": reading.seeds and min(reading.seeds, 4)})
+            for name, reading in self.readings.items()
+        }
         variants = {
             name: variant.model_copy(update={"seeds": min(variant.seeds, 2)})
             for name, variant in self.algorithms.items()
-        }
-        readings = {  # with twice as many runs
-            name: reading.model_copy(update={"seeds": reading.seeds and 4})
-            for name, reading in self.readings.items()
         }
         changed = {
             "name": f"{self.name}{_MINIATURE}",
@@ -353,19 +350,22 @@ class Declaration(Table):
 
     def _points(self) -> Iterator[Condition]:
         for name, grid in self.grids.items():
-            for values in product(*(axis.items() for axis in grid.axes.values())):
-                pairs = zip(grid.axes, values, strict=True)
-                point = ", ".join(f"{axis} {value}" for axis, (value, _) in pairs)
-                changes = grid, *(change for _, change in values)
-                yield Condition({"grid": name, "point": point}, changes, grid.learners)
+            axes = (
+                [(f"{axis} {value}", change) for value, change in values.items()]
+                for axis, values in grid.axes.items()
+            )
+            for values in product(*axes):
+                points, changes = zip(*values, strict=True)
+                keys = {"grid": name, "point": ", ".join(points)}
+                yield Condition(keys, (grid, *changes), grid.learners)
 
     def _trials(self) -> Iterator[Condition]:
         if self.search is not None:
             n, parts = self.search.trials, self.search.parts
             variants = self.algorithms.items()
             drawn = {name: trials(name, each.search, n, parts) for name, each in variants}
-            for t, name in product(range(n + 1), drawn):
-                yield Condition({"trial": t}, (Change(settings=drawn[name][t]),), (name,))
+            for t, (name, settings) in product(range(n + 1), drawn.items()):
+                yield Condition({"trial": t}, (Change(settings=settings[t]),), (name,))
 
 
 def _check_apart(own: range, taken: range, where: str) -> None:
@@ -402,10 +402,11 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     """
     path = _path(experiment)
     inputs.check_file_name(path, "results are")
-    if re.fullmatch(_RESERVED, path.stem):
+    is_own = path.resolve().parent != EXPERIMENT_DIRECTORY
+    if is_own and re.fullmatch("|".join([_RESERVED, *experiment_names()]), path.stem):
         raise InputError(
             f"{path}: results are named after the file;"
-            " accepted: any name but speed, *_smoke and *_seeds_*."
+            " accepted: any name but speed, *_smoke, *_seeds_* and those of shipped experiments."
         )
     declared = parse(Declaration, _read(path), str(path), name=path.stem)
     scenarios = tuple(_beside(path, name) for name in declared.scenarios)
@@ -420,18 +421,12 @@ def _beside(path: Path, name: str) -> str:
 
 
 def _path(experiment: str | Path) -> Path:
-    path, names = Path(experiment), experiment_names()
-    if path.suffix != ".toml":
-        if str(experiment) not in names:
-            other = "the path of a .toml file"
-            unknown_name("experiments", "experiment", str(experiment), names, other)
-        return EXPERIMENT_DIRECTORY / f"{experiment}.toml"
-    if path.stem in names and path.resolve().parent != EXPERIMENT_DIRECTORY:
-        raise InputError(
-            f"{path}: results are named after the file, and {path.stem} is a shipped experiment;"
-            " rename it."
-        )
-    return path
+    if Path(experiment).suffix == ".toml":
+        return Path(experiment)
+    if (name := str(experiment)) not in experiment_names():
+        other = "the path of a .toml file"
+        unknown_name("experiments", "experiment", name, experiment_names(), other)
+    return EXPERIMENT_DIRECTORY / f"{name}.toml"
 
 
 def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
@@ -453,10 +448,18 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         data = _read(base, (path, *extended_by))
         # These may be false of this one.
         texts = ["note", "report.question"] if "report" in data else ["note"]
-        changes = dict.fromkeys(texts, "") | {"description": extension.description}
+        described = dict.fromkeys(texts, "") | {"description": extension.description}
         if "solved" in extension.changes:
             data.pop("map_every", None)
-        data = override(data, changes | extension.changes, str(path))
+        data = override(data, described, str(path))
+        for key, value in extension.changes.items():
+            kind, name, *inner = f"{key}.".split(".")
+            known = data.get(kind)
+            if kind in _NAMED and inner[1:] and isinstance(known, dict) and name not in known:
+                unknown_name(f"{path}: changes.{key}", kind.removesuffix("s"), name, known)
+            before, data = data, override(data, {key: value}, str(path))
+            if data == before:
+                raise InputError(f"{path}: changes: {key} changes nothing; remove it.")
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
     elif "search" in data:
@@ -661,8 +664,8 @@ class _Loading:
             for scenario in self.changed(condition)
             for each in learners.values()
             if not condition.learners
-            or condition.has(each)
-            or named.isdisjoint((each.name, each.variant))
+            or {each.name, each.variant} & {*condition.learners}
+            or not {each.name, each.variant} & named
         ]
         n_runs = sum(len(population.seeds) for population in populations)
         if n_runs > MAX_RUNS:
@@ -691,8 +694,8 @@ class _Loading:
             if form not in accepted:
                 unknown_name(where, f"observation for {variant.algorithm}", form, accepted)
             learner = Learner(name, form, variant, algorithm, algorithm.family, chosen.get(form))
-            settings = self.settings(learner, self.declared.conditions[0])
-            families = {_family(learner, each) for each in settings}
+            layers = self.layers(learner, self.declared.conditions[0])
+            families = {_family(learner, _merged(each.values())) for each in layers}
             yield replace(learner, family=families.pop()) if len(families) == 1 else learner
 
     def chosen(self, name: str) -> dict[str, Chosen]:
@@ -708,8 +711,13 @@ class _Loading:
         declared, path = read_experiment(_beside(self.path, source or searched))
         if declared.search is None or not source:
             raise InputError(f"{where}: accepted: SEARCH:VARIANT of one with a table [search].")
-        if searched not in declared.algorithms:
-            unknown_name(where, f"variant of {source}", searched, declared.algorithms)
+        made = read_chosen(path, where)
+        if made.search != digest_of_search(declared):
+            raise InputError(f"{where}: {path} has changed since; run it again, with --report.")
+        names = {form: f"{searched}, {form}" for form in variant.observations}
+        for name in names.values():
+            if name not in made.learners:
+                unknown_name(where, "learner of the search", name, made.learners)
         with _of_file(where):
             for condition in self.declared.conditions:
                 own = variant.numbered(condition.seeds)
@@ -718,16 +726,7 @@ class _Loading:
         for scenario in map(load_scenario, declared.scenarios):
             reason = f"{scenario.name}, a scenario of the search {source}"
             self.searched[_content(scenario)] = reason
-        made = read_chosen(path, where)
-        if made.search != digest_of_search(declared):
-            raise InputError(f"{where}: {path} has changed since; run it again, with --report.")
-        found = {}
-        for form in variant.observations:
-            learner = f"{searched}, {form}"
-            if learner not in made.learners:
-                unknown_name(where, "learner of the search", learner, made.learners)
-            found[form] = made.learners[learner]
-        return found
+        return {form: made.learners[name] for form, name in names.items()}
 
     def changed(self, condition: Condition) -> Iterator[Scenario]:
         """Yields the scenarios as they are under a condition; none may be that of a search."""
@@ -739,15 +738,23 @@ class _Loading:
                     raise InputError(f"{changed.name} is {reason}; accepted: other scenarios.")
                 yield changed
 
-    def layers(self, learner: Learner, condition: Condition) -> list[list[dict[str, object]]]:
-        """Returns a learner's settings with each pick: shared ones, the pick, its own, changes.
+    def layers(self, learner: Learner, condition: Condition) -> list[dict[str, dict[str, object]]]:
+        """Returns a learner's settings with each pick, by dotted key, and in which table they are.
 
-        Of equal keys, which are dotted, the later ones count.
+        Of equal keys the later ones count: shared ones, the pick, its own, those of the condition.
         """
-        shared, own = _flat(self.declared.settings), _flat(learner.declared.settings)
-        changes, found = _flat(condition.settings), learner.chosen
+        changes = _merged(change.settings for change in condition.changes)
+        found = learner.chosen
         picks = [{}] if found is None else [pick.settings for pick in found.picks or (found,)]
-        return [[shared, _flat(pick), own, changes] for pick in picks]
+        return [
+            {
+                "settings": _flat(self.declared.settings),
+                "": _flat(pick),
+                f"algorithms.{learner.variant}.settings": _flat(learner.declared.settings),
+                condition.name: _flat(changes),
+            }
+            for pick in picks
+        ]
 
     def settings(self, learner: Learner, condition: Condition) -> list[LearnerSettings]:
         """Returns a learner's settings with each pick, checked."""
@@ -755,7 +762,8 @@ class _Loading:
         where = f"{self.path}: algorithms.{learner.variant}.settings"
         if condition.keys:
             where += f" ({condition.name})"
-        given = [override({}, _merged(each), where) for each in self.layers(learner, condition)]
+        layers = self.layers(learner, condition)
+        given = [override({}, _merged(each.values()), where) for each in layers]
         if self.declared.is_miniature:
             given = [_in_miniature(each, cls) for each in given]
         return [parse(cls, each, where) for each in given]
@@ -798,14 +806,14 @@ class _Loading:
 
     def check_settings(self, populations: Iterable[Population]) -> None:
         """Refuses settings that are replaced in all runs."""
-        unused = {"settings": {*_flat(self.declared.settings)}}
-        for each in populations:
-            where = f"algorithms.{each.learner.variant}.settings"
-            for _, pick, own, changes in self.layers(each.learner, each.condition):
-                unused["settings"] &= pick.keys() | own.keys() | changes.keys()
-                unused[where] = unused.get(where, {*own}) & changes.keys()
-        for where, keys in unused.items():
-            for key in sorted(keys):
+        runs = [
+            [(key, where) for where, layer in layers.items() for key in layer]
+            for each in populations
+            for layers in self.layers(each.learner, each.condition)
+        ]
+        used = {last for keys in runs for last in dict(keys).items()}
+        for key, where in sorted({*chain(*runs)} - used):
+            if where:
                 raise InputError(
                     f"{self.path}: {where}.{key}: no run has it, since every learner or condition"
                     " replaces it; remove it."
@@ -814,16 +822,15 @@ class _Loading:
     def check_changes(self, populations: Iterable[Population]) -> None:
         """Refuses what a reading or a grid changes if it changes no run."""
         is_idle: dict[str, bool] = {}
-        for each in populations:
-            axis, value = next(iter(each.condition.keys.items()))
+        for each, kind in product(populations, ("scenario", "settings", "scenarios")):
+            (axis, value), *_ = each.condition.keys.items()
+            where = f"{axis}s.{value}.{kind}"
             change, *others = each.condition.changes
-            for kind in ("scenario", "settings", "scenarios"):
-                where = f"{axis}s.{value}.{kind}"
-                if getattr(change, kind) and is_idle.get(where, True):
-                    less = change.model_copy(update={kind: getattr(Change(), kind)})
-                    condition = replace(each.condition, changes=(less, *others))
-                    is_idle[where] = self.is_same(each, condition)
-        for where in [key for key, is_so in is_idle.items() if is_so]:
+            if getattr(change, kind) and is_idle.get(where, True):
+                less = change.model_copy(update={kind: getattr(Change(), kind)})
+                condition = replace(each.condition, changes=(less, *others))
+                is_idle[where] = self.is_same(each, condition)
+        for where in (key for key, is_so in is_idle.items() if is_so):
             raise InputError(f"{self.path}: {where} changes no run; remove it.")
 
     def is_same(self, population: Population, condition: Condition) -> bool:
@@ -867,17 +874,18 @@ def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> di
     """Returns settings with a small budget, which rollouts and intervals of records divide."""
     whole = {"budget": cls.model_fields["budget"].default} | settings
     whole = {key: value for key, value in whole.items() if isinstance(value, int)}
+    if whole.get("budget", 0) < 1:
+        return settings  # which are refused
     small = {"budget": min(max(whole["budget"] // 25, 1), 1000)}
     for key in whole.keys() & {"n_steps", "train_freq", "record_every"}:
         small[key] = math.gcd(whole[key], small["budget"])
-    return settings | dict.fromkeys(settings.keys() & {"n_envs"}, 1) | small
+    return settings | dict.fromkeys(whole.keys() & {"n_envs"}, 1) | small
 
 
-def _family(learner: Learner, settings: LearnerSettings) -> str:
-    """Returns what a learner counts as with these settings."""
-    net = dict(getattr(settings, "policy_kwargs", None) or {})
-    layers = net.get("net_arch")
-    if layers is None or len(layers) > 0 or net.get("features_extractor_class"):
+def _family(learner: Learner, settings: Mapping[str, object]) -> str:
+    """Returns what a learner counts as with these settings, by dotted key."""
+    has_extractor = "policy_kwargs.features_extractor_class" in settings
+    if settings.get("policy_kwargs.net_arch") != [] or has_extractor:
         return learner.algorithm.family
     return "tabular" if ENCODINGS[learner.observation] == "one_hot" else "linear"
 

@@ -6,7 +6,7 @@ import math
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any, Final
 
@@ -18,20 +18,8 @@ from envs.observations import seen_as
 from envs.sources import digest_when_loaded
 
 DEFAULT_CONDITION: Final = "default"
-# What a run's result depends on, besides its seed and users' modules
-_IDENTITY: Final = (
-    "stream",
-    "scenario",
-    "variant",
-    "algorithm",
-    "versions",
-    "observation",
-    "settings",
-    "horizon",
-    "evaluation_every",
-    "map_every",
-    "solved",
-)
+# What a run's result does not depend on, and its seed
+_NO_IDENTITY: Final = ("condition", "seed", "log", "keep")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +47,8 @@ class RunSpecification:
     @cached_property
     def population(self) -> str:
         """All but its seed, as canonical JSON: runs that share it train together."""
-        values = {name: getattr(self, name) for name in _IDENTITY}
+        names = {each.name for each in fields(self)}.difference(_NO_IDENTITY)
+        values = {name: getattr(self, name) for name in names}
         as_json = partial(json.dumps, default=lambda table: table.model_dump(mode="json"))
         text = as_json(values, ensure_ascii=False)
         # Users' modules that it names as `module:attribute`

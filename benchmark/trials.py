@@ -20,9 +20,8 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from benchmark.folder import sealed, unsealed
 from envs import InputError
-from envs.inputs import Table, distinct, require
+from envs.inputs import Count, Table, distinct, require
 
-Count = Annotated[int, Field(ge=1, le=10**9)]
 Seed = Annotated[int, Field(ge=0, le=900_000)]
 _DIGITS: Final = 3  # significant ones, of numbers that are drawn
 
@@ -52,10 +51,11 @@ class Span(Table):
         >>> Span(low=0.01, high=1, scale="log").at(0.5)
         0.1
         """
-        is_log = self.scale == "log"
-        low, high = np.log([self.low, self.high]) if is_log else (self.low, self.high)
-        value = low + share * (high - low)
-        value = float(f"{np.exp(value) if is_log else value:.{_DIGITS}g}")
+        if self.scale == "log":
+            value = np.exp(np.log(self.low) + share * (np.log(self.high) - np.log(self.low)))
+        else:
+            value = self.low + share * (self.high - self.low)
+        value = float(f"{value:.{_DIGITS}g}")
         value = min(max(value, self.low), self.high)  # whatever rounding does
         return round(value) if self.whole else value
 
@@ -138,12 +138,11 @@ def trials(variant: str, space: Space, n: int, parts: int = 1) -> list[dict[str,
     seed = np.random.SeedSequence(int.from_bytes(hashlib.sha256(variant.encode()).digest()))
     sobol = qmc.Sobol(len(space), seed=np.random.default_rng(seed))
     points = sobol.random_base2(int(n).bit_length()).tolist()
-    drawn = points[:n] if parts == 1 else points[1 : n + 1]
-    settings = [
+    first = int(parts > 1)
+    return [{}] + [
         {key: axis.at(share) for (key, axis), share in zip(space.items(), point, strict=True)}
-        for point in drawn
+        for point in points[first : first + n]
     ]
-    return [{}, *settings]
 
 
 class Finalist(Table):

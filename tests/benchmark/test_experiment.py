@@ -345,7 +345,7 @@ def test_runs_take_turns_with_the_picks_for_their_observation(chosen: Path) -> N
         ('"S1"', '"Mine.toml"', "Mine is FarCorner, a scenario of the search"),
         ("first_seed = 100", "first_seed = 1", "uses the seeds 0 to 1: accepted: .* than 1 to 2"),
         ("first_seed = 100", "first_seed = 12", "the seeds 10 to 12: accepted: .* than 12 to 13"),
-        ("toml:q", "toml:dqn", "unknown variant of .* dqn; accepted: q"),
+        ("toml:q", "toml:dqn", "unknown learner of the search dqn, index"),
         ("search.toml:q", "reproduce:q_learning", "accepted: SEARCH:VARIANT of one with a table"),
         ("search.toml:q", "tuning", "accepted: SEARCH:VARIANT of one with a table"),
         ('"offset"]', '"centred"]', "unknown learner of the search q, centred"),
@@ -410,11 +410,12 @@ UNUSED = [
     ("", LAST, f"{GRID}settings.time_limit = 9", "settings.time_limit is named twice"),
     ("", LAST, f"{LAST}{READINGS}scenarios = ['S1']", "readings.default.scenarios changes no run"),
     ("", LAST, f"{GRID}{READINGS}", "readings and grids: accepted: one of"),
+    ("", LAST, f"{LAST}{READINGS.replace('settings', '#')}", "readings.limit: accepted: a scena"),
     ("", LAST, f'{LAST}{READINGS}[report]\nkind = "map"', "readings in a map: accepted: grids"),
     ("", MAPS, f"{MAPS}\nsolved = {{}}", "map_every = 200: accepted: no such key"),
     ("", MAPS, 'report = "comparison"\nsolved = {}', "solved in a comparison: accepted: no"),
-    ("", MAPS, FOUND, "algorithms.table: accepted: a table search, as the"),
-    ("", LAST, f"{LAST}search.epsilon.values = [0, 1]", "table.search: accepted: a table [search]"),
+    ("", MAPS, FOUND, "table.search: accepted: in each variant, together"),
+    ("", LAST, f"{LAST}search.epsilon.values = [0, 1]", "search: accepted: in each variant,"),
     ("", LAST, f'{LAST}reference_for = "table"', "reference_for: unknown variant table"),
     ("", '"index"', "", "table.observations: accepted: at least one form"),
     ("", MAPS, 'evaluated_from = ["start"]', "unknown key evaluated_from"),
@@ -447,6 +448,29 @@ def test_what_is_no_name_is_refused_in_a_sentence(tmp_path: Path, table: str, na
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     with pytest.raises(InputError, match="results are named after the"):
         extended(tmp_path / f"{stem}.toml")
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ('"algorithms.sb3_dqm.seeds" = 3', "unknown algorithm sb3_dqm (did you mean sb3_dqn?)"),
+        ("horizon = 200", "changes: horizon changes nothing; remove it"),
+        ('"horizon.x" = 1', "cannot set horizon.x: horizon is a value"),
+    ],
+)
+def test_changes_are_of_something_and_have_an_effect(
+    tmp_path: Path, changes: str, expected: str
+) -> None:
+    with pytest.raises(InputError, match=rf"mine\.toml: .*{re.escape(expected)}"):
+        extended(tmp_path / "mine.toml", changes, "sb3")
+
+
+@pytest.mark.parametrize("budget", ['"200"', "0"])
+def test_a_miniature_hides_no_mistake(tmp_path: Path, budget: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(changed(SMALL, ("budget = 200", f"budget = {budget}")), encoding="utf-8")
+    with pytest.raises(InputError, match=f"budget = {budget}: input should be"):
+        load_experiment(path, smoke=True)
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
