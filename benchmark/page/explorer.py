@@ -54,9 +54,9 @@ def write(
         place = {"scene": _index(scenes, _scene(model)), "sight": _index(sights, _sight(model))}
         agents.append(agent | place)
     if agents:
-        path.write_bytes(
-            compressed(_CONSTANTS | {"scenes": scenes, "sights": sights, "agents": agents})
-        )
+        data = _CONSTANTS | {"scenes": scenes, "sights": sights, "agents": agents}
+        text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+        path.write_bytes(gzip.compress(text.encode(), mtime=0))
 
 
 _CONSTANTS: Final = {
@@ -70,12 +70,6 @@ _CONSTANTS: Final = {
     "triangles": drawn.TRIANGLES.tolist(),
     "moves": MOVES.tolist(),
 }
-
-
-def compressed(data: object) -> bytes:
-    """Returns data as compressed JSON."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return gzip.compress(text.encode(), mtime=0)
 
 
 def _index(items: list[object], item: object) -> int:
