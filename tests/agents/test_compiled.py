@@ -1,17 +1,13 @@
 """Compiled functions are kept on disk; a damaged file is compiled again, and never used."""
 
-import errno
 import importlib.util
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
-import numba
 import pytest
 
-from agents import compiled
 from tests.support import ROOT
 
 CODE = """
@@ -140,29 +136,3 @@ def test_functions_that_other_processes_have_compiled_are_not_mixed_up(tmp_path:
             [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
         )
         assert done.stdout == f"{expected}\n", done.stderr
-
-
-@pytest.mark.parametrize("is_full", [False, True])
-def test_without_a_place_for_files_everything_is_compiled_and_one_line_says_so(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    is_full: bool,
-) -> None:
-    """Folders of the source, of the user and of the settings that are files, or a full disk."""
-    compiled._say_unsaved.cache_clear()
-    (tmp_path / "doubling.py").write_text(CODE)
-    if is_full:
-        full = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
-        monkeypatch.setattr(compiled._Files, "_open_for_write", full)
-    else:
-        for name in ("__pycache__", "file"):
-            (tmp_path / name).touch()
-        for name in ("HOME", "XDG_CACHE_HOME"):
-            monkeypatch.setenv(name, str(tmp_path / "file"))
-        monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file"))
-    for _ in range(2):
-        assert uses_files(tmp_path / "doubling.py") == (0, 1)
-    note = "compiled code cannot be saved; set NUMBA_CACHE_DIR to a writable folder."
-    assert capsys.readouterr().err == f"note: {note}\n"
-    assert not [*tmp_path.rglob("*.nbc")]

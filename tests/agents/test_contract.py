@@ -48,8 +48,3 @@ def test_fields_of_other_shapes_are_refused(name: str) -> None:
     for wrong in (array[:1], array[..., :1][..., None]):
         with pytest.raises(ValueError, match=f"{name}: shape .* accepted: "):
             check_training(replace(TRAINING, **{name: wrong}), MODEL, 2, SCHEDULE)
-
-
-def test_trainings_without_values_and_probabilities_are_refused() -> None:
-    with pytest.raises(ValueError, match="both are empty"):
-        check_training(replace(TRAINING, q=np.empty((2, 0, 5))), MODEL, 2, SCHEDULE)

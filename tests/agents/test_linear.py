@@ -62,10 +62,8 @@ def test_tiles_of_two_tilings_by_hand(
                 "halved_after": 500,
             },
         ),
-        ("Noisy", {}, {"n_tilings": 4, "epsilon": 0.2, "initial_value": 0.3}),
         # With one tiling of single cells, the textbook's loop learns a table.
         ("MoodyHidden", {}, {"n_tilings": 1, "tile_width": 1, "halved_after": 900}),
-        ("S2", {}, {"n_tilings": 4, "epsilon": 0.2, "backward_passes": 1}),
         (
             "S2",
             MOVES,
@@ -86,7 +84,9 @@ def test_kernel_equals_a_loop_in_plain_python(
     model, algorithm = model_of(scenario, "coordinates", **overrides), load_algorithm(name)
     settings: Any = algorithm.settings(budget=2000, time_limit=50, **changes)
     seeds = [SeedSequence([7, i]) for i in range(2)]
-    training = algorithm.train(model, settings, "coordinates", seeds, Schedule(2000, POINTS))
+    training = algorithm.train(
+        model, settings, "coordinates", seeds, Schedule(2000, POINTS, POINTS[::2])
+    )
     features = tiles_of(model, settings.n_tilings, settings.tile_width, settings.parts)
     tiles = features.tiles[features.rows].reshape(model.n_observations, -1)
     assert settings.tile_width > 1 or (tiles[:, 0] == np.arange(model.n_observations)).all()

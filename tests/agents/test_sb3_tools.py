@@ -17,45 +17,30 @@ from agents.sb3.tables import agent_table
 from agents.sb3.vec_env import SB3VecEnv
 from envs import ProxemicVectorEnv, compile_scenario, load_scenario
 
-NEAR: Any = {
-    "grid.start": [4, 4]
-}  # two moves from the target region, so that an untrained agent may succeed
+# Two moves from the target region, so that an untrained agent may succeed.
+NEAR: Any = {"grid.start": [4, 4]}
 MODEL = compile_scenario(load_scenario("S2", NEAR))
 
 
-def env() -> Any:
-    return gymnasium.make("envs:Proxemic/S2-v0", observation="one_hot", overrides=NEAR)
-
-
 @pytest.mark.filterwarnings("ignore:rich is experimental", "ignore:Training and eval env")
-@pytest.mark.parametrize("native", [False, True])
-def test_success_in_training_and_evaluation_is_the_exact_one(native: bool, tmp_path: Path) -> None:
-    made: Any = VecMonitor(
-        SB3VecEnv(ProxemicVectorEnv(4, "S2", "one_hot", NEAR, max_episode_steps=200))
-    )
+def test_success_in_training_and_evaluation_is_the_exact_one(tmp_path: Path) -> None:
+    made: Any = SB3VecEnv(ProxemicVectorEnv(4, "S2", "one_hot", NEAR, max_episode_steps=200))
     agent = PPO(
-        "MlpPolicy", made if native else env(), n_steps=64, n_epochs=1, seed=2, learning_rate=0.0,
+        "MlpPolicy", VecMonitor(made), n_steps=64, n_epochs=1, seed=2, learning_rate=0.0,
         stats_window_size=1000, tensorboard_log=str(tmp_path),
     )  # fmt: skip
     table, _ = agent_table(agent, "agent", MODEL, "one_hot")
     exact = float(evaluate(MODEL, table, 200).success)  # if it draws its actions
-    evaluated = Monitor(env())
+    assert 0.2 < exact < 0.8
+    env: Any = gymnasium.make("envs:Proxemic/S2-v0", observation="one_hot", overrides=NEAR)
+    evaluated = Monitor(env)
     evaluated.reset(seed=3)
     callback = EvalCallback(
-        evaluated,
-        n_eval_episodes=200,
-        eval_freq=2048 // agent.n_envs,
-        deterministic=False,
-        log_path=str(tmp_path),
+        evaluated, n_eval_episodes=200, eval_freq=512, log_path=str(tmp_path), deterministic=False
     )
     agent.learn(2048, callback=callback, progress_bar=True)
     (successes,) = np.load(tmp_path / "evaluations.npz")["successes"]
-    assert len(successes) == 200
     assert agent.ep_success_buffer is not None
-    assert agent.ep_info_buffer is not None
-    assert len(agent.ep_success_buffer) == len(agent.ep_info_buffer) > 50
-    assert 0.2 < exact < 0.8
     for episodes in (successes, agent.ep_success_buffer):
+        assert len(episodes) > 50
         assert abs(np.mean(episodes) - exact) < 3.3 * math.sqrt(exact * (1 - exact) / len(episodes))
-    (log,) = tmp_path.glob("PPO_1/events.out.tfevents.*")
-    assert b"rollout/success_rate" in log.read_bytes()

@@ -7,9 +7,7 @@ import pytest
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from agents.policy import greedy_masks
 from agents.process import draw_word
-from agents.tabular.learner import Q_LEARNING, Settings
 from envs import InputError, compile_scenario, load_scenario
 from envs.inputs import parse
 from tests.agents import Changes
@@ -47,7 +45,6 @@ CASES: dict[str, tuple[str, Changes, Changes]] = {
     "S2": ("S2", {}, {}),
     "S3": ("S3", {}, {"epsilon": 0.4}),
     "time limit": ("S1", {}, {"time_limit": 15, "initial_value": -0.7, "halved_after": 400}),
-    "people move": ("S2", MOVES, {"time_limit": 50}),
     "all at once": ("S2", {"issuer.position": [8, 6], "rewards.wrong_ping_uncomfortable": -0.8},
                     {"epsilon": 0.15, "ties": "lowest", "budget": 120, "budget_unit": "episodes",
                      "time_limit": 25, "record_every": 7, "learning_rate": 0.3, "discount": 1.0}),
@@ -74,38 +71,13 @@ def test_kernel_equals_the_textbooks_loop(rule: str, case: str) -> None:
     points = [0, 1, settings.budget // 3, settings.budget]
     seeds = [SeedSequence([11, i]) for i in range(2)]
     model = compile_scenario(load_scenario(name, overrides))
-    schedule = Schedule(settings.budget, tuple(points))
+    schedule = Schedule(settings.budget, tuple(points), tuple(points[::2]))
     training: Any = algorithm.train(model, settings, "index", seeds, schedule)
+    # The agent is trained together with another one, and its table is read at two of the points.
     for key, values in textbook(rule, model, settings, seeds[1], points).items():
         assert np.array_equal(getattr(training, key)[1], np.asarray(values)), key
     assert (training.q[0] != training.q[1]).any()
     assert training.episodes_ended.min() > 5
-
-
-def test_together_equals_one_at_a_time() -> None:
-    model = compile_scenario(load_scenario("S2"))
-    settings = Settings(budget=500)
-    seeds = [SeedSequence([5, i]) for i in range(100)]
-    schedule = Schedule(500, (0, 250, 500))
-    together = Q_LEARNING.train(model, settings, "index", seeds, schedule)
-    for i in range(0, 100, 9):
-        alone = Q_LEARNING.train(model, settings, "index", [seeds[i]], schedule)
-        for key, values in vars(together).items():
-            if key != "cpu_time_s":  # measured
-                assert values[i].tobytes() == getattr(alone, key)[0].tobytes(), key
-
-
-def test_snapshots_are_the_table_at_their_steps_and_disturb_nothing() -> None:
-    model = compile_scenario(load_scenario("S2"))
-    seeds = [SeedSequence(i) for i in range(3)]
-    schedule = Schedule(2000, (0, 500, 1000, 2000), (0, 1000, 2000))
-    training = Q_LEARNING.train(model, Settings(budget=2000), "index", seeds, schedule)
-    assert (training.values[:, 0] == 0).all()
-    # The table at a step is the table at the end of a shorter training.
-    shorter = Q_LEARNING.train(model, Settings(budget=1000), "index", seeds, Schedule(1000))
-    assert (training.values[:, 1] == shorter.q.astype(np.float32)).all()
-    assert (training.values[:, 2] == training.q.astype(np.float32)).all()
-    assert (training.greedy[:, -1] == greedy_masks(training.q)).all()
 
 
 @pytest.mark.parametrize(

@@ -182,13 +182,20 @@ def textbook(
       What `Training`, or without tiles `TabularTraining`, has of an agent.
     """
     agent = Textbook(name, model, settings, seed, tiles)
-    record: Changes = {"greedy": [], "disagreements": [], "max_q": [], "table_max_q": []}
+    record: Changes = {
+        "greedy": [],
+        "values": [],
+        "disagreements": [],
+        "max_q": [],
+        "table_max_q": [],
+    }
     for unit in range(settings.budget + 1):
         if unit in points:
             record["greedy"].append(
                 [sum(2**action for action in agent.best(row)) for row in agent.table()]
             )
             record["disagreements"].append(agent.wrong)
+            record["values"].append(agent.table().astype(np.float32))
         # largest values met in a unit of the budget, and those of the table then
         visited, largest = [], []
         is_over = unit == settings.budget
@@ -204,4 +211,4 @@ def textbook(
         record |= {"steps_taken": agent.steps, "episodes_ended": agent.episodes}
     else:
         del record["max_q"], record["table_max_q"]
-    return record | {"q": agent.table()}
+    return record | {"q": agent.table(), "values": record["values"][::2]}

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from envs import compile_scenario, load_scenario
-from envs.model import PING
-from envs.observations import observation_table, seen_as
+from envs.observations import observation_table
 from tests.envs import Changes
-from tests.envs.test_model import assert_same_arrays, model_of
 
 RADII = {"regions.uncomfortable_radius": 0, "regions.target_radius": 1}
 ROOM = {"grid.rows": 5, "grid.columns": 6, "grid.start": "anywhere"} | RADII
@@ -36,8 +34,6 @@ def test_places_are_nested_and_differ_by_draw(changes: Changes, n_every: int) ->
             load_scenario("Anywhere", changes | {"issuer.places": n, "draw": draw})
             for n in (2, 9, 40)
         ]
-        assert few[0].drawn(7).drawn(draw) == few[0]
-        assert all([*each.layout.places] == sorted(each.layout.places) for each in few)
         drawn[draw] = [{*each.layout.places} for each in few]
         assert [len(places) for places in drawn[draw]] == [2, 9, 40]
         assert all(
@@ -45,12 +41,7 @@ def test_places_are_nested_and_differ_by_draw(changes: Changes, n_every: int) ->
         )
     assert drawn[0][1] != drawn[1][1]
     # No episode starts in an unseen place.
-    unseen = {
-        "issuer.places": 9,
-        "issuer.unseen": 31,
-        "draw": 1,
-        "issuer.feedback": {"kind": "distance"},
-    }
+    unseen = {"issuer.places": 9, "issuer.unseen": 31, "draw": 1}
     scenario = load_scenario("Anywhere", changes | unseen)
     model, places, (_, seen, all_drawn) = (
         compile_scenario(scenario),
@@ -60,8 +51,6 @@ def test_places_are_nested_and_differ_by_draw(changes: Changes, n_every: int) ->
     assert {*places} == all_drawn
     for starts, expected in ((model.starts, seen), (model.unseen_starts, all_drawn - seen)):
         assert {places[place] for place in model.context[starts]} == expected  # a single phase
-        if not changes:  # relative to the distance from the only start
-            assert (model.issuer_reward[starts, PING] == -1).all()
 
 
 def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
@@ -94,13 +83,3 @@ def test_what_walls_cut_off_is_not_drawn() -> None:
         room = {"grid.rows": 3, "grid.columns": 7, "grid.walls": f".....#.\n.....{door}.\n.....#."}
         model = compile_scenario(load_scenario("Anywhere", room | RADII | changes))
         assert (model.n_places, len(model.starts)) == (n_places, n_starts)
-
-
-def test_a_changed_copy_is_the_reloaded_scenario() -> None:
-    changes: Changes = {"issuer.places": 4, "issuer.unseen": 2, "issuer.permuted": 0.5}
-    first = load_scenario("ThreeTalking", changes)
-    assert compile_scenario(first).n_places == 6  # nothing that was derived for this may stay
-    reloaded = load_scenario("ThreeTalking", changes | {"draw": 8, "observe": ["offset"]})
-    for changed in (seen_as(first.drawn(8), "offset"), seen_as(first, "offset").drawn(8)):
-        assert changed == reloaded
-        assert_same_arrays(model_of(changed), model_of(reloaded))

@@ -6,7 +6,6 @@ import warnings
 from typing import Any
 
 import gymnasium
-import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
@@ -45,17 +44,6 @@ def test_step_returns_python_values() -> None:
     assert reward == info["grid_reward"] + info["issuer_reward"]
 
 
-def test_image_rendering_shows_the_agent_where_it_is() -> None:
-    env = gymnasium.make("envs:Proxemic/S1-v0", render_mode="rgb_array")
-    env.reset()
-    before = np.asarray(env.render())
-    assert before.shape == (400, 480, 3)
-    assert before.dtype == np.uint8
-    env.step(3)
-    changed = np.argwhere((np.asarray(env.render()) != before).any(axis=2))
-    assert {(y // 40, x // 40) for y, x in changed} == {(0, 0), (0, 1)}
-
-
 def test_text_shows_agent_walls_people_and_phase() -> None:
     def text(name: str, state: int = 0) -> list[str]:
         env = ProxemicEnv(name, render_mode="ansi")
@@ -66,11 +54,9 @@ def test_text_shows_agent_walls_people_and_phase() -> None:
     assert (walls[0], walls[2]) == ("A . . . # . . . . . . .", ". . . . # # # # # # . #")
     assert len(walls) == 11  # there is a single phase
     assert text("TwoPeople")[2] == ". . . . . . . + x x I x"
-    expected = {"calm": "+ x I x + .", "tense": "x x I x x +", "cheerful": ". + I + . ."}
-    for phase, (name, line) in enumerate(expected.items()):
-        lines = text("Moody", phase * 600)
-        assert lines[-2:] == [f"phase: {name}", "event: none"]
-        assert lines[6].endswith(line)
+    lines = text("Moody", 600)
+    assert lines[-2:] == ["phase: tense", "event: none"]
+    assert lines[6].endswith("x x I x x +")
 
 
 @pytest.mark.parametrize(

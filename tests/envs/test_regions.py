@@ -1,13 +1,11 @@
-"""Zones, distances and outlines of regions: by hand, and as properties of drawn sets of cells."""
-
-from typing import Any
+"""Zones of the regions, by hand."""
 
 import pytest
 
-from envs import ZONES, Scenario, load_scenario
-from envs.arrays import Codes, Ints
+from envs import ZONES, load_scenario
+from envs.arrays import Codes
 from envs.inputs import parse
-from envs.regions import Cell, Grid, Heading, Regions, target_distance, zones
+from envs.regions import Cell, Grid, Regions, zones
 
 SIGNS = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
 
@@ -15,10 +13,6 @@ SIGNS = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
 def drawn(values: Codes, columns: int) -> list[str]:
     signs = [SIGNS[ZONES[zone]] for zone in values]
     return ["".join(signs[i : i + columns]) for i in range(0, len(signs), columns)]
-
-
-def distances(scenario: Scenario) -> Ints:
-    return target_distance(scenario.regions, scenario.layout.places[0][0], scenario.grid.size)
 
 
 @pytest.mark.parametrize(
@@ -78,59 +72,7 @@ def test_zones_by_hand(name: str, place: tuple[Cell, ...], expected: list[str]) 
     assert rows == [*2 * outside, *expected, *(8 - len(expected)) * outside]
 
 
-def test_target_distance_by_hand() -> None:
-    distance = distances(load_scenario("S1")).reshape(10, 12)
-    assert distance[6].tolist() == [6, 5, 4, 3, 2, 1, 0, 1, 2, 1, 0, 1]  # the issuer's row
-    assert distance[:, 7].tolist() == [
-        4,
-        3,
-        2,
-        1,
-        0,
-        1,
-        1,
-        1,
-        0,
-        1,
-    ]  # the column left of the issuer
-    assert distance[0, 0] == 6  # six columns and four rows from the region's corner
-    # With the issuer in the top row, the region's rows above it are off the grid, but count.
-    scenario = load_scenario("S1", {"issuer.position": [0, 8]})
-    assert distances(scenario).reshape(10, 12)[0, 5:].tolist() == [1, 0, 1, 2, 1, 0, 1]
-
-
 ROOM = Grid(rows=7, columns=7, start="anywhere")
-CIRCLE = {
-    "uncomfortable": {"kind": "circle", "radius": 1},
-    "target": {"kind": "circle", "radius": 2},
-}
-EGG = {"uncomfortable": {"kind": "egg", "front": 1.5}, "target": {"kind": "egg", "front": 3}}
-
-
-@pytest.mark.parametrize(
-    ("table", "heading", "expected"),
-    [
-        # Within a distance of 1 the four neighbours, within 2 the diagonal ones (1.41) and the next
-        # but one.
-        (
-            CIRCLE,
-            "left",
-            [".......", "...+...", "..+x+..", ".+xIx+.", "..+x+..", "...+...", "......."],
-        ),
-        # Three ahead, two aside, 1.5 behind: aside 2 * sqrt(1 - (2 / 3) ** 2) = 1.5 in the second
-        # row ahead, 1.9 in the first, and 1.5 in the row behind. Uncomfortable is one ahead, and
-        # one aside.
-        (EGG, "up", ["...+...", "..+++..", "..+x+..", ".+xIx+.", "..+++..", ".......", "......."]),
-        (
-            EGG,
-            "left",
-            [".......", "...+...", ".++x+..", "++xI+..", ".++x+..", "...+...", "......."],
-        ),
-    ],
-)
-def test_shapes_by_hand(table: dict[str, Any], heading: Heading, expected: list[str]) -> None:
-    regions = parse(Regions, table, "by hand")
-    assert drawn(zones(regions, heading, (3, 3), ROOM), 7) == expected
 
 
 def test_a_cell_on_the_border_belongs_to_the_region() -> None:

@@ -11,18 +11,12 @@ from envs.scenario import SCENARIO_DIRECTORY
 from tests.envs import Changes
 
 S1 = read_toml(SCENARIO_DIRECTORY / "S1.toml") | {"name": "S1"}
-FLOOR = "\n".join(["............"] * 10)
 WALL = "\n".join(["...#........"] * 10)
 CIRCLE = {"kind": "circle", "radius": 1}
 
 
 def shapes(uncomfortable: Changes, target: Changes) -> Changes:
     return {"uncomfortable": uncomfortable, "target": target}
-
-
-def person(position: list[int]) -> Changes:
-    regions = {"uncomfortable_radius": 0, "target_radius": 1}
-    return {"position": position, "feedback": {"kind": "none"}, "regions": regions}
 
 
 def phase(name: str = "a", **more: Any) -> Changes:
@@ -38,7 +32,6 @@ OBSERVING: Changes = {
     "observe": ["agent", "issuer", "phase", "wrong_pings"],
 }
 NAMES = [f"{i}" for i in range(21)]
-WALK = {"issuer.walk": {"corners": [[6, 3]]}}
 PAIR: Changes = ANYWHERE | {"group.people": 2, "group.apart": [2, 4]}
 RING = {"kind": "ring", "width": 1}
 
@@ -57,47 +50,24 @@ MISTAKES: list[tuple[Changes, str]] = [
         "[grid]: unknown key depth; accepted: columns, metres_per_cell, rows, start, walls.",
     ),
     ({"issuer.feedback": {"kind": "loud"}}, "accepted: a table whose kind is none, uniform,"),
-    ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
     ({"observe": ["phase", "agent"]}, "observe = ['phase', 'agent']"),
-    (
-        {"observe": ["agent", "offset"]},
-        "observe = ['agent', 'offset']: accepted: agent or offset, and",
-    ),
     # Walls
-    ({"grid.walls": FLOOR.replace(".", "x")}, "walls"),
-    ({"grid.walls": "#" + FLOOR[1:]}, "grid.start = [0, 0] is a wall"),
     (
         {"grid.walls": WALL, "grid.start": [[0, 11], [0, 0]]},
         "grid.start = [0, 0]: accepted: a cell outside",
     ),
     # Regions
     ({"regions.target_radius": 1}, "target_radius = 1"),
-    (
-        {"regions": shapes(CIRCLE, {"kind": "circle"})},
-        "the key regions.target.circle.radius is missing",
-    ),
     ({"regions": shapes(CIRCLE, RING)}, 'target.kind = "ring": accepted: a ring around a [group]'),
     # Phases and walks
-    ({"phases": [phase(steps=1), phase("b", next={"a": 0.5})]}, "phases.1 (b)"),
-    ({"phases": [phase(steps=1)] * 2}, "phases: name a is named twice"),
     ({"phases": [phase(stepps=3)]}, "[phases.0]: unknown key stepps (did you mean steps?)"),
-    ({"phases": [phase(next={"c": 0.5}), phase("b", next={})]}, "phases.0.next: c"),
-    ({"phases": [phase("\x1b]0;x", steps=1)]}, 'phases.0.name = "\\u001b]0;x"'),
     ({"issuer.walk": {"corners": [[3, 3]]}}, "issuer.walk.corners: from [6, 8] to [3, 3]"),
-    (
-        {"issuer.walk": {"corners": [[6, 10**9]]}},
-        "issuer.walk.corners = [6, 1000000000] is off the grid",
-    ),
-    (WALK | {"phases": [phase(steps=1)]}, "issuer.walk and phases"),
-    (WALK | {"issuer.feedback": {"kind": "delayed"}}, 'feedback.kind = "delayed"'),
-    (ANYWHERE | WALK, 'issuer.walk with issuer.position = "anywhere": accepted: a cell'),
     # Rounds of 2 * 71 and 2 * 73 steps: 2 * 71 * 73 together.
     (
         {"others": [bystander([0, 1], [0, 2], steps=71), bystander([1, 1], [1, 2], steps=73)]},
         "others.0, others.1: it takes 10,366 steps until everybody is back: accepted: at most",
     ),
     # Other people. After two steps, both walkers are in [2, 4].
-    ({"others": [person([6, 8])]}, "two people at once in [6, 8]"),
     (
         {"others": [bystander([2, 2], [2, 6]), bystander([0, 4], [4, 4])]},
         "two people at once in [2, 4]",
@@ -107,11 +77,6 @@ MISTAKES: list[tuple[Changes, str]] = [
         "both, or neither (a bystander)",
     ),
     # Groups and onlookers
-    (
-        {"onlookers": {"people": 120, "ways": 1}},
-        "onlookers.people = 120: accepted: at most 119, a free",
-    ),
-    (ANYWHERE | {"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
     (
         ANYWHERE | {"issuer.places": 100, "issuer.unseen": 12},
         "issuer.places = 100 with issuer.unseen = 12",

@@ -1,7 +1,5 @@
 """What a map looks like, by hand."""
 
-import numpy as np
-
 from envs import ZONES, compile_scenario, load_scenario
 from envs.render import to_text
 from envs.scene import scene_of
@@ -11,14 +9,12 @@ S1 = compile_scenario(load_scenario("S1"))
 
 def test_scene_of_the_paper_by_hand() -> None:
     scene = scene_of(S1)
-    assert (scene.rows, scene.columns, scene.n_cells) == (10, 12, 120)
     assert scene.outlines == {
         "target": (((4, 6), (4, 11), (9, 11), (9, 6)),),
         "uncomfortable": (((5, 7), (5, 10), (8, 10), (8, 7)),),
     }
     assert scene.cells_of("issuer") == [6 * 12 + 8]
     assert scene.cells_of("start") == [0]
-    assert np.flatnonzero(scene.is_over).tolist() == [6 * 12 + 8]
     # 5 x 5 cells, of which 3 x 3 are uncomfortable or, in the middle, the issuer's.
     assert [scene.zone.count(zone) for zone in ZONES] == [95, 16, 8, 1]
 
@@ -27,11 +23,6 @@ def test_people_who_talk_have_a_circle_and_bystanders_no_region() -> None:
     changes = {"issuer.position": [[1, 4], [1, 8]], "others": [{"position": [1, 6]}]}
     scene = scene_of(compile_scenario(load_scenario("TwoTalking", changes)))
     assert scene.circle == (1.5, 6.5, 2.0)
-    assert scene.as_json()["circle"] == scene.circle
     assert (scene.cells_of("issuer"), scene.cells_of("bystander")) == ([12 + 4, 12 + 8], [12 + 6])
     assert (scene.zone[12 + 6], bool(scene.is_over[12 + 6])) == ("outside", True)
-    hole = {(1, 6), (1, 7), (2, 6), (2, 7)}
-    assert any({*loop} == hole for loop in scene.outlines["target"])
     assert to_text(scene, 0, "none").splitlines()[1].split()[4:9:2] == ["I", "B", "I"]
-    strangers = scene_of(compile_scenario(load_scenario("TwoStrangers", {"issuer.places": 1})))
-    assert (strangers.circle, "circle" in strangers.as_json()) == (None, False)
