@@ -20,7 +20,7 @@ from benchmark.experiment import (
     read_experiment,
 )
 from benchmark.trials import Choice, Choices, Chosen, Finalist, Search, Span, trials, write_choices
-from envs import InputError, load_scenario
+from envs import InputError
 from envs.inputs import Table
 from envs.scenario import SCENARIO_DIRECTORY
 
@@ -162,17 +162,6 @@ def test_reproduce_declares_what_the_paper_says() -> None:
     assert len(all_specifications(experiment)) == 3 * 1000 + 6 * 3 * 100 + 2 * 100
 
 
-def test_a_reference_takes_settings_and_observations_from_its_variant() -> None:
-    variants = load_experiment("compare_deep").declared.algorithms
-    references = [each for each in variants.values() if each.reference_for]
-    assert len(references) == 7
-    for each in references:
-        of = variants[each.reference_for]
-        assert (each.settings, each.policy, each.tuned_by) == (of.settings, of.policy, of.tuned_by)
-        assert {*each.observations} <= {*of.observations}
-        assert each.algorithm == of.algorithm.replace("compiled_", "sb3_")
-
-
 def test_learners_have_titles_that_say_what_they_are() -> None:
     titles = {name: learner.title for name, learner in COMPARED.learners.items()}
     assert titles["watkins_q_lambda, index"] == "Q(λ) table"
@@ -243,17 +232,6 @@ def test_a_trial_is_a_condition_of_its_variant(tmp_path: Path) -> None:
     for population in experiment.populations:
         expected = {"discount": 0.8, "budget": 200} | drawn[int(population.keys["trial"])]
         assert population.first.settings.model_dump(include={*expected}) == expected
-
-
-@pytest.mark.parametrize(
-    ("grid", "name"),
-    [("strangers", "TwoStrangers"), ("two", "TwoTalking"), ("three", "ThreeTalking")],
-)
-def test_grids_of_groups_have_the_people_of_the_shipped_scenes(grid: str, name: str) -> None:
-    every = load_experiment("groups").populations
-    found = next(each.scenario for each in every if each.keys["grid"] == grid)
-    for key in ("grid", "group", "regions", "rewards", "observe", "ping_limit"):
-        assert getattr(found, key) == getattr(load_scenario(name), key)
 
 
 # Runs

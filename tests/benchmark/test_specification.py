@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmark.experiment import load_experiment
-from benchmark.specification import evaluation_steps, given_up, solved
+from benchmark.specification import evaluation_steps, solved
 from envs import load_scenario
 from tests.support import small_experiment, variant
 
@@ -85,12 +85,6 @@ def test_a_run_has_learned_if_it_stays_until_twice_as_many_steps() -> None:
                 break
         else:
             assert (found, is_final) == (len(steps), False)
-
-
-def test_runs_are_given_up_for_the_best_success_so_far() -> None:
-    steps = [0, 100, 200, 300, 400]
-    curves = ([0.0, 0.1], [0.0, 0.1, 0.1], [0.0, 0.45, 0.1], [0.0, 0.1, 0.1, 0.9])
-    assert [given_up(curve, steps, 0.9, 0.5) for curve in curves] == [False, True, False, True]
 
 
 def test_a_users_module_is_part_of_the_identity(tmp_path: Path) -> None:
