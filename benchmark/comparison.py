@@ -171,6 +171,7 @@ def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
     """Returns these contrasts; p-values are adjusted over all of them."""
     cells = summary(data).set_index(["learner", "scenario"])
     of = {population.learner.name: population for population in data.experiment.populations}
+    updates = data.runs.groupby("learner")["updates"].max()
     sides = [[cells.loc[name].loc[[*names]] for name in pair] for pair, names in cases]
     p_random = [holm([*map(_p_random, own)]) for own in zip(*sides, strict=True)]
     rows = list[dict[str, Any]]()
@@ -178,10 +179,11 @@ def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
         row = {"scenario": names[0] if len(names) == 1 else "", "x": x, "y": y}
         row |= {"n": min(own["n"].min() for own in both)}
         row |= {"differs": differences(of[x], of[y], [own["diverged"].sum() for own in both])}
-        for side, own, p in zip("xy", both, p_values, strict=True):
+        for side, name, own, p in zip("xy", (x, y), both, p_values, strict=True):
             after, before = own["success"].mean(), own["untrained_success"].mean()
             least = min(data.declared.margins.success, after / 2)
-            has_learned = p <= ALPHA and round(after - before - least, _DIGITS) >= 0
+            has_gained = updates[name] == 0 or round(after - before - least, _DIGITS) >= 0
+            has_learned = p <= ALPHA and has_gained  # a planner, without updates, need not gain
             row |= {f"p_random_{side}": p, f"learned_{side}": has_learned}
         rows.append(row)
     for endpoint in ENDPOINTS:
@@ -456,7 +458,8 @@ success and {margins.score:g} of the score; with *slightly*, it is smaller. *Wit
 that two one-sided tests show a difference below the margin; *but better* and *but worse*, that it
 is significant nevertheless. *Mixed* means that a scenario contradicts the verdict by the margin or
 more. A learner is shown to learn if it succeeds significantly more often than the random policy,
-and than before training by the margin, or twice as often. Otherwise it is never called better
+and than before training by the margin, or twice as often, unless it plans without any updates.
+Otherwise it is never called better
 (*{NEITHER}*, *{UNEARNED}*). With fewer than {FEWEST_RUNS} runs per learner and scenario, there
 is *no verdict*.
 

@@ -91,8 +91,8 @@ def made(
                 curves.append(pd.DataFrame(keys | values))
     declared = parse(Declared, experiment.declared.report or {}, "made.toml")
     comparison.check(experiment, declared)
-    tables = [pd.concat(each, ignore_index=True) for each in (runs, curves)]
-    return Data(experiment, declared, tables[0], tables[1])
+    runs_table, curves_table = (pd.concat(each, ignore_index=True) for each in (runs, curves))
+    return Data(experiment, declared, runs_table, curves_table)
 
 
 def pair(x: str = "x, index", y: str = "y, index", key: str = "contrasts") -> str:

@@ -77,9 +77,9 @@ def test_verdicts_on_disjoint_sets(monkeypatch: pytest.MonkeyPatch) -> None:
     assert frame[frame["claim"] == "reaches"]["agents"].tolist() == [2, 5]
     # Nothing was learned of PING, so there is nothing to count outside.
     assert set(frame["state"][frame["claim"].isin(["ping-S3", "ping-S1"])]) == {"undecided"}
-    agreeing = frame.groupby("claim")[["verdict", "sets_agreeing"]].last()
-    assert agreeing.loc["identifies"].tolist() == ["does not hold", 2]
-    assert agreeing.loc["reaches"].tolist() == ["does not hold", 0]
+    agreeing = frame.groupby("claim")[["verdict", "sets_agreeing"]].last().T
+    assert [*agreeing["identifies"]] == ["does not hold", 2]
+    assert [*agreeing["reaches"]] == ["does not hold", 0]
     assert "5 agents per scenario, 400 steps" in replication.headline(data)
     text = replication.reading(data)
     assert "(`identifies`, *does not hold*, 2/2)" in text
