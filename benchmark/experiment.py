@@ -457,9 +457,7 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
             known = data.get(kind)
             if kind in _NAMED and inner[1:] and isinstance(known, dict) and name not in known:
                 unknown_name(f"{path}: changes.{key}", kind.removesuffix("s"), name, known)
-            before, data = data, override(data, {key: value}, str(path))
-            if data == before:
-                raise InputError(f"{path}: changes: {key} changes nothing; remove it.")
+            data = override(data, {key: value}, str(path))
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
     elif "search" in data:

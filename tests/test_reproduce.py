@@ -63,5 +63,5 @@ def test_second_time_makes_nothing_again(clone: tuple[Path, str]) -> None:
     folder, _ = clone
     again = make("reproduce", cwd=folder)
     assert again.returncode == 0, again.stderr
-    assert f"all {RUNS} runs are done already" in again.stdout
+    assert f"all {RUNS:,} runs are done already" in again.stdout
     assert git(folder, "status", "--porcelain", "results") == ""

@@ -41,7 +41,10 @@ ELSEWHERE = """
 import platform, types
 from benchmark import provenance
 provenance.platform = types.SimpleNamespace(
-    system=lambda: "Elsewhere", machine=platform.machine, python_version=platform.python_version
+    system=lambda: "Elsewhere",
+    machine=platform.machine,
+    processor=platform.processor,
+    python_version=platform.python_version,
 )
 """
 OTHER_NUMPY = """

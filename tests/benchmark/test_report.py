@@ -145,7 +145,7 @@ def test_a_folder_follows_from_its_runs_alone(
 @pytest.mark.parametrize(
     ("keys", "fault"),
     [
-        ({"kind": "comparision"}, r"unknown report\.kind comparision .did you mean comparison"),
+        ({"kind": "compariso"}, r"unknown report\.kind compariso .did you mean comparison"),
         ({"kind": "tests.support"}, "has no attribute 'TABLES'"),
         ({"kind": "spread_study", "level": 1}, "report: unknown key level"),
         ({"kind": "spread_study", "items": ["spread_study:draw_it"]}, "no attribute 'draw_it'"),
