@@ -95,6 +95,8 @@ class Variant(Table):
     """Runs per scenario and condition."""
     first_seed: Seed = 0
     """The first seed; the others follow it."""
+    scenarios: Names = ()
+    """Names of the scenarios in which it runs; all by default."""
     policy: Literal["greedy", "stochastic"] = "greedy"
     """The policy that is evaluated."""
     settings: dict[str, object] = Field(default_factory=dict)
@@ -104,6 +106,8 @@ class Variant(Table):
     share."""
     search: Space = Field(default_factory=dict)
     """What a search varies: a table for each setting, by dotted key."""
+    candidates: tuple[dict[str, object], ...] = ()
+    """Further trials of a search: settings that are known to be good, by dotted key."""
     tuned_by: Line = ""
     """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own
     settings. If the search has several parts, the runs of a learner take turns with their picks."""
@@ -293,8 +297,8 @@ class Declaration(Table):
             if self.search is not None:
                 require("budget" not in variant.search, f"{where}.search.budget", "other settings")
                 _check_apart(variant.numbered(), self.search.fresh, f"{where}.first_seed")
-                efforts.add((variant.seeds, str((self.settings | variant.settings).get("budget"))))
-        require(len(efforts) < 2, "algorithms", "the same seeds and budget for all in a search")
+                efforts.add((variant.seeds, len(variant.candidates)))
+        require(len(efforts) < 2, "algorithms", "the same seeds and candidates for all")
 
     def _check_changes(self) -> None:
         for condition in [] if self.search else self.conditions:
@@ -361,11 +365,13 @@ class Declaration(Table):
 
     def _trials(self) -> Iterator[Condition]:
         if self.search is not None:
-            n, parts = self.search.trials, self.search.parts
-            variants = self.algorithms.items()
-            drawn = {name: trials(name, each.search, n, parts) for name, each in variants}
-            for t, (name, settings) in product(range(n + 1), drawn.items()):
-                yield Condition({"trial": t}, (Change(settings=settings[t]),), (name,))
+            n, variants = self.search.trials, self.algorithms.items()
+            drawn = {
+                name: [*trials(name, each.search, n), *each.candidates] for name, each in variants
+            }
+            for t in range(max(map(len, drawn.values()))):
+                for name, settings in drawn.items():
+                    yield Condition({"trial": t}, (Change(settings=settings[t]),), (name,))
 
 
 def _check_apart(own: range, taken: range, where: str) -> None:
@@ -661,6 +667,7 @@ class _Loading:
             for condition in conditions
             for scenario in self.changed(condition)
             for each in learners.values()
+            if scenario.name in (each.declared.scenarios or declared._names)
             if not condition.learners
             or {each.name, each.variant} & {*condition.learners}
             or not {each.name, each.variant} & named

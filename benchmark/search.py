@@ -36,7 +36,7 @@ from envs import InputError
 from envs.inputs import override
 from envs.words import listed
 
-_DIGITS: Final = 9  # means that differ less are equal: the order of sums must not decide
+_DIGITS: Final = 2  # means that differ less are equal: the order of sums must not decide
 _MEASURES: Final = {"area": "mean success over training", "earliness": "mean earliness of learning"}
 _ALL: Final = "all"  # stands for all scenarios
 
@@ -91,18 +91,15 @@ def measured(experiment: Experiment, curves: pd.DataFrame) -> pd.DataFrame:
     With `[solved]`, it has the `steps` until a run has learned, inf if it never has. What is
     reached only by the end of the budget counts as not learned.
     """
-    declared, first = experiment.declared, experiment.populations[0].first
-    steps = curves["step"].unique().tolist()
-    success = curves["success"].to_numpy().reshape(-1, len(steps))
-    runs = curves[["trial", "scenario", "learner", "seed"]][:: len(steps)]
-    runs = runs.assign(rise=success[:, -1] - success[:, 0])
-    if declared.solved is None:
-        return runs.assign(measure=np.trapezoid(success, steps) / (steps[-1] - steps[0]))
-    start, budget, level = first.evaluation_every, steps[-1], declared.solved.success
-    found = [solved(curve, steps, level)[0] for curve in success.tolist()]
-    n_steps = np.maximum([*steps, budget], start)[found]
-    earliness = 1 - np.log(n_steps / start) / np.log(budget / start)
-    return runs.assign(measure=earliness, steps=np.where(n_steps < budget, n_steps, inf))
+    parts = []
+    for _, own in curves.groupby("learner", sort=False):
+        steps = own["step"].unique()
+        success = own["success"].to_numpy().reshape(-1, len(steps))
+        runs = own[["trial", "scenario", "learner", "seed"]][:: len(steps)]
+        log = np.log(steps[1:])
+        area = np.trapezoid(success[:, 1:], log) / (log[-1] - log[0])
+        parts.append(runs.assign(rise=success[:, -1] - success[:, 0], measure=area))
+    return pd.concat(parts)
 
 
 def outcomes(experiment: Experiment, curves: pd.DataFrame) -> Iterator[Outcome]:
@@ -116,9 +113,10 @@ def outcomes(experiment: Experiment, curves: pd.DataFrame) -> Iterator[Outcome]:
             stage.groupby(keys)["measure"].mean().unstack().reindex(columns=[*experiment.scenarios])
             for stage in (own[~is_fresh], own[is_fresh])
         )
+        first, fresh = first.dropna(axis=1, how="all"), fresh.dropna(axis=1, how="all")
         means, again = first.mean(axis=1), fresh.mean(axis=1, skipna=False)
-        finalists = [ranked(means[[*part]])[: search.finalists] for part in search.blocks]
-        candidates = [[*{0, *finalists[0]}], *finalists[1:]]
+        finalists = [ranked(means)[: search.finalists]]
+        candidates = [[*{0, *finalists[0]}]]
         picks = [ranked(again[part])[0] for part in candidates] if len(again) else []
         yield Outcome(learner, first, fresh, finalists, picks)
 
