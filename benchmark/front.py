@@ -21,15 +21,6 @@ _SHOWN: Final = {  # learners of the table, by what README calls them
     "SB3's PPO, tuned": _SB3[1],
 }
 _BASELINES: Final = ["watkins_q_lambda, index", "tile_coding, coordinates"]
-_NETS: Final = [  # of the map, with their best inputs
-    "dqn, coordinates",
-    "ppo, factored",
-    "ppo, centred",
-    "dqn, offset_tiles",
-    "ppo, offset_factored",
-]
-_TILINGS: Final = ["tile_coding, coordinates", "tile_coding, offset_coordinates"]
-_GRIDS: Final = ["places", "rooms", "feedback"]  # each point of the map once
 Tables = Mapping[str, pd.DataFrame]
 
 
@@ -41,8 +32,9 @@ def answer(results: Path, name: str) -> str:
 
 def index(results: Path) -> str:
     """Returns README of `results`."""
-    there = [name for name in PUBLISHED if (results / name / README).is_file()]
-    found = [f"- [{name}]({name}/README.md): {answer(results, name)}" for name in there]
+    found = [
+        f"- [{name}]({name}/README.md): {answer(results, name)}" for name in _published(results)
+    ]
     listed = "\n".join(
         fill(each, 100, subsequent_indent="  ", break_on_hyphens=False) for each in found
     )
@@ -71,15 +63,19 @@ the runs. `runs.db`, which is not in the repository, has all records of the runs
 """
 
 
+def _published(results: Path) -> list[str]:
+    """Lists the published experiments whose results are there."""
+    return [name for name in PUBLISHED if (results / name / README).is_file()]
+
+
 def readme(results: Path) -> str:
     """Returns README; raises an InputError if a folder does not show what README says."""
-    tables = {name: Folder(results / name).tables() for name in PUBLISHED}
+    tables = {name: Folder(results / name).tables() for name in _published(results)}
     try:
         return f"""\
 {_START}
 {_replicated(results)}
 {_compared(tables["compare_deep"], tables["tuning"])}
-{_beyond(tables["when"], tables["groups"])}
 {_OWN}
 {_words(tables["equivalence"])}"""
     except AssertionError as error:
@@ -161,43 +157,6 @@ With random feedback (S2), both nets succeed more often than the paper's table. 
 scenarios, so does that table when tuned, and no net is shown to beat the tuned Q(λ) table or tile
 coding. With SB3's defaults, DQN never succeeds.
 [All learners and verdicts](results/compare_deep/README.md)
-"""
-
-
-def _beyond(when: Tables, groups: Tables) -> str:
-    """Returns what README says of other scenes, after checking it."""
-    contrasts, people = when["contrasts"], groups["contrasts"]
-    contrasts = contrasts[
-        contrasts["x"].isin(_NETS) & contrasts["y"].isin(_TILINGS) & contrasts["grid"].isin(_GRIDS)
-    ]
-    people = people[people["x"].str.match("dqn|ppo") & (people["y"] == _TILINGS[1])]
-    for rows in (contrasts, people):
-        assert {*rows["verdict"]} <= {"slower", "undecided"}, "nets are slower or undecided"
-        assert (rows["faster"] <= 0.5).all(), "no net wins more than half of the pairs"
-    cells = when["cells"]
-    cells = cells[(cells["grid"] == "forms") & (cells["point"] == "places 64")]
-    unseen = cells.set_index("learner")["unseen_budget"]
-    n_points = len(contrasts[["grid", "point"]].drop_duplicates())
-    n_slower, n_contrasts = contrasts["verdict"].eq("slower").sum(), len(contrasts)
-    of_people = f"{people['verdict'].eq('slower').sum()} of {len(people)}"
-    return f"""\
-## When deep RL earns its keep
-
-Now the person stands in one of many cells ("places"), drawn every episode.
-
-- **Fewer steps to learn: not shown.** At {n_points} points of the [map](results/when/README.md),
-  nets with their best inputs need more steps than tile coding in {n_slower} of {n_contrasts}
-  contrasts, and with [several people](results/groups/README.md) in {of_people}. In the others, all
-  undecided, no net wins most pairs of runs.
-- **New places: perhaps.** With 64 places, given the cells of agent and person, DQN succeeds more
-  often where the person never stood ({unseen["dqn, coordinates"]:.2f}) than tile coding
-  ({unseen["tile_coding, coordinates"]:.2f}) or a table
-  ({unseen["watkins_q_lambda, index"]:.2f}, like the random policy). But other settings of tile
-  coding, [tried later](results/when/README.md), come much closer; and given the person's offset,
-  tile coding has {unseen["tile_coding, offset_coordinates"]:.2f}, DQN
-  {unseen["dqn, offset_tiles"]:.2f} (undecided).
-
-So start with tile coding, given the offset if possible.
 """
 
 

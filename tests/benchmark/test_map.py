@@ -13,12 +13,9 @@ from scipy import stats
 
 from benchmark import map as maps
 from benchmark.experiment import load_experiment
-from benchmark.experiments import when
-from benchmark.folder import Folder
 from benchmark.study import Data
 from envs import InputError
 from envs.inputs import parse
-from tests.support import ROOT
 
 SHARED, TABLE = "shared, offset", "table, index"
 BUDGET, N = 100_000, 20
@@ -361,11 +358,3 @@ def test_mistakes_are_named(old: str, new: str, message: str, tmp_path: Path) ->
     with pytest.raises(InputError, match=re.escape(message)) as refused:
         declared_of(path)
     assert len(refused.value.args) == 1
-
-
-def test_the_finding_fails_if_a_claim_does() -> None:
-    tables = Folder(ROOT / "results" / "when").tables()
-    assert "tile coding (900) learns faster than a table\n(3,000)" in when.finding(tables)
-    tables["cells"]["n"] = 15
-    with pytest.raises(AssertionError, match="16 runs"):
-        when.finding(tables)
