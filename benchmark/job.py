@@ -145,8 +145,8 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     Returns its curves, (1, ...). After the point at which that is certain, a curve repeats its
     value. If the run is trained to its budget, because its algorithm cannot end early or there are
     unseen places, the last point is that of the last policy, unless the run is given up.
-    `unseen_success`, (1, 2, 2), is success in unseen places: when learned or given up and at the
-    budget, by the greedy and the stochastic policy.
+    `unseen_success`, (1, 1, 2), is success of the greedy and the stochastic one of the same
+    policies in unseen places; without such places, it is (1, 0, 2).
     """
     assert run.solved is not None
     which = int(run.solved["policy"] == "stochastic")
@@ -176,16 +176,16 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
         is_over, is_given_up = _is_over(run, curve)
         if is_over:
             break
-    learned = len(curve) - 1
-    curve += [curve[-1]] * (n_steps - len(curve))
+    last = -1
     if is_given_up:
-        training.disagreements[:, learned:] = training.disagreements[:, [learned]]
-    else:
-        curve[-1] = success(policies(-1)[which].tobytes())
+        last = len(curve) - 1
+        training.disagreements[:, last:] = training.disagreements[:, [last]]
+    curve += [curve[-1]] * (n_steps - len(curve))
+    final = policies(last)
+    curve[-1] = success(final[which].tobytes())
     unseen = np.empty((1, 0, 2))
     if has_unseen:
-        scored = np.stack([*policies(learned), *policies(-1)])
-        unseen = evaluate(model, scored, run.horizon, "unseen").success.reshape(1, 2, 2)
+        unseen = evaluate(model, np.stack(final), run.horizon, "unseen").success.reshape(1, 1, 2)
     columns = {name: getattr(training, name) for name in _CURVE + POLICY * bool(run.keep)}
     return columns | {"success": np.array([curve]), "unseen_success": unseen}
 

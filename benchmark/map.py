@@ -186,7 +186,7 @@ def by_pick(values: Numbers, *populations: Population) -> list[Numbers]:
 def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
     """Returns the runs of each population by seed, with what they took."""
     runs = data.runs.merge(data.tables["took"], on=[*KEYS, "seed"])
-    groups = runs.assign(failures=1 - runs["unseen_budget"]).groupby(KEYS, sort=False)
+    groups = runs.assign(failures=1 - runs["unseen_success"]).groupby(KEYS, sort=False)
     return {key: own.set_index("seed") for key, own in groups}
 
 
@@ -237,7 +237,7 @@ def cells(data: Data) -> pd.DataFrame:
         row |= with_ends("solved", proportion(is_learned))
         for name in ("steps", "wrong_pings"):
             row |= with_ends(name, median(own[name].to_numpy()))
-        rows.append(row | with_ends("unseen_budget", proportion(own["unseen_budget"].to_numpy())))
+        rows.append(row | with_ends("unseen_budget", proportion(own["unseen_success"].to_numpy())))
     return pd.DataFrame(rows)
 
 

@@ -79,10 +79,7 @@ steps: steps of an episode
 wrong_pings: wrong PINGs of an episode
 uncomfortable_steps: steps of an episode in the uncomfortable region
 *_success: success, by the * policy
-unseen_success: success where the person never stood, when the run had certainly learned
-unseen_greedy: the same, by the greedy policy
-unseen_stochastic: the same, by the stochastic policy
-unseen_budget*: the same at the budget
+unseen_success: success where the person never stood
 training_wrong_pings: wrong PINGs of training so far
 diverged_at: step at which values were no longer finite; inf if never
 updates: updates of the parameters

@@ -72,12 +72,13 @@ def tables(groups: Iterable[Group], store: Store) -> tuple[pd.DataFrame, pd.Data
             "policy": policy,
             "budget": steps[-1],
             **{name: values[:, -1] for name, values in found.items()},
-            **_unseen(records, policy),
             "training_wrong_pings": arrays["disagreements"][:, -1],
             "diverged_at": np.where(arrays["diverged_at"] < 0, np.inf, arrays["diverged_at"]),
             "updates": arrays["updates"],
             "parameters": arrays["parameters"],
         }
+        if records.run.solved is not None:
+            columns["unseen_success"] = _unseen(arrays["unseen_success"], policy)
         runs.append(pd.DataFrame(columns).join(_measured(records)))
         progress = {"success": found["success"], "training_wrong_pings": arrays["disagreements"]}
         if "score" in found:
@@ -117,19 +118,11 @@ def _over_training(records: Records, policy: str) -> dict[str, Array]:
     }
 
 
-def _unseen(records: Records, policy: str) -> dict[str, Any]:
-    """Returns success in unseen places, (N,) each, NaN without any; nothing of usual runs."""
-    if records.run.solved is None:
-        return {}
-    found = records.arrays["unseen_success"]  # (N, 2, 2), or without unseen places (N, 0, 2)
+def _unseen(found: Array, policy: str) -> Array:
+    """Returns success in unseen places, (N,), of a record's (N, 1, 2); NaN if there are none."""
     if not found.size:
-        found = np.full((len(found), 2, 2), np.nan)
-    columns, which = {}, int(policy == "stochastic")
-    # When a run has learned, and at the budget
-    for i, (name, start) in enumerate([("unseen_success", "unseen"), ("unseen_budget",) * 2]):
-        columns[name] = found[:, i, which]
-        columns |= {f"{start}_greedy": found[:, i, 0], f"{start}_stochastic": found[:, i, 1]}
-    return columns
+        return np.full(len(found), np.nan)
+    return found[:, -1, int(policy == "stochastic")]
 
 
 def _measured(records: Records) -> pd.DataFrame:

@@ -108,7 +108,7 @@ def test_a_run_that_is_given_up_never_learns(tmp_path: Path, learner: str, unsee
         expected = [*whole[name][:late], *[whole[name][late - 1]] * (len(steps) - late)]
         assert given_up[name].tolist() == expected
     assert (given_up["updates"] < whole["updates"]) == (learner == "net")
-    assert whole["unseen_success"].shape == ((2, 2) if unseen else (0, 2))
+    assert whole["unseen_success"].shape == ((1, 2) if unseen else (0, 2))
     if learner == "table":
         kept = trained(given_up_after=steps[late] / steps[-1] - 1e-9)
         assert kept["success"].tolist() == whole["success"].tolist()

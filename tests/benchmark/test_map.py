@@ -92,7 +92,7 @@ def made(
             curves.append(pd.DataFrame(keys | curve))
             has_new = new if population.scenario.issuer.unseen else np.nan
             run = {"run": population.first.with_seed(seed).digest, "budget": BUDGET}
-            run |= {"success": success[-1], "unseen_success": has_new, "unseen_budget": has_new}
+            run |= {"success": success[-1], "unseen_success": has_new}
             runs.append(keys | run | {"cpu_learned_s": 1.0, "diverged_at": np.inf})
     experiment = replace(experiment, populations=populations)
     data = Data(experiment, declared, pd.DataFrame(runs), pd.concat(curves, ignore_index=True))
