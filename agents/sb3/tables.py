@@ -36,7 +36,7 @@ _NEEDED = ("policy_class", "policy_kwargs", "observation_space", "action_space",
 _ARGUMENTS = {"state", "episode_start", "deterministic", "args", "kwargs"}
 # Where methods are defined that pass on observations and actions as they are.
 _UNCHANGING = re.compile(
-    r"(envs\.(proxemic|vector)_env|agents\.sb3\.vec_env|gymnasium\.core\.(Reward)?Wrapper"
+    r"(envs\.proxemic_env|agents\.sb3\.vec_env|gymnasium\.core\.(Reward)?Wrapper"
     r"|gymnasium\.wrappers\.(common|rendering|stateful_reward)|stable_baselines3\.common\."
     r"(monitor|vec_env\.(base_vec_env|dummy_vec_env|vec_check_nan|vec_monitor|vec_video_recorder))"
     r")\."

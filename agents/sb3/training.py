@@ -1,6 +1,6 @@
 """Trains agents of Stable-Baselines3 so that a run does not depend on what else runs beside it.
 
-SB3's classes do the learning, on the native vector env, with one torch thread, random streams from
+SB3's classes do the learning, on a batch of envs, with one torch thread, random streams from
 one seed, and exactly the declared number of environment steps.
 """
 
@@ -28,9 +28,9 @@ from agents.contract import Fields, Schedule, snapshots
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
-from envs import InputError, Model, ProxemicVectorEnv, Scenario
+from envs import InputError, Model, Scenario, compile_scenario, load_scenario
 from envs.model import ACTIONS
-from envs.observations import observation_table
+from envs.observations import compile_seen, observation_table
 
 
 def make_agent(cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv) -> BaseAlgorithm:
@@ -53,11 +53,12 @@ def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -
 
     A features extractor is only imported: it may need another form of observation.
     """
-    env = SB3VecEnv(ProxemicVectorEnv(settings.n_envs, "S1", "coordinates"))
+    model = compile_scenario(load_scenario("S1"))
+    env = SB3VecEnv(model, "coordinates", settings.n_envs)
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            table = torch.as_tensor(observation_table(env.env.model, "coordinates"))
+            table = torch.as_tensor(observation_table(model, "coordinates"))
             policy = settings.arguments.get("policy_kwargs", {})
             plain = {
                 key: policy[key] for key in policy if not key.startswith("features_extractor_")
@@ -136,8 +137,7 @@ def train_agent(
     # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
     logger = logger_of(schedule.log) if schedule.log else Logger(None, [])
     with _isolated(seed) as (env_seed, action_seed):
-        n, limit = settings.n_envs, settings.time_limit
-        env = SB3VecEnv(ProxemicVectorEnv(n, model.scenario, observation, max_episode_steps=limit))
+        env = SB3VecEnv(model, observation, settings.n_envs, settings.time_limit)
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
         agent = make_agent(cls, settings, VecMonitor(env) if schedule.log else env)
@@ -197,11 +197,10 @@ def save(path: Path, about: str, scenario: Scenario, settings: Any, form: str, a
     """Saves a model of SB3, or a compiled net as one; a ValueError if it would act otherwise."""
     model = agent
     if not isinstance(agent, BaseAlgorithm):
-        env = ProxemicVectorEnv(
-            settings.n_envs, scenario, form, max_episode_steps=settings.time_limit
-        )
-        model = make_agent(DQN if agent.is_value else PPO, settings, venv := SB3VecEnv(env))
-        model._last_obs = venv.reset()  # as after training; `assess` looks at it
+        seen = compile_seen(scenario, form)
+        env = SB3VecEnv(seen, form, settings.n_envs, settings.time_limit)
+        model = make_agent(DQN if agent.is_value else PPO, settings, env)
+        model._last_obs = env.reset()  # as after training; `assess` looks at it
         model.num_timesteps = int(agent.envs.n_steps[0])
         w, n = agent.weights(), len(agent.weights()) // 2
         # DQN has two equal nets. PPO has all hidden layers of actor and critic before their last
@@ -209,7 +208,7 @@ def save(path: Path, about: str, scenario: Scenario, settings: Any, form: str, a
         w = w * 2 if agent.is_value else [*w[: n - 2], *w[n:-2], *w[n - 2 : n], *w[-2:]]
         for parameter, values in zip(model.policy.parameters(), w, strict=True):
             parameter.data = torch.tensor(values.T)
-        table = policy_table(model, torch.as_tensor(observation_table(env.model, form)))
+        table = policy_table(model, torch.as_tensor(observation_table(seen, form)))
         if n_other := np.count_nonzero(table.argmax(axis=1) != agent.table().argmax(axis=1)):
             raise ValueError(
                 f"in PyTorch, rounding changes {n_other} actions; accepted: an .npz file"

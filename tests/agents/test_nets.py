@@ -31,7 +31,7 @@ from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from agents.tabular import learner
-from envs import Model, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import Model, compile_scenario, load_scenario
 from envs.arrays import Floats, Ints
 from tests.agents import MOODS, Changes
 from tests.agents.words import uniform, xoshiro
@@ -119,7 +119,7 @@ def agent_of(
 class Chance:
     """The random numbers of an agent of ours, as an agent of Stable-Baselines3 needs them."""
 
-    def __init__(self, seed: SeedSequence, env: ProxemicVectorEnv) -> None:
+    def __init__(self, seed: SeedSequence, env: SB3VecEnv) -> None:
         acting, learning, _ = seed.generate_state(12, np.uint64).reshape(3, 4)
         self.acting = map(uniform, xoshiro([int(word) for word in acting]))
         self.learning = map(uniform, xoshiro([int(word) for word in learning]))
@@ -163,10 +163,8 @@ def stock_agent(
 ) -> tuple[Any, Chance]:
     """Returns Stable-Baselines3's agent, computing in float64, and the random numbers of ours."""
     method = algorithms.DQN if name == "compiled_dqn" else algorithms.PPO
-    n, limit = settings.n_envs, settings.time_limit
-    env = ProxemicVectorEnv(n, model.scenario, observation, max_episode_steps=limit)
-    vec_env: Any = ExactVecEnv(env)
-    vec_env._generator = chance = Chance(sequences([seed])[0], env)
+    vec_env: Any = ExactVecEnv(model, observation, settings.n_envs, settings.time_limit)
+    vec_env._generator = chance = Chance(sequences([seed])[0], vec_env)
     stock: Any = make_agent(method.load(), settings, vec_env)
     stock.policy.double()
     for module in stock.policy.modules():

@@ -23,7 +23,7 @@ from agents.sb3 import algorithms
 from agents.sb3.extractors import PeopleExtractor, PlanesExtractor
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings, Sb3Settings
 from agents.sb3.vec_env import SB3VecEnv
-from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import EVENTS, InputError, compile_scenario, load_scenario
 from envs.arrays import Floats
 from envs.inputs import parse
 from tests.agents import MOODS, Changes
@@ -51,9 +51,8 @@ CHANGING: Changes = {
 def vec_env(
     n: int, scenario: str = "S1", observation: str = "coordinates", limit: int = 7, **overrides: Any
 ) -> SB3VecEnv:
-    return SB3VecEnv(
-        ProxemicVectorEnv(n, scenario, observation, overrides, max_episode_steps=limit)
-    )
+    model = compile_scenario(load_scenario(scenario, overrides))
+    return SB3VecEnv(model, observation, n, limit)
 
 
 # The adapter

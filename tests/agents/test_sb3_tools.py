@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from agents.dynamic_programming import evaluate
 from agents.sb3.tables import agent_table
 from agents.sb3.vec_env import SB3VecEnv
-from envs import ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import compile_scenario, load_scenario
 
 # Two moves from the target region, so that an untrained agent may succeed.
 NEAR: Any = {"grid.start": [4, 4]}
@@ -24,7 +24,7 @@ MODEL = compile_scenario(load_scenario("S2", NEAR))
 
 @pytest.mark.filterwarnings("ignore:rich is experimental", "ignore:Training and eval env")
 def test_success_in_training_and_evaluation_is_the_exact_one(tmp_path: Path) -> None:
-    made: Any = SB3VecEnv(ProxemicVectorEnv(4, "S2", "one_hot", NEAR, max_episode_steps=200))
+    made: Any = SB3VecEnv(MODEL, "one_hot", 4, 200)
     agent = PPO(
         "MlpPolicy", VecMonitor(made), n_steps=64, n_epochs=1, seed=2, learning_rate=0.0,
         stats_window_size=1000, tensorboard_log=str(tmp_path),
