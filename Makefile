@@ -31,8 +31,8 @@ help: ## list these commands
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
 
-tune: $(DEEP) ## search for the settings of every learner: tuning, and tuning_map and tuning_tables for the maps (three hours)
-	$(foreach name,$(or $(EXPERIMENT),tuning tuning_map tuning_tables),$(RUN) $(name) &&) true
+tune: $(DEEP) ## search for the settings of every learner, in results/tuning/ (an hour and a half)
+	$(RUN) $(or $(EXPERIMENT),tuning)
 
 compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (three quarters of an hour; SEEDS=5: 7 minutes, 5 seeds each, in compare_deep_seeds_0-4)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)

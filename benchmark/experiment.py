@@ -44,17 +44,7 @@ from envs.sources import find_modules_in
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent / "experiments"
 # The experiments whose results are published, in the order of README. .gitignore lists them, too.
-PUBLISHED: Final = (
-    "reproduce",
-    "compare_deep",
-    "when",
-    "groups",
-    "sb3",
-    "tuning",
-    "tuning_map",
-    "tuning_tables",
-    "equivalence",
-)
+PUBLISHED: Final = ("reproduce", "compare_deep", "when", "groups", "sb3", "tuning", "equivalence")
 MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = "speed|.*_smoke|.*_seeds_.*"
@@ -95,8 +85,6 @@ class Variant(Table):
     """Runs per scenario and condition."""
     first_seed: Seed = 0
     """The first seed; the others follow it."""
-    scenarios: Names = ()
-    """Names of the scenarios in which it runs; all by default."""
     policy: Literal["greedy", "stochastic"] = "greedy"
     """The policy that is evaluated."""
     settings: dict[str, object] = Field(default_factory=dict)
@@ -107,10 +95,13 @@ class Variant(Table):
     search: Space = Field(default_factory=dict)
     """What a search varies: a table for each setting, by dotted key."""
     candidates: tuple[dict[str, object], ...] = ()
-    """Further trials of a search: settings that are known to be good, by dotted key."""
+    """Further trials of a search, after those drawn: settings that are known to work, by dotted
+    key. All variants have as many."""
+    scenarios: Names = ()
+    """Names of the scenarios in which a search tries it; all by default."""
     tuned_by: Line = ""
     """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own
-    settings. If the search has several parts, the runs of a learner take turns with their picks."""
+    settings."""
 
     def numbered(self, n: int | None = None) -> range:
         """Returns the seeds of its runs, or of n runs."""
@@ -252,7 +243,7 @@ class Declaration(Table):
     grids: dict[Name, Grid] = Field(default_factory=dict)
     """Products of axes, by name."""
     solved: Solved | None = None
-    """With this table, runs are measured until they have learned; a search compares how early."""
+    """With this table, runs are measured until they have learned."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -278,7 +269,7 @@ class Declaration(Table):
             require(name in read, f"{name} in a {kind}", " and ".join(read) or "no such table")
 
     def _check_schedules(self) -> None:
-        inputs.distinct(self._names, "scenarios: ")
+        inputs.distinct(self.scenario_names, "scenarios: ")
         every, maps = self.evaluation_every, self.map_every
         if maps is not None:
             found = f"map_every = {maps}"
@@ -294,24 +285,33 @@ class Declaration(Table):
             is_searched = bool(variant.search) == (self.search is not None)
             accepted = "in each variant, together with a table [search], or in none"
             require(is_searched, f"{where}.search", accepted)
+            for key in ("candidates", "scenarios"):
+                is_read = self.search is not None or not getattr(variant, key)
+                require(is_read, f"{where}.{key}", "only together with a table [search]")
+            self._check_scenarios(variant.scenarios, where)
             if self.search is not None:
-                require("budget" not in variant.search, f"{where}.search.budget", "other settings")
+                tried = chain(variant.search, *variant.candidates)
+                require("budget" not in tried, f"{where}: a search of budget", "other settings")
                 _check_apart(variant.numbered(), self.search.fresh, f"{where}.first_seed")
                 efforts.add((variant.seeds, len(variant.candidates)))
-        require(len(efforts) < 2, "algorithms", "the same seeds and candidates for all")
+        accepted = "as many seeds and candidates in each variant of a search"
+        require(len(efforts) < 2, "algorithms", accepted)
 
     def _check_changes(self) -> None:
         for condition in [] if self.search else self.conditions:
             for change in condition.changes:
-                for name in change.scenarios or ():
-                    where = f"{condition.name}: scenarios: {name}"
-                    require(name in self._names, where, ", ".join(self._names))
+                self._check_scenarios(change.scenarios or (), condition.name)
             for kind in ("scenario", "settings"):
                 keys = [key for change in condition.changes for key in getattr(change, kind)]
                 inputs.distinct(tuple(keys), f"{condition.name}: {kind}.")
 
+    def _check_scenarios(self, names: Names, where: str) -> None:
+        for name in names:
+            found = f"{where}: scenarios: {name}{inputs.guess(name, self.scenario_names)}"
+            require(name in self.scenario_names, found, ", ".join(self.scenario_names))
+
     @property
-    def _names(self) -> tuple[str, ...]:
+    def scenario_names(self) -> tuple[str, ...]:
         """The names of scenarios."""
         return tuple(Path(name).stem for name in self.scenarios)
 
@@ -330,7 +330,9 @@ class Declaration(Table):
             for name, reading in self.readings.items()
         }
         variants = {
-            name: variant.model_copy(update={"seeds": min(variant.seeds, 2)})
+            name: variant.model_copy(
+                update={"seeds": min(variant.seeds, 2), "candidates": variant.candidates[:1]}
+            )
             for name, variant in self.algorithms.items()
         }
         changed = {
@@ -364,14 +366,17 @@ class Declaration(Table):
                 yield Condition(keys, (grid, *changes), grid.learners)
 
     def _trials(self) -> Iterator[Condition]:
-        if self.search is not None:
-            n, variants = self.search.trials, self.algorithms.items()
-            drawn = {
-                name: [*trials(name, each.search, n), *each.candidates] for name, each in variants
-            }
-            for t in range(max(map(len, drawn.values()))):
-                for name, settings in drawn.items():
-                    yield Condition({"trial": t}, (Change(settings=settings[t]),), (name,))
+        tried = {name: self.trials_of(name) for name in self.algorithms if self.search}
+        for t, of_all in enumerate(zip(*tried.values(), strict=True)):
+            for name, settings in zip(tried, of_all, strict=True):
+                yield Condition({"trial": t}, (Change(settings=settings),), (name,))
+
+    def trials_of(self, name: str) -> list[dict[str, object]]:
+        """Returns what each trial of a variant changes, by dotted key."""
+        assert self.search is not None
+        variant = self.algorithms[name]
+        drawn = trials(name, variant.search, self.search.trials)
+        return [*drawn, *map(_flat, variant.candidates)]
 
 
 def _check_apart(own: range, taken: range, where: str) -> None:
@@ -559,29 +564,20 @@ class Learner:
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Runs of a learner in a scenario under a condition, which differ by seed and perhaps pick."""
+    """Runs of a learner in a scenario under a condition, which differ by seed."""
 
     condition: Condition
     scenario: Scenario  # as it is under the condition
     learner: Learner
-    firsts: tuple[RunSpecification, ...]  # a run with each pick of a search; usually one
+    first: RunSpecification
     seeds: range  # as declared
     beside: range  # seeds of the variant that it is the reference for, else its own
-
-    @property
-    def first(self) -> RunSpecification:
-        """The run with the first seed and the first pick."""
-        return self.firsts[0]
 
     @property
     def keys(self) -> dict[str, str | int]:
         """The columns that name it in tables."""
         name = self.scenario.name
         return {"scenario": name, **self.condition.keys, "learner": self.learner.name}
-
-    def pick_of(self, seed: int) -> int:
-        """Returns the index of a seed's run in `firsts`; a reference has the same."""
-        return (seed - self.beside.start) % len(self.firsts)
 
     def taken(self, seeds: Sequence[int] | None) -> Sequence[int]:
         """Returns the declared seeds, or a proportional share of given ones, two or more."""
@@ -592,7 +588,7 @@ class Population:
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
         taken = self.seeds if seeds is None else seeds
-        return [self.firsts[self.pick_of(seed)].with_seed(seed) for seed in taken]
+        return [self.first.with_seed(seed) for seed in taken]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -667,7 +663,7 @@ class _Loading:
             for condition in conditions
             for scenario in self.changed(condition)
             for each in learners.values()
-            if scenario.name in (each.declared.scenarios or declared._names)
+            if scenario.name in (each.declared.scenarios or declared.scenario_names)
             if not condition.learners
             or {each.name, each.variant} & {*condition.learners}
             or not {each.name, each.variant} & named
@@ -689,7 +685,7 @@ class _Loading:
 
         A learner counts as what its algorithm is, but a net without hidden layers is linear, or a
         table if it learns from one-hot observations alone: it has a row of weights for each
-        observation. If picks of a search differ in this, it counts as what its algorithm is.
+        observation.
         """
         variant, where = self.declared.algorithms[name], f"{self.path}: algorithms.{name}"
         algorithm, chosen = load_algorithm(variant.algorithm, where), self.chosen(name)
@@ -699,9 +695,8 @@ class _Loading:
             if form not in accepted:
                 unknown_name(where, f"observation for {variant.algorithm}", form, accepted)
             learner = Learner(name, form, variant, algorithm, algorithm.family, chosen.get(form))
-            layers = self.layers(learner, self.declared.conditions[0])
-            families = {_family(learner, _merged(each.values())) for each in layers}
-            yield replace(learner, family=families.pop()) if len(families) == 1 else learner
+            settings = _merged(self.layers(learner, self.declared.conditions[0]).values())
+            yield replace(learner, family=_family(learner, settings))
 
     def chosen(self, name: str) -> dict[str, Chosen]:
         """Returns what a search has chosen for the learners of a variant, by observation.
@@ -743,35 +738,29 @@ class _Loading:
                     raise InputError(f"{changed.name} is {reason}; accepted: other scenarios.")
                 yield changed
 
-    def layers(self, learner: Learner, condition: Condition) -> list[dict[str, dict[str, object]]]:
-        """Returns a learner's settings with each pick, by dotted key, and in which table they are.
+    def layers(self, learner: Learner, condition: Condition) -> dict[str, dict[str, object]]:
+        """Returns a learner's settings, by dotted key, and in which table they are.
 
-        Of equal keys the later ones count: shared ones, the pick, its own, those of the condition.
+        Of equal keys the later ones count: shared ones, what a search has chosen, its own, those of
+        the condition.
         """
-        changes = _merged(change.settings for change in condition.changes)
-        found = learner.chosen
-        picks = [{}] if found is None else [pick.settings for pick in found.picks or (found,)]
-        return [
-            {
-                "settings": _flat(self.declared.settings),
-                "": _flat(pick),
-                f"algorithms.{learner.variant}.settings": _flat(learner.declared.settings),
-                condition.name: _flat(changes),
-            }
-            for pick in picks
-        ]
+        return {
+            "settings": _flat(self.declared.settings),
+            "": _flat(learner.chosen.settings) if learner.chosen else {},
+            f"algorithms.{learner.variant}.settings": _flat(learner.declared.settings),
+            condition.name: _flat(_merged(change.settings for change in condition.changes)),
+        }
 
-    def settings(self, learner: Learner, condition: Condition) -> list[LearnerSettings]:
-        """Returns a learner's settings with each pick, checked."""
-        cls = learner.algorithm.settings
-        where = f"{self.path}: algorithms.{learner.variant}.settings"
-        if condition.keys:
-            where += f" ({condition.name})"
-        layers = self.layers(learner, condition)
-        given = [override({}, _merged(each.values()), where) for each in layers]
-        if self.declared.is_miniature:
-            given = [_in_miniature(each, cls) for each in given]
-        return [parse(cls, each, where) for each in given]
+    def settings(self, learner: Learner, condition: Condition) -> LearnerSettings:
+        """Returns a learner's settings, checked."""
+        cls, where = learner.algorithm.settings, f"{self.path}: algorithms.{learner.variant}"
+        search, trial = self.declared.search, int(condition.keys.get("trial", 0))
+        if search and trial > search.trials:
+            where += f".candidates.{trial - search.trials - 1}"
+        else:
+            where += f".settings ({condition.name})" if condition.keys else ".settings"
+        given = override({}, _merged(self.layers(learner, condition).values()), where)
+        return parse(cls, _in_miniature(given, cls) if self.declared.is_miniature else given, where)
 
     def population(self, condition: Condition, scenario: Scenario, learner: Learner) -> Population:
         """Returns the runs of a learner in a scenario, which is as it is under the condition."""
@@ -780,7 +769,7 @@ class _Loading:
         evaluation_every = declared.evaluation_every
         map_every = declared.map_every or evaluation_every
         if declared.is_miniature:
-            evaluation_every = max(settings[0].budget // 4, 1)
+            evaluation_every = max(settings.budget // 4, 1)
             map_every = 2 * evaluation_every
         solved = None
         if declared.solved is not None:  # the version is that of what is recorded
@@ -799,22 +788,24 @@ class _Loading:
                 "model": model.VERSION,
             },
             observation=learner.observation,
-            settings=settings[0],
+            settings=settings,
             horizon=declared.horizon,
             evaluation_every=evaluation_every,
             map_every=map_every,
             seed=seeds[0],
             solved=solved,
         )
-        firsts = tuple(replace(first, settings=each) for each in settings)
-        return Population(condition, scenario, learner, firsts, seeds, beside)
+        return Population(condition, scenario, learner, first, seeds, beside)
 
     def check_settings(self, populations: Iterable[Population]) -> None:
         """Refuses settings that are replaced in all runs."""
         runs = [
-            [(key, where) for where, layer in layers.items() for key in layer]
+            [
+                (key, where)
+                for where, layer in self.layers(each.learner, each.condition).items()
+                for key in layer
+            ]
             for each in populations
-            for layers in self.layers(each.learner, each.condition)
         ]
         used = {last for keys in runs for last in dict(keys).items()}
         for key, where in sorted({*chain(*runs)} - used):
@@ -842,7 +833,7 @@ class _Loading:
         """Returns whether the runs of a population would be the same under another condition."""
         with suppress(InputError):
             settings = self.settings(population.learner, condition)
-            is_alike = settings == [run.settings for run in population.firsts]
+            is_alike = settings == population.first.settings
             return is_alike and population.scenario in self.changed(condition)
         return False
 

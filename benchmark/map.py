@@ -5,11 +5,6 @@ compared by the probability that the first takes less, over pairs of runs of the
 have the same draw of the scenario; ties count as a half. Pairs are independent, so the mean of
 these numbers, each 0, 1/2 or 1, has the interval of a proportion.
 
-A search may have picked several settings for a learner. Its runs take turns with them, and a
-verdict is about the mean over picks. The number of pairs that x wins then varies less than if all
-had the mean probability, so its interval is, if anything, too wide (Hoeffding 1956, Annals of
-Mathematical Statistics 27:713-721). It does not cover what other searches would pick.
-
 In each unit, the probability of any wrong verdict is at most 5 %: which learner takes less is
 decided by Holm's method (1979), in thirds of the error, since a verdict can be wrong at either end
 of an interval, or at that of a share of runs that learn. That no winner is wrong assumes that
@@ -19,7 +14,7 @@ from simulation.
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, compress
-from math import lcm, prod
+from math import prod
 from textwrap import fill
 from typing import Annotated, Any, Final
 
@@ -177,12 +172,6 @@ def compared(
     return [(known[x], known[y]) for x, y in pairs if {x, y} <= known.keys()]
 
 
-def by_pick(values: Numbers, *populations: Population) -> list[Numbers]:
-    """Returns the values of runs, or of pairs, in the order of seeds, by their pick of settings."""
-    n_picks = lcm(*(len(population.firsts) for population in populations))
-    return [values[pick::n_picks] for pick in range(min(n_picks, len(values)))]
-
-
 def _by_key(data: Data) -> dict[Any, pd.DataFrame]:
     """Returns the runs of each population by seed, with what they took."""
     runs = data.runs.merge(data.tables["took"], on=[*KEYS, "seed"])
@@ -267,13 +256,11 @@ def contrasts(data: Data) -> pd.DataFrame:
         pair = {"x": runs[key_of(x)], "y": runs[key_of(y)]}
         pairs[key := " ".join(chain(*(own["run"] for own in pair.values())))] = pair
         of_x, of_y = (own["steps"].to_numpy() for own in pair.values())
-        shares = [won.mean() for won in by_pick(wins(of_x, of_y), x, y)]
         diverged = [(own["diverged_at"] <= own["budget"]).sum() for own in pair.values()]
         row: dict[str, Any] = dict(zip(("grid", "point", "x"), key_of(x), strict=True))
         row |= {"y": y.learner.name, "key": key, "n": len(of_x)}
         row |= {"differs": differences(x, y, diverged)}
         row |= {"learned_x": np.isfinite(of_x).sum(), "learned_y": np.isfinite(of_y).sum()}
-        row |= {"picks": len(shares), "picks_faster": sum(share > 0.5 for share in shares)}
         rows.append(row | with_ends("ratio", ratio(of_x, of_y, x.first.settings.budget)))
     table = pd.DataFrame(rows)
     for unit in UNITS:
@@ -557,8 +544,6 @@ COLUMNS: Final = {
     "lost": "whether success is below the level later: at the end, or for half of the time",
     "n": "runs; of contrasts, pairs of runs",
     "n_solved": "runs that learn",
-    "picks": "pairs of a pick of settings of x and one of y that occur",
-    "picks_faster": "how many of these have x faster in more than half of their pairs of runs",
     "point": "point of the grid",
     "ratio": "median steps of y / of x; a bound, with the budget, if one never learns",
     "solved": "share of runs that learn",
@@ -605,9 +590,8 @@ def _sentence(data: Data, names: Iterable[object], rows: pd.DataFrame) -> str:
     """Says what the verdict on two learners is at some points, why, and what else differs."""
     (x, y, verdict, why, differs), points = map(str, names), []
     for row in rows.to_dict("records"):
-        picks = f"; faster with {row['picks_faster']} of {row['picks']} pairs of picks"
         learned = f"{row['learned_x']} and {row['learned_y']} runs learn"
-        points.append(f"{row['point']} ({learned}{picks if row['picks'] > 1 else ''})")
+        points.append(f"{row['point']} ({learned})")
     also = differs and f"also different: {differs}"
     details = "; ".join(filter(None, [f"{rows['n'].min()} pairs of runs", also, why]))
     sides = f"{data.title(x)} compared with {data.title(y)}"

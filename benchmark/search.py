@@ -25,13 +25,12 @@ from pydantic import Field
 
 from benchmark.experiment import Experiment, Learner, digest_of_search
 from benchmark.folder import Folder, digests
-from benchmark.specification import solved
 from benchmark.statistics import ALPHA, Estimate, Means, contrast, with_ends
 from benchmark.store import Store
 from benchmark.study import Data, Report, giving_up, learning
 from benchmark.style import WIDTH, figure_of, name_rows
 from benchmark.tables import Group, tables
-from benchmark.trials import Choices, Chosen, Finalist, Search, trials, write_choices
+from benchmark.trials import Choices, Chosen, Search, write_choices
 from envs import InputError
 from envs.inputs import override
 from envs.words import listed
@@ -85,7 +84,7 @@ def ranked(means: "pd.Series[float]") -> list[int]:
     return [int(trial) for trial in ordered.index]
 
 
-def measured(experiment: Experiment, curves: pd.DataFrame) -> pd.DataFrame:
+def measured(curves: pd.DataFrame) -> pd.DataFrame:
     """Returns a row per run: its `measure`, and by how much success has risen in training.
 
     With `[solved]`, it has the `steps` until a run has learned, inf if it never has. What is
@@ -104,7 +103,7 @@ def measured(experiment: Experiment, curves: pd.DataFrame) -> pd.DataFrame:
 
 def outcomes(experiment: Experiment, curves: pd.DataFrame) -> Iterator[Outcome]:
     """Yields what the search has found for every learner, by the curves of its runs."""
-    search, runs = search_of(experiment), measured(experiment, curves)
+    search, runs = search_of(experiment), measured(curves)
     keys = ["trial", "scenario"]
     for name, learner in experiment.learners.items():
         own = runs[runs["learner"] == name]
@@ -150,8 +149,7 @@ def measure_of(data: Data) -> str:
 
 def drawn_for(experiment: Experiment, learner: Learner) -> list[dict[str, object]]:
     """Returns what each trial of a learner draws, by dotted key."""
-    search = search_of(experiment)
-    return trials(learner.variant, learner.declared.search, search.trials, search.parts)
+    return experiment.declared.trials_of(learner.variant)
 
 
 def write_chosen(experiment: Experiment, folder: Path) -> None:
@@ -165,12 +163,12 @@ def write_chosen(experiment: Experiment, folder: Path) -> None:
         own = experiment.declared.settings | learner.declared.settings
         kept = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
         picks = [
-            Finalist(trial=trial, settings=override(kept, drawn[trial], name), score=score)
+            Chosen(
+                trial=trial, settings=override(kept, drawn[trial], name), score=score, **costs[name]
+            )
             for trial, score in zip(rows["trial"], rows["chosen"], strict=True)
         ]
-        best = max(picks, key=lambda pick: pick.score).model_dump()
-        best["picks"] = tuple(picks) if len(picks) > 1 else ()
-        chosen[name] = Chosen.model_validate(best | costs[name])
+        (chosen[name],) = picks
     digest = digests(folder)["trials.csv"]
     search = digest_of_search(experiment.declared)
     write_choices(experiment.path, Choices(search=search, trials=digest, learners=chosen))
@@ -204,8 +202,8 @@ def chosen(data: Data) -> pd.DataFrame:
     """The chosen settings of each learner, and what it reaches with them on fresh seeds."""
     texts = data.tables["trials"].set_index(["learner", "trial"])["settings"]
     margin, search = data.declared.margin, search_of(data.experiment)
-    n_finalists = search.finalists * search.parts * len(found(data))
-    runs, rows = measured(data.experiment, data.curves), []
+    n_finalists = search.finalists * len(found(data))
+    runs, rows = measured(data.curves), []
     rises = runs[runs["seed"].isin(search.fresh)].groupby(["learner", "trial"])["rise"].mean()
     for outcome in found(data):
         name, picks = outcome.learner.name, outcome.picks
@@ -240,7 +238,7 @@ def effort(data: Data) -> pd.DataFrame | None:
     """
     if data.experiment.declared.solved is None:
         return None
-    runs, budget = measured(data.experiment, data.curves), int(data.curves["step"].max())
+    runs, budget = measured(data.curves), int(data.curves["step"].max())
     first = runs[~runs["seed"].isin(search_of(data.experiment).fresh)]
     keys = ["scenario", "learner"]
     groups = first.groupby(keys, sort=False)
@@ -374,7 +372,6 @@ def reading(data: Data) -> str:
     """Says how trials are compared and chosen."""
     experiment, declared = data.experiment, data.experiment.declared
     search, level, first = search_of(experiment), declared.solved, experiment.populations[0].first
-    of = "all" if search.parts == 1 else f"each of {search.parts} equal parts of the trials"
     learners = experiment.learners.values()
     stochastic = listed(each.title for each in learners if each.policy == "stochastic")
     if level is None:
@@ -396,7 +393,7 @@ given up. Numbers are expected steps, averaged over scenarios."""
 {measure} Success is that of the greedy policy{policy}.
 
 Trial 0 has the declared settings; the other {search.trials:,} trials are points of a Sobol
-sequence. The best {search.finalists:,} of {of} and trial 0 ran again with {search.seeds:,} fresh
+sequence. The best {search.finalists:,} and trial 0 ran again with {search.seeds:,} fresh
 seeds in each of {len(experiment.scenarios)} scenarios. The best of these are chosen, so their
 means and gains are biased upwards. For that, p-values are multiplied by the number of all
 finalists. A gain is shown if p is at most 0.05, the gain and the rise of success in training are

@@ -292,11 +292,9 @@ def _conditions(population: Population, n_diverged: int) -> dict[str, str]:
     """Returns under which conditions a learner was trained, in words."""
     learner, settings = population.learner, population.first.settings
     form = _SAME_INPUT.get(learner.observation, learner.observation)
-    limits = dict.fromkeys(pick.settings.time_limit for pick in population.firsts)
     return {
         "settings": f"searched ({learner.search})" if learner.search else "declared",
-        "picks of settings": f"{len(population.firsts)}",
-        "time limit": " or ".join(f"{limit:,}" if limit else "none" for limit in limits),
+        "time limit": f"{settings.time_limit:,}" if settings.time_limit else "none",
         "input": OBSERVED.get(form, form),
         "policy": learner.policy,
         "training steps": f"{settings.budget:,}",

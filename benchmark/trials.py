@@ -1,13 +1,8 @@
 """Trials of a search: what they draw, and the file of the settings that were chosen among them.
 
-Trial 0 has a learner's settings as they are. The others are points of a scrambled Sobol sequence
-(Sobol 1967, Owen 1998), one sequence per variant. So trial t depends neither on how many there are
-nor on who executes it.
-
-A search can be repeated: its trials fall into parts, consecutive blocks of equal size, each with
-its own pick. Blocks of a Sobol sequence whose size is a power of two, and which begin at a multiple
-of it, are themselves evenly spread. With several parts, trial t is therefore point t, and trial 0
-replaces point 0.
+Trial 0 has a learner's settings as they are. The next ones are points of a scrambled Sobol sequence
+(Sobol 1967, Owen 1998), one sequence per variant. So what trial t draws depends neither on how many
+there are nor on who executes it. The last ones are declared: `Variant.candidates`.
 """
 
 import hashlib
@@ -89,11 +84,9 @@ class Search(Table):
     """How much a search tries. The runs of a trial are those that its variant declares."""
 
     trials: Annotated[int, Field(ge=1, le=5000)]
-    """Trials of each learner, besides trial 0."""
-    parts: Count = 1
-    """Parts of equal size into which trials fall, with trial 0. Each has its own pick."""
+    """Trials of each learner that are drawn, besides trial 0 and candidates."""
     finalists: Count = 4
-    """Trials of each part that are run again, with fresh seeds."""
+    """The best trials of each learner, which run again with fresh seeds, as trial 0 does."""
     first_seed: Seed
     """The first of the fresh seeds."""
     seeds: Annotated[int, Field(ge=2, le=10_000)] = 40
@@ -101,33 +94,22 @@ class Search(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        n = self.trials + 1
-        accepted = f"a number that divides trials + 1 = {n}, with trial 0"
-        require(n % self.parts == 0, f"parts = {self.parts}", accepted)
-        most = min(n // self.parts, self.trials)
-        accepted = f"at most {most}, trials of a part"
-        require(self.finalists <= most, f"finalists = {self.finalists}", accepted)
+        accepted = f"at most {self.trials}, the trials that are drawn"
+        require(self.finalists <= self.trials, f"finalists = {self.finalists}", accepted)
         return self
-
-    @property
-    def blocks(self) -> list[range]:
-        """The trials of every part, in order."""
-        size = (self.trials + 1) // self.parts
-        return [range(start, start + size) for start in range(0, self.trials + 1, size)]
 
     def miniature(self) -> "Search":
         """Returns the same search with few trials and runs."""
-        small = {"parts": min(self.parts, 2), "trials": 3, "finalists": 1, "seeds": 2}
-        return self.model_copy(update=small)
+        return self.model_copy(update={"trials": 3, "finalists": 1, "seeds": 2})
 
     @property
     def fresh(self) -> range:
-        """The seeds of finalists."""
+        """The fresh seeds."""
         return range(self.first_seed, self.first_seed + self.seeds)
 
 
-def trials(variant: str, space: Space, n: int, parts: int = 1) -> list[dict[str, object]]:
-    """Returns the settings of trials 0 to n, as changes of the variant's own by dotted key.
+def trials(variant: str, space: Space, n: int) -> list[dict[str, object]]:
+    """Returns what trials 0 to n change of a variant's settings, by dotted key.
 
     >>> space = {"epsilon": Span(low=0, high=1)}
     >>> trials("q", space, 8)[:3] == trials("q", space, 2)
@@ -138,25 +120,18 @@ def trials(variant: str, space: Space, n: int, parts: int = 1) -> list[dict[str,
     seed = np.random.SeedSequence(int.from_bytes(hashlib.sha256(variant.encode()).digest()))
     sobol = qmc.Sobol(len(space), seed=np.random.default_rng(seed))
     points = sobol.random_base2(int(n).bit_length()).tolist()
-    first = int(parts > 1)
     return [{}] + [
         {key: axis.at(share) for (key, axis), share in zip(space.items(), point, strict=True)}
-        for point in points[first : first + n]
+        for point in points[:n]
     ]
 
 
-class Finalist(Table):
-    """The settings of a trial that was run again."""
+class Chosen(Table):
+    """The settings that a search has chosen for a learner, and the effort of the search."""
 
     trial: int
     settings: dict[str, object]
     score: float  # mean, on fresh runs, of what the search compares runs by
-
-
-class Chosen(Finalist):
-    """The settings that a search has chosen for a learner, and the effort of the search."""
-
-    picks: tuple[Finalist, ...] = ()  # the best of every part, if there are several parts
     trials: int  # that were tried, without trial 0
     runs: int  # on which the choice depends
     steps: int  # environment steps of all these runs; an upper bound if they can end early
@@ -179,7 +154,7 @@ def chosen_file(path: Path) -> Path:
 
 def write_choices(path: Path, choices: Choices) -> None:
     """Writes what the search in an experiment's file has chosen."""
-    chosen_file(path).write_text(sealed(choices.model_dump(mode="json", exclude_defaults=True), 1))
+    chosen_file(path).write_text(sealed(choices.model_dump(mode="json"), 1))
 
 
 def read_chosen(path: Path, source: str) -> Choices:

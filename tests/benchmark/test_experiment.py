@@ -19,13 +19,13 @@ from benchmark.experiment import (
     load_experiment,
     read_experiment,
 )
-from benchmark.trials import Choice, Choices, Chosen, Finalist, Search, Span, trials, write_choices
+from benchmark.trials import Choice, Choices, Chosen, Search, Span, trials, write_choices
 from envs import InputError
 from envs.inputs import Table
 from envs.scenario import SCENARIO_DIRECTORY
 
 COMPARED = load_experiment("compare_deep", smoke=True)
-LARGE = ("tuning", "tuning_map", "tuning_tables")  # with the most conditions
+LARGE = ("tuning",)  # with the most conditions
 BASE = """
 description = "A table in a scene."
 scenarios = ["S1"]
@@ -48,6 +48,7 @@ algorithm = "q_learning"
 observations = ["index", "offset"]
 seeds = 2
 settings = {{ discount = 0.8 }}
+candidates = [{{ learning_rate = 0.5, discount = 0.7 }}]
 search = {{ learning_rate = {{ low = 0.03, high = 1.0, scale = "log" }} }}
 """
 TUNED = f"""{BASE}
@@ -227,10 +228,11 @@ def test_a_reading_adds_runs_and_keeps_those_of_the_experiment_without_it(tmp_pa
 
 def test_a_trial_is_a_condition_of_its_variant(tmp_path: Path) -> None:
     experiment = made(tmp_path / "search.toml", SEARCH)
-    drawn = trials("q", experiment.declared.algorithms["q"].search, 4)
-    assert [each.keys["trial"] for each in experiment.populations] == [*np.repeat(range(5), 2)]
+    tried = trials("q", experiment.declared.algorithms["q"].search, 4)
+    tried.append({"learning_rate": 0.5, "discount": 0.7})
+    assert [each.keys["trial"] for each in experiment.populations] == [*np.repeat(range(6), 2)]
     for population in experiment.populations:
-        expected = {"discount": 0.8, "budget": 200} | drawn[int(population.keys["trial"])]
+        expected = {"discount": 0.8, "budget": 200} | tried[int(population.keys["trial"])]
         assert population.first.settings.model_dump(include={*expected}) == expected
 
 
@@ -284,34 +286,32 @@ def test_first_runs_are_of_all_populations() -> None:
 
 # Settings from a search
 
+RATES = {"index": 0.25, "offset": 0.75}
+
 
 @pytest.fixture
 def chosen(tmp_path: Path) -> Path:
-    """A search with two picks for each form of observation; returns its folder."""
+    """A search with a pick for each form of observation; returns its folder."""
     search = made(tmp_path / "search.toml", SEARCH)
     effort: Any = {"trials": 4, "runs": 10, "steps": 2000, "cpu_time_s": 0.1}
     learners = {}
-    for form, rates in (("index", (0.25, 0.5)), ("offset", (0.75, 1.0))):
-        picks = [
-            Finalist(trial=t, settings={"learning_rate": rate, "discount": 0.8}, score=0.5)
-            for t, rate in enumerate(rates)
-        ]
-        learners[f"q, {form}"] = Chosen(**dict(picks[0]), picks=tuple(picks), **effort)
+    for form, rate in RATES.items():
+        settings = {"learning_rate": rate, "discount": 0.8}
+        learners[f"q, {form}"] = Chosen(trial=1, settings=settings, score=0.5, **effort)
     digest = digest_of_search(search.declared)
     write_choices(search.path, Choices(search=digest, trials="", learners=learners))
     return tmp_path
 
 
-def test_runs_take_turns_with_the_picks_for_their_observation(chosen: Path) -> None:
-    """A reference implementation has the same pick with each seed."""
-    expected = {"index": (0.25, 0.5), "offset": (0.75, 1.0)}
+def test_runs_have_the_pick_for_their_observation(chosen: Path) -> None:
+    """A reference implementation has the same."""
     experiment = made(chosen / "tuned.toml", TUNED)
     assert [[*each.seeds] for each in experiment.populations] == 2 * [[100, 101]] + 2 * [[101, 102]]
     for population in experiment.populations:
-        assert [len(population.firsts), population.learner.search] == [2, "search.toml"]
+        assert population.learner.search == "search.toml"
         for run in population.runs():
             settings = run.settings.model_dump()
-            rate = expected[population.learner.observation][run.seed % 2]
+            rate = RATES[population.learner.observation]
             assert (settings["learning_rate"], settings["discount"]) == (rate, 0.8)
             assert settings["epsilon"] == 0.3
 
@@ -379,6 +379,14 @@ GRID = f"{LAST}[grids.g]\naxes.limit.5.settings.time_limit = 5\n"
 OVERRIDDEN = f"{GRID}settings.epsilon = 0\n[algorithms.table.settings]\nepsilon = 0.5"
 SHARED = "budget = 200 }\n\n[algorithms.table]"
 OWN = f"{SHARED.removeprefix('budget = 200 ')}\nsettings.epsilon = 0.5"
+CANDIDATES = "candidates = [{ epsilon = 0.5 }]"
+OTHER = """[algorithms.other]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 2
+search = { epsilon = { low = 0, high = 1 } }
+
+[algorithms.q]"""
 FOUND = "search = { trials = 4, first_seed = 10 }"
 UNUSED = [
     ("", SHARED, f"budget = 200, epsilon = 0.1 {OWN}", "toml: settings.epsilon: no run has it"),
@@ -397,8 +405,15 @@ UNUSED = [
     ("", LAST, f'{LAST}reference_for = "table"', "reference_for: unknown variant table"),
     ("", '"index"', "", "table.observations: accepted: at least one form"),
     ("", MAPS, 'evaluated_from = ["start"]', "unknown key evaluated_from"),
-    ("tuning", "seeds = 6", "seeds = 6\nfirst_seed = 99", "first_seed: a search uses the seeds"),
-    ("tuning", "epsilon = {", "budget = {", "search.budget: accepted: other settings"),
+    ("", LAST, f"{LAST}{CANDIDATES}", "table.candidates: accepted: only together with"),
+    ("", LAST, f"{LAST}scenarios = ['S1']", "table.scenarios: accepted: only together with"),
+    ("search", LAST, f"{LAST}first_seed = 9\n", "first_seed: a search uses the seeds 10 to 12"),
+    ("search", "{ learning_rate = {", "{ budget = {", "a search of budget: accepted: other"),
+    ("search", LAST, f"{LAST}scenarios = ['FarCornr']\n", "FarCornr (did you mean FarCorner?): a"),
+    ("search", "discount = 0.7", "budget = 100", "a search of budget: accepted: other settings"),
+    ("search", "discount = 0.7", "discount = 7", "q.candidates.0: discount = 7: input should be"),
+    ("search", "discount = 0.7", "discont = 0.7", "candidates.0: unknown key discont (did you"),
+    ("search", '[algorithms.q]', OTHER, "algorithms: accepted: as many seeds and candidates in"),
     ("compare_deep", '"ppo"\n', '"ppo"\npolicy = "greedy"\n', "takes it from ppo"),
 ]  # fmt: skip
 
@@ -407,8 +422,9 @@ UNUSED = [
 def test_mistakes_and_what_nobody_would_read_get_one_line(
     tmp_path: Path, name: str, old: str, new: str, expected: str
 ) -> None:
-    shipped = EXPERIMENT_DIRECTORY / f"{name}.toml"
-    text = shipped.read_text(encoding="utf-8") if name else SMALL
+    text = {"": SMALL, "search": SEARCH}.get(name)
+    if text is None:
+        text = (EXPERIMENT_DIRECTORY / f"{name}.toml").read_text(encoding="utf-8")
     with pytest.raises(InputError, match=re.escape(expected)):
         made(tmp_path / "mine.toml", changed(text, (old, new)))
 

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +66,6 @@ def made(
     *,
     unseen: tuple[float, float] = (0.5, 0.5),
     change: tuple[str, str] = ("", ""),
-    picks: tuple[int, int] = (1, 1),
 ) -> Data:
     """Returns a map whose runs have these curves in turn, everywhere, with all of its tables."""
     path = folder / "hand.toml"
@@ -77,12 +75,10 @@ def made(
     starts = {start for curve in (*shared, *table) for start in curve}
     ladder = [BUDGET / 1.2**i for i in range(38)]
     steps = np.unique(np.round([0, *ladder, *starts, *(0.9 * start for start in starts)]))
-    populations, runs, curves = [], [], []
+    runs, curves = [], []
     for population in experiment.populations:
         is_shared = population.learner.name == SHARED
         own, new = (shared, unseen[0]) if is_shared else (table, unseen[1])
-        firsts = (population.first,) * picks[0 if is_shared else 1]
-        populations.append(replace(population, firsts=firsts))
         for i, seed in enumerate(population.seeds):
             success = np.zeros(len(steps))
             for start, value in own[i % len(own)].items():
@@ -94,7 +90,6 @@ def made(
             run = {"run": population.first.with_seed(seed).digest, "budget": BUDGET}
             run |= {"success": success[-1], "unseen_success": has_new}
             runs.append(keys | run | {"cpu_learned_s": 1.0, "diverged_at": np.inf})
-    experiment = replace(experiment, populations=populations)
     data = Data(experiment, declared, pd.DataFrame(runs), pd.concat(curves, ignore_index=True))
     for name, function in maps.TABLES.items():
         table_made = function(data)
@@ -297,15 +292,6 @@ def test_a_contrast_in_two_grids_is_decided_once(tmp_path: Path) -> None:
     assert len(data.tables["contrasts"]) == 5
     # `places 4` and the room of 5 x 6 cells with 4 places are the same: four are different
     assert runs == [pytest.approx((0.05 / 3 / 4) ** (1 / N))]
-
-
-def test_picks_by_hand(tmp_path: Path) -> None:
-    """Three picks of one learner and two of the other: their pairs take turns."""
-    shared: list[Curve] = [{3000: 1}, {500: 1}, {600: 1}]
-    data = made(tmp_path, shared, [{2000: 1}, {550: 1}], picks=(3, 2))
-    # Below 2,000: 500 and 600; below 550: 500.
-    assert row_of(data)[["picks", "picks_faster"]].tolist() == [6, 3]
-    assert "runs learn; faster with 3 of 6 pairs of picks)" in maps.headline(data)
 
 
 def axes_of(figure: str, data: Data) -> list[Any]:

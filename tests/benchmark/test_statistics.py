@@ -189,30 +189,26 @@ def test_scenarios_that_contradict_the_mean_stand_apart(
 
 def side(**changed: Any) -> Any:
     """Returns what a population says about its learner; by default a searched net."""
-    n_picks = changed.pop("picks", 1)
     settings = {"time_limit": changed.pop("time_limit", 200)}
     settings["budget"] = changed.pop("budget", 10_000)
     learner = {"search": "tuning", "observation": "one_hot", "policy": "greedy"} | changed
     first = SimpleNamespace(settings=SimpleNamespace(**settings))
-    return SimpleNamespace(
-        learner=SimpleNamespace(**learner), first=first, firsts=(first,) * n_picks
-    )
+    return SimpleNamespace(learner=SimpleNamespace(**learner), first=first)
 
 
 @pytest.mark.parametrize(
     ("x", "y", "expected"),
     [
         ({}, {"search": ""}, "settings searched (tuning) against declared"),
-        ({"picks": 4}, {}, "picks of settings 4 against 1"),
         ({}, {"time_limit": None}, "time limit 200 against none"),
         ({}, {"observation": "coordinates"}, "input one-hot cells against coordinates"),
         ({}, {"observation": "index"}, ""),  # a table's row for each cell
         ({"policy": "stochastic"}, {}, "policy stochastic against greedy"),
         ({"budget": 20_000}, {}, "training steps 20,000 against 10,000"),
         (
-            {"search": "tuning_map"},
+            {"search": "mine"},
             {"time_limit": 100},
-            "settings searched (tuning_map) against searched (tuning); time limit 200 against 100",
+            "settings searched (mine) against searched (tuning); time limit 200 against 100",
         ),
     ],
 )

@@ -11,7 +11,6 @@ from benchmark.trials import (
     Choice,
     Choices,
     Chosen,
-    Finalist,
     Search,
     Space,
     Span,
@@ -29,8 +28,9 @@ SPACE: Space = {
     "every": Span(low=10, high=1000, scale="log", whole=True),
     "policy_kwargs.net_arch": Choice(values=([8], [8, 8])),
 }
-PICKS = tuple(Finalist(trial=t, settings={"epsilon": t / 10}, score=0.5) for t in (1, 6))
-BEST = Chosen(**dict(PICKS[1]), picks=PICKS, trials=7, runs=20, steps=4000, cpu_time_s=0.1)
+PICK = {"trial": 6, "settings": {"epsilon": 0.1}, "score": 0.5}
+EFFORT = {"trials": 7, "runs": 20, "steps": 4000, "cpu_time_s": 0.1}
+BEST = Chosen.model_validate(PICK | EFFORT)
 CHOICES = Choices(search="a" * 64, trials="b" * 64, learners={"dqn, one_hot": BEST})
 
 
@@ -47,32 +47,11 @@ def test_trials_fill_the_space_evenly() -> None:
     assert drawn["every"].between(10, 1000).all()
 
 
-def test_parts_of_a_search_are_evenly_spread() -> None:
-    """Of 4 parts of 16 trials, each has a point in every 16th of a range; trial 0 is one."""
-    search = Search(trials=63, parts=4, finalists=2, first_seed=7, seeds=3)
-    assert search.blocks == [range(16), range(16, 32), range(32, 48), range(48, 64)]
-    assert [*search.fresh] == [7, 8, 9]
-    drawn = trials("dqn", SPACE, 63, 4)
-    assert drawn[1:] == trials("dqn", SPACE, 64)[2:]
-    for block in search.blocks[1:]:
-        shares = [float(str(drawn[trial]["epsilon"])) / 0.5 for trial in block]
-        assert sorted(share * 16 // 1 for share in shares) == pytest.approx(np.arange(16), abs=1)
-
-
-EFFORT = {"first_seed": 0, "trials": 63}
-
-
 @pytest.mark.parametrize(
     ("cls", "keys", "reason"),
     [
-        (
-            Search,
-            EFFORT | {"parts": 3},
-            "parts = 3: accepted: a number that divides trials + 1 = 64",
-        ),
-        (Search, EFFORT | {"parts": 16, "finalists": 5}, "finalists = 5: accepted: at most 4"),
-        (Search, EFFORT | {"trials": 3}, "finalists = 4: accepted: at most 3"),
-        (Search, EFFORT | {"trials": 0}, "trials = 0: input should be greater than or equal to 1"),
+        (Search, {"first_seed": 0, "trials": 3}, "finalists = 4: accepted: at most 3"),
+        (Search, {"first_seed": 0, "trials": 0}, "trials = 0: input should be greater than or eq"),
         (Span, {"low": 0.0, "high": 1.0, "scale": "log"}, "low = 0.0: accepted: above 0"),
         (Span, {"low": 1.0, "high": 1.0}, "low = 1.0: accepted: less than high = 1.0"),
     ],
@@ -90,9 +69,6 @@ def test_chosen_settings_are_read_as_they_were_written(tmp_path: Path) -> None:
     found = read_chosen(path, "other.toml")
     assert found.model_copy(update={"sha256": ""}) == CHOICES
     assert chosen_file(path).name == "mine.chosen.json"
-    single = BEST.model_copy(update={"picks": ()})
-    write_choices(path, CHOICES.model_copy(update={"learners": {"dqn, one_hot": single}}))
-    assert "picks" not in chosen_file(path).read_text()
 
 
 @pytest.mark.parametrize(
