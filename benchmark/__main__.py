@@ -150,7 +150,7 @@ COMMANDS: Final = {
     ),
     "assess": (
         "score an agent exactly",
-        "--agent --model --algorithm --stochastic --scenario=S1 --observation! --save",
+        "--agent --model --algorithm --trust --stochastic --scenario=S1 --observation! --save",
     ),
     "speed": (
         "measure speed, relative to common alternatives in the same process",
@@ -191,11 +191,9 @@ _OPTIONS: Final = {
         "a function of the observation that returns an action, five probabilities or, like predict "
         "of Stable-Baselines3, a pair of an action and None",
     ),
-    "--model": (
-        "FILE",
-        "a model saved by Stable-Baselines3; its file runs no code, and is refused if it needs any",
-    ),
+    "--model": ("FILE", "a model saved by Stable-Baselines3; needs --trust"),
     "--algorithm": ("MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO"),
+    "--trust": ("", "load the model's file, which runs any code that is in it"),
     "--stochastic": ("", "let a saved model sample its actions (default: greedy)"),
     "--save": ("FILE", "film of 'watch', .webp or .gif; map of 'assess', .png or .svg"),
     "file": ("FILE", "a .zip for Stable-Baselines3 (only nets), or an .npz for NumPy"),

@@ -1,7 +1,7 @@
 """Assesses any agent exactly: its score, and a map of where it PINGs; the command `assess`.
 
-An agent is a function of the observation, or a model of Stable-Baselines3, loaded or saved. It is
-read as a table over all observations, so it has to be memoryless.
+An agent is a function of the observation, or a model of Stable-Baselines3. It is read as a table
+over all observations, so it has to be memoryless.
 """
 
 import argparse
@@ -43,14 +43,17 @@ def main(options: argparse.Namespace) -> int:
         check_file(options.save, *PICTURES)
     if (options.agent is None) == (options.model is None):
         raise InputError("assess: accepted: either --agent or --model.")
-    agent = options.model
     if options.agent is not None:
         agent = imported(options.agent, "--agent", "function")
+    elif not options.trust:
+        runs = "loading a model runs any code that is in its file"
+        raise InputError(f"--model {options.model}: {runs}; accepted: --trust, if you trust it.")
+    else:
+        agent = load_model(options.model, options.algorithm)
     assessment = assess(
         agent,
         scenario=options.scenario,
         observation=options.observation,
-        algorithm=options.algorithm,
         stochastic=options.stochastic,
     )
     print(assessment)
@@ -58,6 +61,24 @@ def main(options: argparse.Namespace) -> int:
         assessment.draw(options.save)
         print(f"\nmap: {options.save}")
     return 0
+
+
+def load_model(path: str, algorithm: str | None) -> object:
+    """Loads a saved model, by the import path of its class; runs any code that is in the file."""
+    if algorithm is None:
+        accepted = "--algorithm, the model's class, such as stable_baselines3:PPO, as well"
+        raise InputError(f"--model {path}: accepted: {accepted}.")
+    cls: Any = imported(algorithm, "--algorithm", "class")
+    if not is_sb3_class(cls):
+        accepted = "a subclass of stable_baselines3.common.base_class.BaseAlgorithm"
+        raise InputError(f"--algorithm {algorithm}: accepted: {accepted}.")
+    try:  # an empty replay buffer would only take memory
+        return cls.load(path, device="cpu", custom_objects={"buffer_size": 1})
+    except Exception as error:  # whatever the saved objects raise
+        reason = f"cannot be loaded: {type(error).__name__}: {error}"
+        raise InputError(
+            f"--model {path}: {reason}; accepted: what model.save of {algorithm} wrote."
+        ) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,27 +134,21 @@ class Assessment:
 
 
 def assess(
-    agent: object,
-    *,
-    scenario: ScenarioLike,
-    observation: str,
-    algorithm: str | None = None,
-    stochastic: bool = False,
+    agent: object, *, scenario: ScenarioLike, observation: str, stochastic: bool = False
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
-    No code from the file of a model is run; one that needs some is refused. A file does not say
-    behind which wrappers a model was trained. Its last observation shows most that change
-    observations, but not, for example, `1 - o`, or one that changes actions: assess a function.
+    A model that was loaded does not say behind which wrappers it was trained. Its last observation
+    shows most that change observations, but not, for example, `1 - o`, or one that changes actions:
+    assess a function.
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4
         (`envs.ACTIONS`), five probabilities, or what `model.predict` returns; a model of
-        Stable-Baselines3, or its `predict`; or the path of a saved one. A model's wrappers must not
-        change observations or actions.
+        Stable-Baselines3, or its `predict`. A model's wrappers must not change observations or
+        actions.
       scenario: A name or a path, see `envs.load_scenario`.
       observation: The form of observation that the agent takes, see `envs.observations`.
-      algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
       stochastic: Whether a model draws its actions; otherwise it acts greedily.
 
     Raises:
@@ -141,18 +156,13 @@ def assess(
         returns something else, or another answer when it is asked again.
     """
     model = compile_seen(load_scenario(scenario), observation)
-    is_path = isinstance(agent, str | Path)
-    if is_path != (algorithm is not None):
-        accepted = "module:class, such as stable_baselines3:PPO, only and always with a saved model"
-        what = agent if is_path else "agent"
-        raise InputError(f"{what}: algorithm = {algorithm}: accepted: {accepted}.")
     owner = getattr(agent, "__self__", None)
     if getattr(agent, "__name__", "") == "predict" and is_sb3_class(type(owner)):
         agent = owner
-    if is_path or is_sb3_class(type(agent)):
-        policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
+    if is_sb3_class(type(agent)):
+        policy = _policy_of_model(agent, model, observation, stochastic=stochastic)
     elif not callable(agent):
-        accepted = "a function, a model of Stable-Baselines3, or the path of a saved one"
+        accepted = "a function, or a model of Stable-Baselines3"
         raise InputError(f"agent = {_shown(agent)}: accepted: {accepted}.")
     elif stochastic:
         raise InputError("stochastic: accepted only with a model of Stable-Baselines3.")
@@ -217,22 +227,15 @@ def _shown(answer: object) -> str:
     return shortened(" ".join(repr(answer).split()), 100)
 
 
-def _policy_of_model(agent: Any, algorithm: str | None, *given: Any, stochastic: bool) -> Policy:
-    """Reads the policy, (O, A), of a model, or of a saved one; `given` is for `agent_table`."""
-    where = "agent" if algorithm is None else str(agent)
-    with needed_by(f"{where}: a saved model"):
-        from agents.sb3.tables import agent_table, saved_table
-    if algorithm is None:
-        table, is_value = agent_table(agent, where, *given)
-    else:
-        path, whole = Path(where), Path(f"{where}.zip")  # the ending may be missing, as in SB3
-        found = whole if whole.is_file() and not path.is_file() else path
-        table, is_value = saved_table(found, algorithm, *given)
+def _policy_of_model(agent: Any, model: Model, observation: str, *, stochastic: bool) -> Policy:
+    """Returns the policy, (O, A), of a model of Stable-Baselines3."""
+    from agents.sb3.tables import agent_table  # imports torch
+
+    table, is_value = agent_table(agent, model, observation)
     if not stochastic:  # the first of several best actions, as in SB3
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])
     if is_value:
-        accepted = "accepted only with action probabilities"
-        raise InputError(f"{where}: stochastic = True: {accepted}.")
+        raise InputError("stochastic: accepted only with action probabilities.")
     return table
 
 

@@ -1,19 +1,12 @@
 """Reads the policy of an agent of Stable-Baselines3, or of a class like its own, as a table.
 
-It knows what a net is given for an observation, after its wrappers, and reads pickles without
-running code in them.
+It knows what a net is given for an observation, after its wrappers.
 """
 
-import json
-import pickle
 import re
-from base64 import b64decode
 from collections.abc import Callable
 from inspect import signature
-from io import BytesIO
-from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import ZipFile
 
 import gymnasium
 import numpy as np
@@ -28,10 +21,7 @@ from envs.arrays import Floats
 from envs.inputs import InputError
 from envs.model import ACTIONS
 from envs.observations import observation_space, observation_table
-from envs.packages import imported
 
-# Pickled attributes of a saved agent without which its policy cannot be made and checked.
-_NEEDED = ("policy_class", "policy_kwargs", "observation_space", "action_space", "_last_obs")
 # Arguments of methods that decide. A state is a memory only if a method returns one, too.
 _ARGUMENTS = {"state", "episode_start", "deterministic", "args", "kwargs"}
 # Where methods are defined that pass on observations and actions as they are.
@@ -46,18 +36,6 @@ _FUNCTION = (
     "a function that does so, such as lambda o: model.predict(wrapped(o), deterministic=True)"
 )
 
-# What arrays and generators of random numbers are made of.
-_DATA = re.compile(
-    r"collections\.OrderedDict|numpy\.(ndarray|dtype)"
-    r"|numpy\._?core\.(multiarray\.(_reconstruct|scalar)|numeric\._frombuffer)"
-    r"|numpy\.random\.(_pickle\.__(bit_)?generator_ctor|_pcg64\.PCG64)"
-    r"|numpy\.random\.bit_generator\.(__pyx_unpickle_)?SeedSequence"
-)
-# Classes that may be named, and the modules of packages that define some.
-_CLASSES = (spaces.Space, torch.nn.Module, torch.optim.Optimizer)
-_MODULES = re.compile(
-    r"(agents\.sb3|gymnasium|torch\.(nn\.modules|optim)|stable_baselines3|sb3_contrib)\."
-)
 _AT_ONCE = 20_000  # observations, to save memory
 
 
@@ -131,89 +109,41 @@ def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> Floats:
     return table
 
 
-AgentTable = tuple[Floats, bool]  # (O, A), and whether it has action values
+def agent_table(agent: BaseAlgorithm, model: Model, observation: str) -> tuple[Floats, bool]:
+    """Returns an agent's policy, (O, A), and whether it has action values.
 
-
-def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> AgentTable:
-    """Reads the policy of a model that was saved by `model.save`, as `agent_table` does.
-
-    `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`. No code from
-    the file is run: of its pickled objects, those that the policy needs are read by `unpickled`,
-    the others not at all. A class of nets must be of Stable-Baselines3, torch, or the module of the
-    algorithm's class.
+    An agent that does not fit raises an InputError.
     """
-    cls: Any = imported(algorithm, str(path), "algorithm")
-    if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
-        accepted = "a subclass of stable_baselines3.common.base_class.BaseAlgorithm"
-        raise InputError(
-            f"{path}: {algorithm} is not a class of saved models; accepted: {accepted}."
-        )
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; accepted: a file written by model.save.")
-    modules = {algorithm.partition(":")[0], *(base.__module__ for base in cls.__mro__)}
-    try:
-        agent: BaseAlgorithm = cls.load(
-            path, device="cpu", custom_objects=_attributes(path, cls, modules)
-        )
-    except Exception as error:  # whatever the saved objects raise
-        reason = first_line(error).partition(". ")[0]  # torch adds advice on its own arguments
-        accepted = f"accepted: what model.save of {algorithm} wrote"
-        raise InputError(f"{path}: cannot be loaded: {reason}; {accepted}.") from error
-    return agent_table(agent, str(path), model, observation)
-
-
-def _attributes(path: Path, cls: Any, modules: set[str]) -> dict[str, Any]:
-    """Returns values for all pickled attributes of a saved agent, so that `load` unpickles none."""
-    with ZipFile(path) as archive:
-        saved = json.loads(archive.read("data"))
-    pickles = {
-        k: v[":serialized:"]
-        for k, v in saved.items()
-        if isinstance(v, dict) and ":serialized:" in v
-    }
-    needed = [key for key in _NEEDED if key in pickles]
-    read = {key: unpickled(b64decode(pickles[key]), key, modules) for key in needed}
-    fresh = cls(
-        policy=(saved | read)["policy_class"], env=None, device="cpu", _init_setup_model=False
-    )
-    # An empty replay buffer would only take memory, and the name of an environment would be
-    # imported.
-    return {key: vars(fresh).get(key) for key in pickles} | read | {"buffer_size": 1, "env": None}
-
-
-def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str) -> AgentTable:
-    """Reads an agent's policy; an InputError, which names `where`, if it does not fit."""
     observations = observation_table(model, observation)
     expected = {
         "observation": observation_space(observations, observation),
         "action": spaces.Discrete(len(ACTIONS)),
     }
     try:
-        layers = known_layers(agent.get_env(), where)
+        layers = _known_layers(agent.get_env())
         for kind, space in expected.items():
             given = getattr(agent, f"{kind}_space")
             if given != space:
                 setting = f'{model.scenario.name} with observation = "{observation}"'
-                raise InputError(
-                    f"{where}: {kind}_space = {given}; accepted in {setting}: {space}."
-                )
+                raise InputError(f"agent: {kind}_space = {given}; accepted in {setting}: {space}.")
         last: Any = agent._last_obs
         if not _has_rows(observations, last) or (
             last is None and not layers and agent.num_timesteps > 0
         ):
             what = "its last observation in training is missing, or not of this scenario and form"
-            raise InputError(f"{where}: {what}; accepted: {_FUNCTION}.")
+            raise InputError(f"agent: {what}; accepted: {_FUNCTION}.")
         table = readable_table(agent, torch.as_tensor(observations, device=agent.device))
     except InputError:
         raise
-    except Exception as error:  # whatever the net, or what a file has made of the agent, raises
-        found = f"{where}: cannot be evaluated: {first_line(error)}"
+    except Exception as error:  # whatever the net raises
         accepted = "a model that decides by the observation alone, or a function of the observation"
-        raise InputError(f"{found}; accepted: {accepted}.") from error
+        raise InputError(
+            f"agent: cannot be evaluated: {first_line(error)}; accepted: {accepted}."
+        ) from error
     return table, output_of(agent).is_value
 
 
-def known_layers(env: Any, where: str) -> list[Any]:
+def _known_layers(env: Any) -> list[Any]:
     """Returns an agent's env and all that it wraps; an InputError if one may change something."""
     if env is None:
         return []
@@ -225,9 +155,9 @@ def known_layers(env: Any, where: str) -> list[Any]:
         _UNCHANGING.match(f"{source.__module__}.{source.__qualname__}") for source in sources
     ):
         what = f"{type(env).__name__}, which may change observations or actions"
-        raise InputError(f"{where}: its environment includes {what}; accepted: {_FUNCTION}.")
+        raise InputError(f"agent: its environment includes {what}; accepted: {_FUNCTION}.")
     inner = (vars(env).get("venv"), vars(env).get("env"), *vars(env).get("envs", ()))
-    return [env, *(layer for each in inner for layer in known_layers(each, where))]
+    return [env, *(layer for each in inner for layer in _known_layers(each))]
 
 
 def _has_rows(table: NDArray[Any], rows: Any) -> bool:
@@ -235,32 +165,6 @@ def _has_rows(table: NDArray[Any], rows: Any) -> bool:
     flat = table.reshape(len(table), -1)
     each = np.unique(np.reshape([] if rows is None else rows, (-1, flat.shape[1])), axis=0)
     return all(np.isclose(flat, row, _PRECISION, _PRECISION).all(axis=1).any() for row in each)
-
-
-def unpickled(content: bytes, what: str, modules: set[str]) -> Any:
-    """Reads a pickle, called `what`, of arrays, spaces, nets' classes and plain values.
-
-    Other names raise an UnpicklingError. `modules` are the user's own, where nets may be defined.
-    """
-
-    class Unpickler(pickle.Unpickler):
-        def find_class(self, module: str, name: str) -> Any:
-            if _DATA.fullmatch(f"{module}.{name}"):
-                return super().find_class(module, name)
-            if _MODULES.match(module) or module in modules:
-                found = super().find_class(module, name)
-                if (
-                    isinstance(found, type)
-                    and issubclass(found, _CLASSES)
-                    and found.__module__ == module
-                ):
-                    return found
-            remedy = "if you trust the file, load it in Python, and assess the loaded model"
-            raise pickle.UnpicklingError(
-                f"{what} needs {module}.{name}, which could run any code ({remedy})"
-            )
-
-    return Unpickler(BytesIO(content)).load()
 
 
 def first_line(error: Exception) -> str:

@@ -29,7 +29,7 @@ def test_success_in_training_and_evaluation_is_the_exact_one(tmp_path: Path) -> 
         "MlpPolicy", VecMonitor(made), n_steps=64, n_epochs=1, seed=2, learning_rate=0.0,
         stats_window_size=1000, tensorboard_log=str(tmp_path),
     )  # fmt: skip
-    table, _ = agent_table(agent, "agent", MODEL, "one_hot")
+    table, _ = agent_table(agent, MODEL, "one_hot")
     exact = float(evaluate(MODEL, table, 200).success)  # if it draws its actions
     assert 0.2 < exact < 0.8
     env: Any = gymnasium.make("envs:Proxemic/S2-v0", observation="one_hot", overrides=NEAR)

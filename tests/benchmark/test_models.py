@@ -1,12 +1,8 @@
-"""Models act as they predict, no code of a file runs, and what may change them is refused."""
+"""Models act as they predict; what may change them, and untrusted files, are refused."""
 
-import json
-import pickle
-from base64 import b64encode
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import ZipFile
 
 import gymnasium
 import numpy as np
@@ -21,8 +17,9 @@ from stable_baselines3.common.sb2_compat.rmsprop_tf_like import RMSpropTFLike
 from stable_baselines3.common.torch_layers import FlattenExtractor
 
 from agents import load_algorithm
-from agents.sb3.tables import agent_table, saved_table
-from benchmark.assess import Assessment, assess
+from agents.sb3.tables import agent_table
+from benchmark.__main__ import main
+from benchmark.assess import Assessment, assess, load_model
 from envs import InputError, ProxemicEnv, compile_scenario, load_scenario
 from envs.inputs import parse
 from envs.observations import observation_table
@@ -71,15 +68,13 @@ def test_saved_models_act_as_they_predict(
     moody = gymnasium.make("envs:Proxemic/Moody-v0", observation="one_hot")
     model = cls("MlpPolicy", moody, seed=0, device="cpu", policy_kwargs=net, **arguments).learn(64)
     model.save(file)
-    table, is_value = saved_table(file, name, MOODY, "one_hot")
-    for other in (model, cls.load(file, device="cpu")):
-        expected = agent_table(other, "agent", MOODY, "one_hot")
-        assert np.array_equal(table, expected[0])
-        assert is_value == expected[1]
+    table, is_value = agent_table(model, MOODY, "one_hot")
+    loaded = load_model(str(file), name)
+    assert np.array_equal(agent_table(loaded, MOODY, "one_hot")[0], table)
     observations = observation_table(MOODY, "one_hot")
     actions, _ = model.predict(observations, deterministic=True)
     options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot"}
-    assert (assess(file, algorithm=name, **options).policy == np.eye(5)[actions]).all()
+    assert (assess(model, **options).policy == np.eye(5)[actions]).all()
     if not is_value:
         tensor, _ = model.policy.obs_to_tensor(observations)
         probabilities = model.policy.get_distribution(tensor).distribution.probs.detach().numpy()
@@ -103,16 +98,15 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ({"observation": "one_hot"}, r"zip: observation_space = .* accepted in S1 with"),
-        (SB3_PPO, "zip: cannot be loaded: .* accepted: what model.save of stable_baselines3:PPO"),
-        ({"stochastic": True}, "stochastic = True: accepted only with action probabilities"),
+        ({"observation": "one_hot"}, r"agent: observation_space = .* accepted in S1 with"),
+        ({"stochastic": True}, "stochastic: accepted only with action probabilities"),
     ],
 )
-def test_mistakes_about_saved_models(
+def test_mistakes_about_models(
     saved: dict[str, Path], options: dict[str, Any], expected: str
 ) -> None:
     with pytest.raises(InputError, match=expected):
-        scored(saved["DQN"], **{"algorithm": "stable_baselines3:DQN", **options})
+        scored(DQN.load(saved["DQN"]), **options)
 
 
 # Files that run code
@@ -127,50 +121,27 @@ class Payload(NamedTuple):
         return Path.touch, (self.marker,)
 
 
-NEEDED = ("policy_class", "observation_space", "_last_obs")
-
-
-@pytest.mark.parametrize(
-    ("entry", "expected"),
-    [
-        *(
-            (f"data/{key}", rf"cannot be loaded: {key} needs pathlib\S+touch, which could")
-            for key in NEEDED
-        ),
-        *((f"data/{key}", "") for key in ("clip_range", "env")),
-        ("policy.pth", r"cannot be loaded: Weights only load failed; "),
-        ("policy.optimizer.pth", r"cannot be loaded: Weights only load failed; "),
-    ],
-)
-def test_payloads_are_not_run(
-    entry: str,
-    expected: str,
-    saved: dict[str, Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+def test_a_file_is_loaded_only_if_it_is_trusted(
+    saved: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    payload, marker = Payload(tmp_path / "marker"), tmp_path / "marker"
-    with ZipFile(saved["PPO"]) as archive:
-        content = {name: archive.read(name) for name in archive.namelist()}
-    name, _, key = entry.partition("/")
-    if key:
-        pickled = {":serialized:": b64encode(pickle.dumps(payload)).decode()}
-        (tmp_path / "imported.py").write_text(f"open({str(marker)!r}, 'w')", encoding="utf-8")
-        monkeypatch.syspath_prepend(tmp_path)
-        value = "imported:Id-v0" if key == "env" else pickled
-        content[name] = json.dumps(json.loads(content[name]) | {key: value}).encode()
-    else:
-        torch.save(payload, tmp_path / name)
-        content[name] = (tmp_path / name).read_bytes()
-    with ZipFile(tmp_path / "bad.zip", "w") as archive:
-        for name, data in content.items():
-            archive.writestr(name, data)
-    refused = pytest.raises(InputError, match=f"{expected}.*accepted: what ")
-    with refused if expected else nullcontext():
-        scored(tmp_path / "bad.zip", **SB3_PPO)
+    file, marker = tmp_path / "bad.zip", tmp_path / "marker"
+    model = PPO.load(saved["PPO"])
+    model.payload = Payload(marker)  # type: ignore[attr-defined]
+    model.save(file)
+    command = ["assess", "--model", str(file), "--observation", "coordinates"]
+    command += ["--algorithm", "stable_baselines3:PPO"]
+    assert main(command) == 2
+    assert f"--model {file}: loading a model runs any code" in capsys.readouterr().err
     assert not marker.exists()
-    pickle.loads(pickle.dumps(payload))
+    assert main([*command, "--trust"]) == 0
     assert marker.exists()
+    assert (
+        f"success              {scored(PPO.load(saved['PPO'])).success:g}"
+        in capsys.readouterr().out
+    )
+    for option, value in (("--algorithm", "stable_baselines3:DQN"), ("--model", "missing.zip")):
+        assert main([*command, "--trust", option, value]) == 2
+        assert "cannot be loaded: " in capsys.readouterr().err
 
 
 # What models depend on besides their nets
@@ -214,16 +185,13 @@ def test_wrappers_that_may_change_something_are_refused(made: Any, named: str) -
         (RecurrentPPO, "MlpLstmPolicy", "RecurrentPPO needs more than .* lstm_states"),
     ],
 )
-def test_masks_and_memories_are_refused_by_name(
-    cls: Any, policy: str, expected: str, tmp_path: Path
-) -> None:
+def test_masks_and_memories_are_refused_by_name(cls: Any, policy: str, expected: str) -> None:
     size = {"policy_kwargs": {"lstm_hidden_size": 4}} if cls is RecurrentPPO else {}
     model = cls(policy, env(), device="cpu", **size)
-    model.save(tmp_path / "model.zip")
     path = f"{cls.__module__}:{cls.__name__}"
-    for agent, algorithm in ((model, None), (model.predict, None), (tmp_path / "model.zip", path)):
+    for agent in (model, model.predict):
         with pytest.raises(InputError, match=expected):
-            scored(agent, algorithm=algorithm)
+            scored(agent)
     if cls is RecurrentPPO:
         with pytest.raises(InputError, match="for a model without memory"):
             scored(lambda o: model.predict(o, deterministic=True))
@@ -235,9 +203,7 @@ def test_masks_and_memories_are_refused_by_name(
 
 def test_what_a_file_does_not_say_is_not_trusted(saved: dict[str, Path], tmp_path: Path) -> None:
     PPO.load(saved["PPO"], env=env()).save(tmp_path / "again")  # which forgets the last observation
-    with pytest.raises(
-        InputError, match=r"again\.zip: its last observation in training is missing"
-    ):
-        scored(tmp_path / "again", **SB3_PPO)
+    with pytest.raises(InputError, match=r"agent: its last observation in training is missing"):
+        scored(PPO.load(tmp_path / "again"))
     loaded = scored(PPO.load(saved["PPO"], env=env()))
-    assert np.array_equal(scored(saved["PPO"], **SB3_PPO).policy, loaded.policy)
+    assert np.array_equal(scored(PPO.load(saved["PPO"])).policy, loaded.policy)
