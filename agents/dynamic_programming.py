@@ -52,10 +52,14 @@ class Solution(NamedTuple):
 def from_starts(model: Model, start: str = "start") -> Floats:
     """Returns the probabilities of states, (S,), to be an episode's first, equal or zero.
 
-    `start` says which can be: "start", those of the model; "unseen", those with the issuer in an
-    unseen place.
+    `start` says which can be: "start", those of the model; "unseen" and "new_way", those with the
+    issuer in an unseen place, and with onlookers in a new way.
     """
-    possible = model.unseen_starts if start == "unseen" else model.starts
+    possible = {
+        "start": model.starts,
+        "unseen": model.unseen_starts,
+        "new_way": model.new_way_starts,
+    }[start]
     probability = np.zeros(len(model.observation))
     probability[possible] = 1 / len(possible)
     return probability

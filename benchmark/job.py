@@ -145,8 +145,8 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     Returns its curves, (1, ...). After the point at which that is certain, a curve repeats its
     value. If the run is trained to its budget, because its algorithm cannot end early or there are
     unseen places, the last point is that of the last policy, unless the run is given up.
-    `unseen_success`, (1, 1, 2), is success of the greedy and the stochastic one of the same
-    policies in unseen places; without such places, it is (1, 0, 2).
+    `unseen_success`, (1, 0 to 2, 2), is success of the greedy and the stochastic one of the same
+    policies in unseen places, and among onlookers who stand in new ways, where there are any.
     """
     assert run.solved is not None
     which = int(run.solved["policy"] == "stochastic")
@@ -164,8 +164,12 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
         so_far.append(success((table.astype(np.float64) if which else greedy).tobytes()))
         return _is_over(run, so_far)[0]
 
-    has_unseen = len(model.unseen_starts) > 0
-    training = _train([run], model, replace(schedule, may_end=None if has_unseen else may_end))
+    unseen = [
+        kind
+        for kind, starts in (("unseen", model.unseen_starts), ("new_way", model.new_way_starts))
+        if len(starts)
+    ]
+    training = _train([run], model, replace(schedule, may_end=None if unseen else may_end))
     policies = partial(_policies, training, model)
     if which and not training.stochastic.shape[1]:
         raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
@@ -183,11 +187,10 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     curve += [curve[-1]] * (n_steps - len(curve))
     final = policies(last)
     curve[-1] = success(final[which].tobytes())
-    unseen = np.empty((1, 0, 2))
-    if has_unseen:
-        unseen = evaluate(model, np.stack(final), run.horizon, "unseen").success.reshape(1, 1, 2)
+    scored = [evaluate(model, np.stack(final), run.horizon, kind).success for kind in unseen]
     columns = {name: getattr(training, name) for name in _CURVE + POLICY * bool(run.keep)}
-    return columns | {"success": np.array([curve]), "unseen_success": unseen}
+    unseen_success = np.reshape(scored, (1, len(unseen), 2))
+    return columns | {"success": np.array([curve]), "unseen_success": unseen_success}
 
 
 def _policies(training: Training, model: Model, i: int) -> tuple[Floats, Floats]:

@@ -80,6 +80,7 @@ wrong_pings: wrong PINGs of an episode
 uncomfortable_steps: steps of an episode in the uncomfortable region
 *_success: success, by the * policy
 unseen_success: success where the person never stood
+new_way_success: success among onlookers who stand as they never did
 training_wrong_pings: wrong PINGs of training so far
 diverged_at: step at which values were no longer finite; inf if never
 updates: updates of the parameters

@@ -78,7 +78,7 @@ def tables(groups: Iterable[Group], store: Store) -> tuple[pd.DataFrame, pd.Data
             "parameters": arrays["parameters"],
         }
         if records.run.solved is not None:
-            columns["unseen_success"] = _unseen(arrays["unseen_success"], policy)
+            columns |= _unseen(arrays["unseen_success"], policy)
         runs.append(pd.DataFrame(columns).join(_measured(records)))
         progress = {"success": found["success"], "training_wrong_pings": arrays["disagreements"]}
         if "score" in found:
@@ -118,11 +118,10 @@ def _over_training(records: Records, policy: str) -> dict[str, Array]:
     }
 
 
-def _unseen(found: Array, policy: str) -> Array:
-    """Returns success in unseen places, (N,), of a record's (N, 1, 2); NaN if there are none."""
-    if not found.size:
-        return np.full(len(found), np.nan)
-    return found[:, -1, int(policy == "stochastic")]
+def _unseen(found: Array, policy: str) -> dict[str, Any]:
+    """Returns columns of success in unseen places and in new ways, of a record's (N, 0 to 2, 2)."""
+    columns: dict[str, Any] = dict.fromkeys(("unseen_success", "new_way_success"), np.nan)
+    return columns | dict(zip(columns, found[:, :, int(policy == "stochastic")].T, strict=False))
 
 
 def _measured(records: Records) -> pd.DataFrame:

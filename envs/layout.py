@@ -32,6 +32,7 @@ from envs.regions import (
     zones,
 )
 
+SEEN, NEW_PLACE, NEW_WAY = range(3)
 MAX_ZONES = 10_000_000  # cells, over all phases and all ways in which people may stand
 
 
@@ -45,12 +46,12 @@ class Layout:
     ways: Ints  # (J, people) cells of the person and the group at the start; rows are sorted
     zone: Codes  # (J, P, C) index into `envs.regions.ZONES`
     is_start: Bools  # (J, first ticks, C) where episodes may start
-    is_seen: Bools  # (J,) whether episodes with the person in a place are trained
+    novelty: Ints  # (J,) SEEN if episodes with the person in a place are trained, else what is new
     onlookers: Ints  # (J, onlookers) their cells; J are then combinations of a place and a way
 
     def at(self, places: Ints, **changes: Any) -> "Layout":
         """Returns a layout with some of the places, which may be repeated, and other changes."""
-        arrays = ("ways", "zone", "is_start", "is_seen", "onlookers")
+        arrays = ("ways", "zone", "is_start", "novelty", "onlookers")
         return replace(self, **{name: getattr(self, name)[places] for name in arrays} | changes)
 
     @cached_property
@@ -121,7 +122,7 @@ def draw_places(layout: Layout, n: int | None, unseen: int, draw: int) -> Layout
         ranks = [_rank(place, draw) for place in layout.grid.position[layout.ways[order]].tolist()]
         order = order[sorted(range(len(order)), key=ranks.__getitem__)[: n + unseen]]
     chosen = np.sort(order)
-    return layout.at(chosen, is_seen=np.isin(chosen, order[:n]))
+    return layout.at(chosen, novelty=np.where(np.isin(chosen, order[:n]), SEEN, NEW_PLACE))
 
 
 def shown_cells(cells: Sequence[Cell], fraction: float, draw: int) -> list[Cell]:
@@ -135,20 +136,25 @@ def shown_cells(cells: Sequence[Cell], fraction: float, draw: int) -> list[Cell]
 def draw_onlookers(layout: Layout, onlookers: Onlookers, draw: int) -> Layout:
     """Returns a layout whose places are repeated with different ways in which onlookers stand."""
     grid, n_ways = layout.grid, onlookers.ways
-    seen, unseen = np.flatnonzero(layout.is_seen), np.flatnonzero(~layout.is_seen)
-    repeated = np.resize(seen, max(n_ways, len(seen))), np.tile(unseen, -(-n_ways // len(seen)))
+    seen, new = (np.flatnonzero(layout.novelty == kind) for kind in (SEEN, NEW_PLACE))
+    repeated = np.resize(seen, max(n_ways, len(seen))), np.tile(new, -(-n_ways // len(seen)))
     way = np.concatenate([np.arange(len(places)) % n_ways for places in repeated])
-    order = np.concatenate(repeated).argsort(kind="stable")
-    place, way = np.concatenate(repeated)[order], way[order]  # (J,) each
+    n_new_ways = len(seen) if len(new) else 0
+    place = np.concatenate([*repeated, seen[:n_new_ways]])
+    way = np.append(way, n_ways + np.arange(n_new_ways))
+    order = place.argsort(kind="stable")
+    place, way = place[order], way[order]  # (J,) each
+    novelty = np.where(way < n_ways, layout.novelty[place], NEW_WAY)
 
     is_floor = ~grid.is_wall
     is_floor[[grid.index(person.position) for people in layout.others for person in people]] = False
     is_free = np.repeat(is_floor[None], len(place), axis=0)  # (J, C)
     np.put_along_axis(is_free, layout.ways[place], False, axis=1)
-    cells = random_orders(n_ways, len(is_floor), "onlookers", draw)[way]  # (J, C)
+    cells = random_orders(n_ways + n_new_ways, len(is_floor), "onlookers", draw)[way]  # (J, C)
     is_free = np.take_along_axis(is_free, cells, axis=1)
     is_first = is_free & (is_free.cumsum(axis=1) <= onlookers.people)
-    return layout.at(place, onlookers=cells[is_first].reshape(len(place), onlookers.people))
+    standing = cells[is_first].reshape(len(place), onlookers.people)
+    return layout.at(place, novelty=novelty, onlookers=standing)
 
 
 def random_orders(n: int, size: int, *names: object) -> Ints:
@@ -232,8 +238,8 @@ def resolve(
     ways = _ways_of_group(grid, cells, group, regions, most) if group else cells[:, None]
     zone = _find_zones(grid, issuer, regions, ways, stages, others_at)
     is_start = _find_starts(grid, zone, first)
-    is_seen, onlookers = np.ones(len(ways), np.bool_), np.zeros((len(ways), 0), np.int_)
-    return Layout(grid, stages, others_at, ways, zone, is_start, is_seen, onlookers)
+    novelty, onlookers = np.full(len(ways), SEEN), np.zeros((len(ways), 0), np.int_)
+    return Layout(grid, stages, others_at, ways, zone, is_start, novelty, onlookers)
 
 
 def _check_ways(n: int, most: int, n_placed: int, group: Group | None) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.arrays import Bools, Codes, Floats, Indices, Ints
-from envs.layout import random_orders, shown_cells
+from envs.layout import NEW_PLACE, NEW_WAY, SEEN, random_orders, shown_cells
 from envs.people import BoundedFeedback, NoisyFeedback, Onlookers, OwnFeedback, Ping
 from envs.regions import ISSUER, TARGET, UNCOMFORTABLE, ZONES
 from envs.scenario import Scenario
@@ -82,6 +82,7 @@ class Model:
     scenario: Scenario
     starts: Indices  # (B,) the states in which an episode starts, all equally likely
     unseen_starts: Indices  # the same with the issuer in an unseen place
+    new_way_starts: Indices  # the same with onlookers who stand as they never do in training
     next_state: Indices  # (S, A, K); a PING that ends the episode stays in its state
     probability: Floats  # (S, A, K) of each outcome
     grid_reward: Floats  # (S, A)
@@ -239,7 +240,7 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
 
     place, tick, cell = scenario.layout.starts.T
     starts = np.ravel_multi_index((place, tick, 0, 0, cell), shape).astype(np.int32)
-    is_seen = scenario.layout.is_seen[place]
+    novelty = scenario.layout.novelty[place]
     components = _components(scenario, arrays["context"], arrays["cell"], arrays.pop("pings"))
     observed = (
         [part.value for part in reversed(components)],
@@ -247,8 +248,9 @@ def _compile(scenario: Scenario, *_: Callable[[Ping], Any]) -> Model:
     )
     model = Model(
         scenario=scenario,
-        starts=starts[is_seen],
-        unseen_starts=starts[~is_seen],
+        starts=starts[novelty == SEEN],
+        unseen_starts=starts[novelty == NEW_PLACE],
+        new_way_starts=starts[novelty == NEW_WAY],
         observation=np.ravel_multi_index(*observed).astype(np.int32),
         components=components,
         **arrays,

@@ -239,10 +239,11 @@ class Onlookers(Table):
     again at its end. There are as many combinations as places or ways, whichever are more; each
     episode has one. If the ways are no multiple of the places, some places occur once more than
     others. Each unseen place is combined with as many of the same ways as seen places are, rounded
-    up.
+    up; and if there are unseen places, each other place with one more way, which no episode of
+    training has.
     """
 
-    people: Annotated[int, Field(ge=1, le=1000)]
+    people: Annotated[int, Field(ge=0, le=1000)]
     """How many there are. With fewer people, the first ones stand in the same cells."""
     ways: Annotated[int, Field(ge=1, le=MAX_STATES)]
     """How many ways to stand are drawn; with 1, they stand in the same cells in every episode,

@@ -134,7 +134,7 @@ def _scene(model: Model) -> dict[str, object]:
         effects[name] = getattr(model, name)
     columns = np.concatenate([each.reshape(n_states, -1) for each in effects.values()], axis=1)
     _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
-    starts = np.concatenate([model.starts, model.unseen_starts])
+    starts = np.concatenate([model.starts, model.unseen_starts, model.new_way_starts])
     n_delayed = 1 + scenario.is_delayed
     return {
         "group": scenario.n_people if scenario.group else 1,

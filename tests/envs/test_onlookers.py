@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from envs import compile_scenario, load_scenario
+from envs.layout import NEW_PLACE, NEW_WAY, SEEN
 from envs.observations import compile_seen, observation_table
 from envs.tiles import Parts, tiles_of
 from tests.envs import Changes
@@ -37,22 +38,33 @@ def orders_by_hand(n: int, size: int, *names: object) -> list[list[int]]:
 
 
 def test_onlookers_stand_in_the_first_free_cells_of_each_way() -> None:
-    layout = model_of(CROWD, draw=5).scenario.layout
-    orders, seen = orders_by_hand(10, 12, "onlookers", 5), 0
+    model = model_of(CROWD, draw=5)
+    layout = model.scenario.layout
+    for kind, starts in enumerate((model.starts, model.unseen_starts, model.new_way_starts)):
+        assert {*model.context[starts]} == {*np.flatnonzero(layout.novelty == kind)}
+    orders, seen = orders_by_hand(14, 12, "onlookers", 5), 0
     every = load_scenario("Anywhere", ROOM | {"draw": 5}).layout
-    # each unseen place has as many ways as each of the others, rounded up
-    assert len(layout.ways) == 10 + 3 * 3
+    # each unseen place has as many ways as each of the others, rounded up, and these a new one
+    assert len(layout.ways) == 10 + 3 * 3 + 4
     for place in range(7):
         rows = np.flatnonzero((layout.ways == every.ways[place]).all(axis=1))
+        if every.novelty[place] == SEEN:
+            *rows, new = rows
+            way = 10 + [*np.flatnonzero(every.novelty == SEEN)].index(place)
+            expected = [cell for cell in orders[way] if cell != int(every.ways[place, 0])][:3]
+            assert layout.onlookers[new].tolist() == expected
+            assert layout.novelty[new] == NEW_WAY
+            seen += 1
+        assert (layout.novelty[rows] == every.novelty[place]).all()
         # Ten ways take turns with four places; those of each unseen place go on where the one
         # before ended.
         for n, row in enumerate(rows):
             person = int(every.ways[place, 0])
-            if every.is_seen[place]:
-                (nth,) = np.flatnonzero(np.flatnonzero(every.is_seen) == place)
+            if every.novelty[place] == SEEN:
+                (nth,) = np.flatnonzero(np.flatnonzero(every.novelty == SEEN) == place)
                 way = (int(nth) + 4 * n) % 10
             else:
-                (nth,) = np.flatnonzero(np.flatnonzero(~every.is_seen) == place)
+                (nth,) = np.flatnonzero(np.flatnonzero(every.novelty == NEW_PLACE) == place)
                 way = (int(nth) + 3 * n) % 10
             expected = [cell for cell in orders[way] if cell != person][:3]
             assert layout.onlookers[row].tolist() == expected
@@ -98,7 +110,7 @@ def test_what_is_seen_by_hand() -> None:
 
     badged = model_of(CROWD | {"onlookers": {"people": 3, "ways": 10, "badge": True}})
     numbers = badged.components[1].numbers.reshape(-1, 4, 3)
-    orders = orders_by_hand(19, 4, "badges", 0)
+    orders = orders_by_hand(23, 4, "badges", 0)
     for place, order in enumerate(orders):
         cells = [int(layout.ways[place, 0]), *layout.onlookers[place].tolist()]
         expected = [[*divmod(cells[i], 4), int(i == 0)] for i in order]
