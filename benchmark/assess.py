@@ -92,7 +92,7 @@ class Assessment:
 
     @property
     def unbounded_score(self) -> float:
-        """The return as a score: 0 for the random policy, 1 for the optimal; it can be below 0."""
+        """The return as a score, see `benchmark.records.anchors`; it can be below 0."""
         return float(unbounded_scores(self.evaluation.grid_return, self.model, HORIZON))
 
     @property
@@ -107,7 +107,7 @@ class Assessment:
 
     def __repr__(self) -> str:
         exact = self.evaluation
-        clipped = "(0: random, 1: optimal for an agent that knows the state; clipped)"
+        clipped = "(0: random or giving up, 1: optimal, knowing the state; clipped)"
         uncomfortable = exact.zone_steps[ZONES.index("uncomfortable")]
         return (
             f"{self.model.scenario.name}, observed as {self.observation}: a memoryless policy, "

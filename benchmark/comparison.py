@@ -1,16 +1,16 @@
 """Which learner succeeds more often after the same number of steps, and at what cost?
 
 All is computed from two tables: `runs` has a row per run, `curves` one per run and evaluation. A
-contrast is the difference of two learners, x minus y, in one scenario or in the mean over all, and
-its verdict follows from a rule that is fixed before the runs, see `verdict`.
+contrast is the difference of two learners, x minus y, in the mean over all scenarios, and its
+verdict follows from a rule that is fixed before the runs, see `verdict`.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
-from itertools import chain, product
+from itertools import chain
 from math import ceil
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import numpy as np
 import pandas as pd
@@ -18,10 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 from pydantic import Field
 
-from agents.dynamic_programming import evaluate
 from benchmark import statistics, style
 from benchmark.experiment import Experiment
-from benchmark.records import unbounded_scores
 from benchmark.statistics import (
     ALPHA,
     Contrast,
@@ -32,10 +30,9 @@ from benchmark.statistics import (
     holm,
     with_ends,
 )
-from benchmark.study import Data, FigureFunction, Pair, Pairs, Report, TableFunction
-from envs import ACTIONS, InputError, compile_scenario
+from benchmark.study import Data, FigureFunction, Pairs, Report, TableFunction
+from envs import InputError
 from envs.inputs import Names, Table, unknown_name
-from envs.model import PING
 from envs.packages import missing_package
 from envs.words import listed
 
@@ -45,22 +42,15 @@ WITHIN: Final = "within margin"  # at its end, it may say which side is measurab
 NEITHER: Final = "neither shown to learn"
 UNEARNED: Final = "ahead, but not shown to learn"
 OPEN: Final = ("undecided", NEITHER, UNEARNED, "no verdict")
-MEASURES: Final = {  # of deep RL, and what readers call them
-    "iqm": "interquartile\nmean",
-    "median": "median",
-    "mean": "mean",
-    "optimality_gap": "optimality\ngap",
-    "p_improvement": "probability of\nimprovement",
-}
-AGGREGATES: Final = [*MEASURES][:4]
+AGGREGATES: Final = ("iqm", "median", "mean", "optimality_gap")  # of deep RL
 _DIGITS: Final = 9  # of a difference, which may be as large as the margin
 _DRAWS: Final = 1_000  # of rliable's bootstrap
 _COLUMNS: Final = 3  # of panels
+_TITLES: Final = {"iqm": "interquartile\nmean", "optimality_gap": "optimality\ngap"}
 _MOST_NAMED: Final = 4  # contrasts without a decided difference in a text
 
 Margin = Annotated[float, Field(gt=0, le=0.2)]
 Row = Mapping[Any, Any]
-Case = tuple[Pair, Sequence[str]]  # x and y, and the scenarios in which they are compared
 
 
 # What an experiment declares
@@ -78,25 +68,16 @@ class Margins(Table):
 class Declared(Report):
     """What a comparison decides and how; a learner is named as "dqn, one_hot"."""
 
-    baseline: Names = ()
-    """Learners that others have to beat; figures show both."""
-    pool: Literal["scenarios", "none"] = "scenarios"
-    """Whether verdicts are on means over scenarios."""
     margins: Margins = Margins()
     """Differences that are too small to matter."""
     contrasts: Pairs = ()
-    """Pairs x, y that are compared, with verdicts."""
-    later: Pairs = ()
-    """Pairs that were declared when results were known, compared over all scenarios and in each.
-
-    Their p-values are adjusted for these alone.
-    """
+    """Pairs x, y that are compared over all scenarios; figures show these learners, or else all."""
     curves: Names = ()
-    """The learners in the figure of success over training; by default, those in other figures."""
+    """The learners in the figure of success over training, if not all that are compared."""
 
 
 def check(experiment: Experiment, declared: Declared) -> None:
-    """Raises an InputError if budgets differ, or an unknown learner is named."""
+    """Raises an InputError if budgets or scenarios differ, or an unknown learner is named."""
     if find_spec("rliable") is None:  # said before any run
         raise missing_package(f"{experiment.name}: its report", "rliable")
     source, settings = experiment.argument, [each.first.settings for each in experiment.populations]
@@ -104,7 +85,11 @@ def check(experiment: Experiment, declared: Declared) -> None:
     if len(budgets) > 1 or budgets.pop()[1] != "steps":
         accepted = "the same number of steps for all learners"
         raise InputError(f"{source}: settings.budget: accepted in a comparison: {accepted}.")
-    for key in ("contrasts", "later", "baseline", "curves"):
+    for name, variant in experiment.declared.algorithms.items():
+        if variant.scenarios:
+            where = f"{source}: algorithms.{name}.scenarios"
+            raise InputError(f"{where}: accepted in a comparison: all scenarios.")
+    for key in ("contrasts", "curves"):
         for name in np.ravel(getattr(declared, key)):
             if name not in experiment.learners:
                 where = f"{source}: report.{key}"
@@ -156,28 +141,17 @@ def decide(test: Contrast, margin: float, row: Row, x: Means, y: Means) -> tuple
 
 def contrasts(data: Data) -> pd.DataFrame | None:
     """The declared contrasts, x against y: differences, p-values and verdicts."""
-    declared, every = data.declared, (*data.experiment.scenarios,)
-    alone = [(name,) for name in every]
-    groups = [every] if declared.pool == "scenarios" else alone
-    cases = {
-        "later": [*product(declared.later, dict.fromkeys([every, *alone]))],
-        "": [(pair, names) for names, pair in product(groups, declared.contrasts)],
-    }
-    tables = [_compared(data, own).assign(declared=when) for when, own in cases.items() if own]
-    return pd.concat(tables, ignore_index=True) if tables else None
-
-
-def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
-    """Returns these contrasts; p-values are adjusted over all of them."""
+    named, scenarios = data.declared.contrasts, [*data.experiment.scenarios]
+    if not named:
+        return None
     cells = summary(data).set_index(["learner", "scenario"])
     of = {population.learner.name: population for population in data.experiment.populations}
     updates = data.runs.groupby("learner")["updates"].max()
-    sides = [[cells.loc[name].loc[[*names]] for name in pair] for pair, names in cases]
+    sides = [[cells.loc[name].loc[scenarios] for name in pair] for pair in named]
     p_random = [holm([*map(_p_random, own)]) for own in zip(*sides, strict=True)]
     rows = list[dict[str, Any]]()
-    for ((x, y), names), both, *p_values in zip(cases, sides, *p_random, strict=True):
-        row = {"scenario": names[0] if len(names) == 1 else "", "x": x, "y": y}
-        row |= {"n": min(own["n"].min() for own in both)}
+    for (x, y), both, *p_values in zip(named, sides, *p_random, strict=True):
+        row = {"x": x, "y": y, "n": min(own["n"].min() for own in both)}
         row |= {"differs": differences(of[x], of[y], [own["diverged"].sum() for own in both])}
         for side, name, own, p in zip("xy", (x, y), both, p_values, strict=True):
             after, before = own["success"].mean(), own["untrained_success"].mean()
@@ -189,12 +163,14 @@ def _compared(data: Data, cases: Sequence[Case]) -> pd.DataFrame:
     for endpoint in ENDPOINTS:
         margin = getattr(data.declared.margins, endpoint)
         pairs = [(means_of(x, endpoint), means_of(y, endpoint)) for x, y in sides]
-        tests = statistics.contrasts(pairs, margin)
-        for row, (x, y), test, (_, names) in zip(rows, pairs, tests, cases, strict=True):
+        tests, matrices = statistics.contrasts(pairs, margin), _matrices(data, endpoint)
+        for row, (x, y), test in zip(rows, pairs, tests, strict=True):
             decided, apart = decide(test, margin, row, x, y)
             found = {"x": x.mean, "y": y.mean, **test._asdict()}
             found |= {"verdict": decided, "margin": margin}
-            found["except"] = ", ".join(names[scenario] for scenario in apart)
+            found["except"] = ", ".join(scenarios[i] for i in apart)
+            ahead = _bootstrap((matrices[row["x"]], matrices[row["y"]]), improvement)
+            found |= with_ends("p_improvement", Estimate(*(float(each[0]) for each in ahead)))
             row |= {f"{endpoint}_{key}": value for key, value in found.items()}
     return pd.DataFrame(rows)
 
@@ -251,32 +227,22 @@ def aggregate(data: Data) -> pd.DataFrame:
 
 def rliable(data: Data) -> pd.DataFrame:
     """Aggregate metrics of deep RL (Agarwal et al. 2021), over runs and scenarios."""
-    baseline = data.declared.baseline[:1]
-    rows, drawn = [], _drawn(data) - {*baseline}
-    for endpoint, level in {"success": np.nan, "score": giving_up(data.experiment)}.items():
-        scores = {  # (runs, scenarios)
-            learner: runs.pivot(index="seed", columns="scenario", values=endpoint).to_numpy()
-            for learner, runs in data.runs.groupby("learner", sort=False)
-        }
-        for learner, own in scores.items():
-            row = {"endpoint": endpoint, "learner": learner, "n": len(own), "giving_up": level}
+    rows = []
+    for endpoint in ENDPOINTS:
+        for learner, own in _matrices(data, endpoint).items():
+            row = {"endpoint": endpoint, "learner": learner, "n": len(own)}
             for name, *ends in zip(AGGREGATES, *_bootstrap(own, aggregates), strict=True):
                 row |= with_ends(name, Estimate(*ends))
-            if baseline and learner in drawn:
-                found = _bootstrap((own, scores[baseline[0]]), improvement)
-                row |= with_ends("p_improvement", Estimate(*(each[0] for each in found)))
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def giving_up(experiment: Experiment) -> float:
-    """Returns the score of an agent that does nothing but PING, mean over scenarios."""
-    scores, horizon = [], experiment.declared.horizon
-    for model in map(compile_scenario, experiment.scenarios.values()):
-        policy = np.eye(len(ACTIONS))[np.full(model.n_observations, PING)]
-        returned = np.asarray(evaluate(model, policy, horizon).grid_return)
-        scores.append(np.clip(unbounded_scores(returned, model, horizon), 0, 1))
-    return float(np.mean(scores))
+def _matrices(data: Data, endpoint: str) -> dict[str, Floats]:
+    """Returns the results of each learner, (runs, scenarios), by its name."""
+    return {
+        learner: runs.pivot(index="seed", columns="scenario", values=endpoint).to_numpy()
+        for learner, runs in data.runs.groupby("learner", sort=False)
+    }
 
 
 def aggregates(x: Floats) -> Floats:
@@ -342,7 +308,8 @@ def draw_contrasts(data: Data) -> Figure | None:
             decided = row["success_verdict"]
             faded = {"color": "0.6", "mfc": "white"} if decided in OPEN else {}
             ends = statistics.ends_of("success_difference", row)
-            rows.append(style.Row(_row_name(data, row), data.look(row["x"]) | faded, ends, decided))
+            look = data.look(row["x"]) | faded
+            rows.append(style.Row(data.title(row["x"]), look, ends, decided))
     size = style.WIDTH, 0.19 * len(rows) + 0.8
     with style.figure_of(1, 1, size) as (figure, axes):
         axis, margin = axes[0, 0], data.declared.margins.success
@@ -377,38 +344,26 @@ def draw_curves(data: Data) -> Figure:
 
 
 def draw_rliable(data: Data) -> Figure:
-    """Aggregates of the score and, with a baseline, the probability of exceeding the first one.
-
-    Bars are 95 % intervals of a bootstrap within scenarios.
-    """
+    """Aggregates of the score; bars are 95 % intervals of a bootstrap within scenarios."""
     table = data.tables["rliable"]
     table = table[table["learner"].isin(_drawn(data)) & (table["endpoint"] == "score")]
-    measures = [name for name in MEASURES if name in table]
     size = style.WIDTH, 0.3 * len(table) + 1
-    with style.figure_of(1, len(measures), size) as (figure, axes):
-        for axis, measure in zip(axes[0], measures, strict=True):
+    with style.figure_of(1, len(AGGREGATES), size) as (figure, axes):
+        for axis, measure in zip(axes[0], AGGREGATES, strict=True):
             rows = [
                 style.Row(data.title(name), data.look(name), statistics.ends_of(measure, row))
                 for name, row in table.set_index("learner").to_dict("index").items()
             ]
             style.draw_rows(axis, rows, is_named=axis is axes[0, 0])
-            axis.set(title=MEASURES[measure])
+            axis.set(title=_TITLES.get(measure, measure))
             axis.locator_params(axis="x", nbins=2, min_n_ticks=1)
             axis.margins(x=0.15)
     return figure
 
 
 def _drawn(data: Data) -> set[str]:
-    """The baselines and what is compared with them, or else all that are compared, or all."""
-    asked = data.declared
-    named = {*asked.baseline, *(x for x, y in asked.contrasts if y in asked.baseline)}
-    return named or {*chain(*asked.contrasts)} or {*data.experiment.learners}
-
-
-def _row_name(data: Data, row: Row) -> str:
-    """Returns what is compared in a row, its scenario, and whether it was declared later."""
-    later = row.get("declared") and "declared later"
-    return ", ".join(filter(None, [data.title(row["x"]), row.get("scenario"), later]))
+    """Returns all learners that are compared; without contrasts, all."""
+    return {*chain(*data.declared.contrasts)} or {*data.experiment.learners}
 
 
 # The text
@@ -423,9 +378,8 @@ def headline(data: Data) -> str:
     found = ", ".join(f"*{decided}* ({n})" for decided, n in counts)
     text = f"""\
 After {data.runs["budget"].iloc[0]:,} steps of training in {listed(scenarios)}, the verdicts on
-success, averaged over scenarios unless one is named, are {found}. The margin is
-{data.declared.margins.success:g}, the level 5 %, and each of these learners has at least
-{table["n"].min()} runs in each scenario.
+mean success over scenarios are {found}. The margin is {data.declared.margins.success:g}, the
+level 5 %, and each of these learners has at least {table["n"].min()} runs in each scenario.
 """
     for decided, rows in table.groupby("success_verdict", sort=False):
         if decided in OPEN and len(rows) > _MOST_NAMED:
@@ -441,18 +395,18 @@ def _sentence(data: Data, row: Row) -> str:
     numbers = f"{row['success_x']:.3g} against {row['success_y']:.3g}"
     where = f"{'' if decided == 'mixed' else 'perhaps '}contradicted in {apart}"
     details = "; ".join(filter(None, [numbers, row.get("differs"), apart and where]))
-    return f"{_row_name(data, row)}, against {data.title(row['y'])}: *{decided}* ({details})"
+    return f"{data.title(row['x'])} against {data.title(row['y'])}: *{decided}* ({details})"
 
 
 def reading(data: Data) -> str:
     """Says how the tables are made."""
-    margins, level = data.declared.margins, data.tables["rliable"]["giving_up"].max()
+    margins = data.declared.margins
     return f"""\
 *Success* is the exact probability that an episode of at most {data.experiment.declared.horizon}
 steps ends with a correct PING, by the policy after training; a learner that diverged acts at
-random. An agent that only PINGs has a score of {level:.2f}.
+random.
 
-Contrasts compare x with y, averaged over scenarios unless one is named. *Better* and *worse*
+Contrasts compare x with y, averaged over scenarios. *Better* and *worse*
 require a significant difference whose estimate is at least the margin, {margins.success:g} of
 success and {margins.score:g} of the score; with *slightly*, it is smaller. *Within margin* means
 that two one-sided tests show a difference below the margin; *but better* and *but worse*, that it
@@ -464,8 +418,8 @@ Otherwise it is never called better
 is *no verdict*.
 
 Tests are at the 5 % level. P-values are adjusted by Holm's method, separately for each endpoint,
-for differences and margins, and for contrasts declared when results were known (`later`);
-intervals are not. Verdicts are valid only if the runs are looked at once."""
+and for differences and margins; intervals are not. Verdicts are valid only if the runs are looked
+at once."""
 
 
 TABLES: Final[dict[str, TableFunction]] = {
@@ -477,14 +431,13 @@ FIGURES: Final[dict[str, FigureFunction]] = {
     "rliable": draw_rliable,
 }
 SHOWN: Final = {
-    "contrasts": "scenario x y success_verdict score_verdict success_except differs",
+    "contrasts": "x y success_x success_y success_verdict score_verdict success_except differs",
     "aggregate": "learner policy runs success score",
     "cost": "learner cpu_time_s updates parameters peak_memory_mb",
 }
 COLUMNS: Final = {
     "n": "runs in each scenario, of a contrast the smaller number",
     "runs": "runs over all scenarios",
-    "declared": "`later` if the contrast was declared when results were known",
     "p_random_x": "p-value of x succeeding no more often than the random policy, adjusted",
     "p_random_y": "p-value of y succeeding no more often than the random policy, adjusted",
     "learned_x": "whether x is shown to learn, see README",
@@ -501,10 +454,9 @@ COLUMNS: Final = {
     "*_except": "scenarios that contradict the verdict by *, or where it is not shown",
     "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
     "endpoint": "what is aggregated",
-    "giving_up": "score of an agent that does nothing but PING",
     "iqm": "interquartile mean over runs and scenarios",
     "median": "median over scenarios of the mean over runs",
     "mean": "mean over runs and scenarios",
     "optimality_gap": "mean distance from 1",
-    "p_improvement": "probability that a run exceeds one of the first baseline; a tie counts half",
+    "*_p_improvement": "probability that * of a run of x exceeds that of y; a tie counts half",
 }

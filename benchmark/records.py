@@ -12,7 +12,7 @@ from agents.dynamic_programming import evaluate, from_starts, largest_success, s
 from agents.policy import uniform_policy
 from benchmark.specification import RunSpecification
 from benchmark.store import Provenance, Store, evaluated
-from envs import ZONES, InputError, Model, compile_scenario
+from envs import ACTIONS, ZONES, InputError, Model, compile_scenario
 from envs.model import PING, kept_with_model
 from envs.observations import compile_seen
 
@@ -118,10 +118,16 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
 
 @kept_with_model
 def anchors(model: Model, horizon: int) -> tuple[float, float]:
-    """Computes the exact sums of the grid's rewards of the random and of the optimal policy."""
-    random = evaluate(model, uniform_policy(model), horizon).grid_return
+    """Returns the grid returns between which scores lie, exactly: what is easily had, and the best.
+
+    The former is that of the random policy or of giving up at once, by PINGs alone, whichever is
+    larger. The latter is that of the optimal policy.
+    """
+    giving_up = np.eye(len(ACTIONS))[np.full(model.n_observations, PING)]
+    policies = np.stack([uniform_policy(model), giving_up])
+    easy = evaluate(model, policies, horizon).grid_return.max()
     values = solve(model, 1.0, horizon, issuer_rewards=False).value
-    return float(random), float(from_starts(model) @ values)
+    return float(easy), float(from_starts(model) @ values)
 
 
 @kept_with_model
@@ -131,19 +137,16 @@ def random_success(model: Model, horizon: int) -> float:
 
 
 def unbounded_scores(returns: Floats, model: Model, horizon: int) -> Floats:
-    """Returns grid returns of any shape as scores: 0 for the random policy, 1 for the optimal."""
-    random, optimal = anchors(model, horizon)
-    return np.round((returns - random) / (optimal - random), _DIGITS)
+    """Returns grid returns of any shape as scores, which are 0 and 1 at the two `anchors`."""
+    easy, optimal = anchors(model, horizon)
+    return np.round((returns - easy) / (optimal - easy), _DIGITS)
 
 
 def check_anchors(model: Model, horizon: int) -> None:
-    """Refuses a scenario in which nobody earns more than the random policy: scores are undefined.
-
-    Raises an InputError then.
-    """
-    random, optimal = anchors(model, horizon)
-    if optimal - random <= OPTIMUM_TOLERANCE:
-        equal = f"the random policy earns as much as the optimal one ({random:.6g})"
+    """Raises an InputError if random moves or giving up at once are optimal, see `anchors`."""
+    easy, optimal = anchors(model, horizon)
+    if optimal - easy <= OPTIMUM_TOLERANCE:
+        equal = f"random moves or PINGs alone earn as much as the optimal policy ({easy:.6g})"
         what = f"within {horizon} steps {equal}, so scores are undefined"
         accepted = "other rewards, or another horizon"
         raise InputError(f"{model.scenario.name}: {what}; accepted: {accepted}.")

@@ -73,7 +73,7 @@ policy: policy that `success` and `score` are about
 budget: environment steps of training
 step: environment steps of training so far
 success: probability that an episode ends with a correct PING, exact
-score: return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]
+score: return, with 0 for the random policy or giving up at once, 1 for the optimum, in [0, 1]
 unbounded_score: the same, not clipped
 steps: steps of an episode
 wrong_pings: wrong PINGs of an episode

@@ -274,9 +274,9 @@ def runs(experiment: str | Path, results: str | Path | None = None) -> pd.DataFr
 
     A run that belongs to several conditions has a row in each. The columns `scenario`, `learner`,
     and perhaps `grid` and `point`, `reading` or `trial` say what was run with which `seed`;
-    `success` (a probability), `score` (0: random, 1: optimal), `steps` and `wrong_pings` per
-    episode are exact results of the `policy` after `budget` steps. `training_wrong_pings` counts
-    those of the whole training; `cpu_time_s` is CPU time.
+    `success` (a probability), `score` (0: random or giving up at once, 1: optimal), `steps` and
+    `wrong_pings` per episode are exact results of the `policy` after `budget` steps.
+    `training_wrong_pings` counts those of the whole training; `cpu_time_s` is CPU time.
 
     Args:
       experiment: A name that `python -m benchmark list` shows, or the path of a TOML file.

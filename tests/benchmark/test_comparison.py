@@ -1,6 +1,7 @@
 """Comparisons of made-up runs: verdicts, tables and texts by hand, and attempts to falsify them."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from scipy import stats
 from benchmark import comparison
 from benchmark.comparison import Declared, verdict
 from benchmark.experiment import load_experiment
-from benchmark.experiments import sb3
+from benchmark.experiments import compare_deep
 from benchmark.statistics import Contrast, Means, contrast, holm
 from benchmark.study import Data
 from envs import InputError
@@ -38,7 +39,7 @@ algorithm = "compiled_dqn"
 observations = ["one_hot"]
 seeds = 2
 first_seed = 400
-tuned_by = "tuning:dqn"
+tuned_by = "tuning:room_dqn"
 settings = { budget = 400, time_limit = 100 }
 """
 RANDOM = 0.02  # success of the random policy
@@ -95,9 +96,9 @@ def made(
     return Data(experiment, declared, runs_table, curves_table)
 
 
-def pair(x: str = "x, index", y: str = "y, index", key: str = "contrasts") -> str:
+def pair(x: str = "x, index", y: str = "y, index") -> str:
     """Returns the declaration of a contrast."""
-    return f'{key} = [["{x}", "{y}"]]\n'
+    return f'contrasts = [["{x}", "{y}"]]\n'
 
 
 def contrasts(data: Data) -> pd.DataFrame:
@@ -193,7 +194,7 @@ def test_runs_that_diverged_are_counted_in_the_sentence(tmp_path: Path) -> None:
         200
     )
     contrasts(data)
-    sentence = "x, S1, against y: *worse* (0.1 against 0.5; diverged runs 3 against 0)"
+    sentence = "x against y: *worse* (0.1 against 0.5; diverged runs 3 against 0)"
     assert sentence in comparison.headline(data)
 
 
@@ -228,28 +229,15 @@ def test_exchanging_x_and_y_only_exchanges_better_and_worse(
         assert one[f"success_difference{key}"] == pytest.approx(-difference)
 
 
-def test_without_pooling_each_scenario_has_a_verdict_and_all_are_adjusted(tmp_path: Path) -> None:
-    learners = {"x": [share(1, 20), share(0.25, 20)], "y": share(1, 20)}
-    table = contrasts(made(tmp_path, learners, 'pool = "none"\n' + pair()))
-    assert [*table["scenario"]] == ["S1", "S2"]
+def test_p_values_of_all_contrasts_are_adjusted_together(tmp_path: Path) -> None:
+    learners = {"x": share(1, 20), "z": share(0.25, 20), "y": share(1, 20)}
+    report = 'contrasts = [["x, index", "y, index"], ["z, index", "y, index"]]'
+    table = contrasts(made(tmp_path, learners, report))
     assert [*table["success_verdict"]] == ["undecided", "worse"]
     raw = [contrast(Means([p], [20]), Means([1.0], [20]), 0.1) for p in (1.0, 0.25)]
     for key in ("p_different", "p_equivalent"):
         expected = holm([getattr(test, key) for test in raw])
         assert [*table[f"success_{key}"]] == pytest.approx(expected)
-
-
-def test_later_contrasts_are_adjusted_alone_over_all_scenarios_and_in_each(tmp_path: Path) -> None:
-    learners = {"x": share(1), "y": [share(0.3)] * 3, "z": share(0.4)}
-    report = pair() + pair("z, index", key="later")
-    *later, first = contrasts(made(tmp_path, learners, report)).to_dict("records")
-    alone = only(made(tmp_path, learners, pair()))
-    assert {key: first[key] for key in alone} == alone
-    assert [row["scenario"] for row in later] == ["", "S1", "S2", "S3"]
-    assert {(row["x"], row["declared"]) for row in later} == {("z, index", "later")}
-    means = [Means([0.4] * n, [100] * n) for n in (3, 1, 1, 1)]
-    raw = [contrast(x, Means([0.3] * len(x.means), x.sizes), 0.1).p_different for x in means]
-    assert [row["success_p_different"] for row in later] == pytest.approx(holm(raw))
 
 
 # Other tables
@@ -286,7 +274,7 @@ def test_curves_and_cost_by_hand(tmp_path: Path) -> None:
 def test_usual_measures_are_rliables_and_the_same_every_time(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     drawn = {name: [rng.random(12) for _ in range(2)] for name in ("x", "y")}
-    data = made(tmp_path, drawn, 'baseline = ["y, index"]\n' + pair())
+    data = made(tmp_path, drawn, pair())
     table = comparison.rliable(data)
     state = str(np.random.get_state())  # noqa: NPY002
     pd.testing.assert_frame_equal(table, comparison.rliable(data))
@@ -298,10 +286,9 @@ def test_usual_measures_are_rliables_and_the_same_every_time(tmp_path: Path) -> 
         expected = getattr(metrics, f"aggregate_{name}")(x)
         assert row[name] == pytest.approx(expected)
         assert row[f"{name}_low"] < expected < row[f"{name}_high"]
-    assert row["p_improvement"] == pytest.approx(metrics.probability_of_improvement(x, y))
-    assert np.isnan(at(rows, "success", "y, index")["p_improvement"])
-    # Five wrong PINGs in a corner, as an independent walk found.
-    assert at(rows, "score", "x, index")["giving_up"] == pytest.approx(0.43, abs=0.005)
+    found, low, high = (only(data)[f"success_p_improvement{end}"] for end in ("", "_low", "_high"))
+    assert found == pytest.approx(metrics.probability_of_improvement(x, y))
+    assert low < found < high
 
 
 # Texts and figures
@@ -318,7 +305,7 @@ def test_a_sentence_names_learners_margin_and_what_else_differs(tmp_path: Path) 
     assert "margin is 0.2, the level 5 %" in first
     assert "100 runs" in first
     what = "settings searched (tuning) against declared; time limit 100 against 200"
-    assert sentence.startswith("- searched DQN on one-hot cells, S1, against y: *better*")
+    assert sentence.startswith("- searched DQN on one-hot cells against y: *better*")
     assert sentence.endswith(f"(0.9 against 0.5; {what})")
 
 
@@ -326,14 +313,8 @@ def test_a_measurable_difference_within_the_margin_is_not_called_equivalent(tmp_
     data = made(tmp_path, {"x": share(0.97, 4000), "y": share(1, 4000)}, pair())
     assert only(data)["success_p_different"] < 4e-5
     text = comparison.headline(data)
-    assert "x, S1, against y: *within margin, but worse* (0.97 against 1)" in text
-    assert "equivalent" not in text + comparison.reading(reading_of(data))
-
-
-def reading_of(data: Data) -> Data:
-    """Adds the tables that the text on how to read them needs."""
-    data.tables["rliable"] = pd.DataFrame({"giving_up": [np.nan, 0.4321]})
-    return data
+    assert "x against y: *within margin, but worse* (0.97 against 1)" in text
+    assert "equivalent" not in text + comparison.reading(data)
 
 
 def test_both_of_two_contradicting_verdicts_name_their_learners(tmp_path: Path) -> None:
@@ -342,8 +323,8 @@ def test_both_of_two_contradicting_verdicts_name_their_learners(tmp_path: Path) 
     contrasts(data)
     text = comparison.headline(data)
     assert "*better* (1), *worse* (1)" in text
-    assert "- x, S1, against y: *better* (0.9 against 0.5)" in text
-    assert "- z, S1, against y: *worse* (0.1 against 0.5)" in text
+    assert "- x against y: *better* (0.9 against 0.5)" in text
+    assert "- z against y: *worse* (0.1 against 0.5)" in text
 
 
 def test_many_undecided_contrasts_are_counted(tmp_path: Path) -> None:
@@ -364,13 +345,12 @@ def test_without_contrasts_there_is_no_verdict(tmp_path: Path) -> None:
 
 def test_reading_has_the_numbers_of_the_declaration(tmp_path: Path) -> None:
     data = made(tmp_path, {"x": share(1), "y": share(0)}, "margins = { success = 0.15 }\n")
-    text = " ".join(comparison.reading(reading_of(data)).split())
+    text = " ".join(comparison.reading(data).split())
     assert "0.15 of success and 0.05 of the score" in text
-    assert "score of 0.43" in text
 
 
 def test_figures_show_what_tables_have(tmp_path: Path) -> None:
-    report = 'baseline = ["y, index"]\n' + pair() + pair("y, index", "x, index", "later")
+    report = 'contrasts = [["x, index", "y, index"], ["y, index", "x, index"]]'
     data = made(tmp_path, {"x": share(0.75, 12), "y": share(0.25, 12), "z": share(1, 12)}, report)
     for name, function in comparison.TABLES.items():
         table = function(data)
@@ -379,16 +359,15 @@ def test_figures_show_what_tables_have(tmp_path: Path) -> None:
     figures: dict[str, Any] = {name: draw(data) for name, draw in comparison.FIGURES.items()}
     (axis,) = figures["contrasts"].axes
     names = [label.get_text() for label in axis.get_yticklabels()]
-    assert names == ["against x", "y, S1, declared later", "against y", "x, S1"]
-    assert [text.get_text() for text in axis.texts] == [
-        *data.tables["contrasts"]["success_verdict"]
-    ]
+    assert names == ["against y", "x", "against x", "y"]
+    shown = data.tables["contrasts"]
+    assert [text.get_text() for text in axis.texts] == [*shown["success_verdict"]]
     points = [line for line in axis.lines if line.get_marker() not in ("", "None", None)]
     differences = [float(point.get_xdata()[0]) for point in points]
-    assert differences == [*data.tables["contrasts"]["success_difference"]]
+    assert differences == [*shown["success_difference"]]
     (panel,) = figures["curves"].axes
     ends = {line.get_ydata()[-1] for line in panel.lines if len(line.get_xdata()) == 2}
-    assert {0.75, 0.25} <= ends  # z is not compared with the baseline
+    assert {0.75, 0.25} <= ends  # z is not compared
     assert 1.0 not in ends
 
 
@@ -400,7 +379,6 @@ def test_figures_show_what_tables_have(tmp_path: Path) -> None:
     [
         (pair("x, index", "w, index"), "report.contrasts: unknown learner w, index"),
         (pair("x, index", "x, index"), "x, index is named twice"),
-        ('baseline = ["z"]', "report.baseline"),
         ("margins = { success = 0.3 }", "0.2"),
         ('curves = ["y"]', "report.curves"),
     ],
@@ -411,27 +389,40 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, report: str, message
     assert message in str(error.value)
 
 
-def test_different_budgets_are_refused(tmp_path: Path) -> None:
-    longer = LEARNER.format(name="z") + "settings = { budget = 800 }\n"
-    learners = {"x": share(1, 4), "y": share(1, 4)}
-    with pytest.raises(InputError, match=r"settings\.budget: accepted in a comparison"):
-        made(tmp_path, learners, extra=longer)
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        ("settings = { budget = 800 }", r"settings\.budget: accepted in a comparison"),
+        ('scenarios = ["S1"]', r"algorithms\.z\.scenarios: accepted in a comparison: all"),
+    ],
+)
+def test_other_budgets_and_fewer_scenarios_are_refused(
+    tmp_path: Path, extra: str, message: str
+) -> None:
+    other = LEARNER.format(name="z") + extra + "\n"
+    learners = {"x": [share(1, 4)] * 2, "y": share(1, 4)}
+    with pytest.raises(InputError, match=message):
+        made(tmp_path, learners, extra=other)
 
 
 # Findings
 
 
 def test_a_finding_asserts_what_it_says() -> None:
-    names = ["sb3_dqn", "sb3_ppo", "sb3_qrdqn", "sb3_trpo"]
-    learners = [f"{name}, one_hot" for name in names] + [sb3.TABLE]
-    summary = pd.DataFrame({"scenario": ["S1", "S2", "S3"], "n": 10, "budget": 10_000})
-    table = pd.DataFrame({"x": learners[:4], "y": sb3.TABLE, "success_margin": 0.1})
-    table["success_verdict"] = "undecided"
-    table["differs"] = ["settings searched (tuning) against declared"] * 3 + ["policy"]
-    table["score_verdict"] = ["undecided"] * 3 + ["worse"]
-    aggregate = pd.DataFrame({"learner": learners, "success": [0.5, 0.6, 0.7, 0.8, 0.9]})
-    tables = {"summary": summary, "contrasts": table, "aggregate": aggregate}
-    assert "0.80 (TRPO) and 0.90 (the table)" in sb3.finding(tables)
-    table.loc[0, "success_verdict"] = "better"
-    with pytest.raises(AssertionError, match="all are undecided by success"):
-        sb3.finding(tables)
+    nets, tables = [*compare_deep.NETS], [*compare_deep.TABLES]
+    pairs = [*product(nets, tables), *zip(nets[2:], nets[:2], strict=True)]
+    others = [*compare_deep.DEFAULTS, "dqn, coordinates", "ppo, coordinates"]
+    learners = [*nets, *tables, *others]
+    sizes = [50, 50] + [100] * 5 + [10, 10, 100, 100]
+    summary = pd.DataFrame({"learner": learners, "n": sizes, "budget": 10_000, "success": 0.5})
+    contrasts = pd.DataFrame(pairs, columns=["x", "y"]).assign(
+        success_margin=0.1, success_verdict="undecided", score_p_improvement=0.75
+    )
+    aggregate = pd.DataFrame({"learner": learners, "success": np.arange(11) / 10})
+    found = {"summary": pd.concat([summary] * 3), "contrasts": contrasts, "aggregate": aggregate}
+    text = compare_deep.finding(found)
+    assert "| compiled PPO, 0.30 | undecided | undecided | undecided |" in text
+    assert "DQN has 0.20 against 0.00\n(*undecided*)" in text
+    contrasts.loc[1, "success_verdict"] = "slightly better"
+    with pytest.raises(AssertionError, match="no net is better than a searched table"):
+        compare_deep.finding(found)
