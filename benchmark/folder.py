@@ -72,11 +72,7 @@ class Folder:
     def _table(self, name: str) -> pd.DataFrame:
         content = self.content(name)
         with damaged(self.path / name):
-            table = read_csv(BytesIO(content))
-        if {"variant", "observation"} <= {*table}:  # of an earlier version
-            learner = table.pop("variant") + ", " + table.pop("observation")
-            table.insert(0, "learner", learner)
-        return table
+            return read_csv(content)
 
 
 @contextmanager
@@ -111,12 +107,10 @@ def committed(name: str, file: str) -> bytes | None:
         return None
 
 
-def read_csv(file: Path | BytesIO) -> pd.DataFrame:
+def read_csv(content: bytes) -> pd.DataFrame:
     """Reads a table. Only "nan" and, among numbers, an empty entry are missing values, not "NA"."""
-    texts = pd.read_csv(file, keep_default_na=False, dtype=str)
-    if isinstance(file, BytesIO):
-        file.seek(0)
-    table = pd.read_csv(file, keep_default_na=False, na_values=["", "nan"])
+    texts = pd.read_csv(BytesIO(content), keep_default_na=False, dtype=str)
+    table = pd.read_csv(BytesIO(content), keep_default_na=False, na_values=["", "nan"])
     are_texts = [name for name in table if table[name].dtype == object or not texts[name].any()]
     return table.assign(**texts[are_texts])
 

@@ -11,7 +11,6 @@ in one direction than in the other.
 The tables are made of stored records, since action values are not published.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from textwrap import fill
@@ -26,8 +25,9 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy import stats
 
+from benchmark.experiment import DEFAULT_CONDITION as DEFAULT
 from benchmark.experiment import Experiment
-from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records, optimal_values
+from benchmark.records import OPTIMUM_TOLERANCE, Records, load_records
 from benchmark.scenes import colour_bar, dots, heat, region_legend, triangles
 from benchmark.statistics import LEVEL, Numbers, interval, proportion, resample, student, with_ends
 from benchmark.store import Store
@@ -43,7 +43,6 @@ from envs.words import listed
 Agents = Mapping[str, Records]  # of one reading of the paper, by scenario
 Floats = NDArray[np.float64]
 
-DEFAULT: Final = "default"  # the name of the default reading
 READS_STORE: Final = True  # action values are not published
 SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
 VERDICTS: Final = {
@@ -58,26 +57,25 @@ _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each c
 
 def check(experiment: Experiment, _: Report) -> None:
     """Refuses all but one table, which records the maximum Q, in scenes like the paper's."""
+
+    def demand(is_met: bool, where: str, accepted: str) -> None:
+        if not is_met:
+            what = f"{where}: accepted in a replication: {accepted}"
+            raise InputError(f"{experiment.argument}: {what}.")
+
     first, *others = experiment.learners.values()
+    is_table = not others and "record_every" in first.algorithm.settings.model_fields
+    demand(is_table, "algorithms", "one, a table that records max Q")
     default = {each.scenario for each in experiment.populations if each.condition.name == DEFAULT}
-    demands = {
-        "algorithms: accepted in a replication: one, a table that records max Q": (
-            not others and "record_every" in first.algorithm.settings.model_fields
-        ),
-        "readings: accepted in a replication: at least one": bool(experiment.declared.readings),
-        f"scenarios: accepted in a replication: the paper's, {listed(SCENARIOS)}": (
-            default == {*map(load_scenario, SCENARIOS)}
-        ),
-    }
-    what = "one start, one phase, no walls, squares as regions, the cell observed"
+    is_papers = default == {*map(load_scenario, SCENARIOS)}
+    demand(is_papers, "scenarios", f"the paper's, {listed(SCENARIOS)}, under a default reading")
     for population in experiment.populations:
-        model, name = compile_scenario(population.scenario), population.condition.name
-        where = f"scenarios: {model.scenario.name} ({name}): accepted in a replication"
+        model = compile_scenario(population.scenario)
         is_open = model.has_cell_maps and len(model.starts) == 1
         is_square = model.scenario.regions.target_radius is not None
-        demands[f"{where}: {what}"] = is_open and is_square
-    for demand in (demand for demand, is_met in demands.items() if not is_met):
-        raise InputError(f"{experiment.argument}: {demand}.")
+        where = f"scenarios: {model.scenario.name} ({population.condition.name})"
+        what = "one start, one phase, no walls, squares as regions, the cell observed"
+        demand(is_open and is_square, where, what)
 
 
 # The agents
@@ -99,25 +97,18 @@ def load(data: Data) -> Mapping[str, Agents]:
     return found
 
 
-@lru_cache(maxsize=16)
 def sets_of(data: Data, reading: str = DEFAULT) -> list[Agents]:
-    """Returns disjoint sets of the agents of a reading, in which as many are as the paper has.
+    """Returns disjoint sets of the agents of a reading, as large as the paper's, and all agents.
 
-    Figures show the first set. If all agents are fewer, they are the only set.
+    Figures show the first set. If there are not enough agents for two sets, all are the only one.
     """
     everyone, (learner,) = load(data)[reading], data.experiment.learners.values()
-    size = learner.declared.seeds
-    total = len(everyone[SCENARIOS[0]].seeds)
-    return [
-        {name: agents.subset(i, i + size) for name, agents in everyone.items()}
-        for i in range(0, total - size + 1, size) or [0]
-    ]
-
-
-def few_and_all(data: Data) -> list[Agents]:
-    """Returns the first set, and all agents if there is another set."""
-    few, *others = sets_of(data)
-    return [few, load(data)[DEFAULT]] if others else [few]
+    size, total = learner.declared.seeds, len(everyone[SCENARIOS[0]].seeds)
+    starts = range(0, total - size + 1, size)
+    if len(starts) < 2:
+        return [everyone]
+    sets = [{name: agents.subset(i, i + size) for name, agents in everyone.items()} for i in starts]
+    return [*sets, everyone]
 
 
 # The claims
@@ -130,7 +121,6 @@ class Part(NamedTuple):
     value: Numbers
     low: Numbers
     high: Numbers
-    drawn: float = math.nan  # what the paper's figure shows instead
 
 
 class Claim(NamedTuple):
@@ -151,37 +141,32 @@ def _means(agents: Records, values: Floats) -> Floats:
     return resample(n, agents.scenario) @ values.reshape(n, -1) / n
 
 
-def _spread(curve: str, agents: Records) -> tuple[Floats, float]:
-    """Returns the standard deviation over agents and the drawn area's height, means over steps."""
+def _spread(curve: str, agents: Records) -> Floats:
+    """Returns the standard deviation over agents, mean over steps."""
     curves = agents.arrays[curve]
     variance = _means(agents, curves**2) - _means(agents, curves) ** 2
-    return np.sqrt(np.maximum(variance, 0.0)).mean(axis=1), np.ptp(curves, axis=0).mean()
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)).mean(axis=1))
 
 
-def _focus(_: str, agents: Records) -> tuple[Floats, float]:
+def _focus(_: str, agents: Records) -> Floats:
     """Returns cells' mean distance from the target, weighted by positive mean Q of moves."""
     mass = np.maximum(_means(agents, agents.arrays["q"][:, :, :PING]), 0.0)
     mass = mass.reshape(len(mass), -1, PING).sum(axis=-1)  # (RESAMPLES + 1, O)
     scenario = agents.model.scenario
     start = scenario.layout.places[0][0]
     distance = target_distance(scenario.regions, start, scenario.grid.size)
-    return mass @ distance / mass.sum(axis=1), math.nan
+    return np.asarray(mass @ distance / mass.sum(axis=1))
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # infinity or NaN, if nothing has been learned
-def _ratio(
-    measure: Callable[[str, Records], tuple[Floats, float]], curve: str, x: Records, y: Records
-) -> Part:
-    (samples, drawn), (samples_of_y, drawn_of_y) = measure(curve, x), measure(curve, y)
-    ratio, name = samples / samples_of_y, f"{x.scenario}/{y.scenario}"
-    return Part(name, ratio[0], *interval(ratio), drawn / drawn_of_y)
+def _ratio(measure: Callable[[str, Records], Floats], curve: str, x: Records, y: Records) -> Part:
+    ratio = measure(curve, x) / measure(curve, y)
+    return Part(f"{x.scenario}/{y.scenario}", ratio[0], *interval(ratio))
 
 
 def _near_one(curve: str, agents: Records) -> Part:
-    curves = agents.arrays[curve]
-    samples = _means(agents, np.percentile(curves, 99, axis=1))[:, 0]
-    peak = curves.mean(axis=0).max()
-    return Part(agents.scenario, samples[0], *interval(samples), peak)
+    samples = _means(agents, np.percentile(agents.arrays[curve], 99, axis=1))[:, 0]
+    return Part(agents.scenario, samples[0], *interval(samples))
 
 
 def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
@@ -196,7 +181,7 @@ def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
 def _valued_outside(_: str, agents: Records) -> Part:
     in_target, signs = agents.in_target, _signs(agents)
     has_learned = signs[0, in_target].any()
-    counts = np.where(has_learned, signs[:, ~in_target].sum(axis=1), math.nan)
+    counts = np.where(has_learned, signs[:, ~in_target].sum(axis=1), np.nan)
     return Part(agents.scenario, *counts)
 
 
@@ -327,34 +312,25 @@ def judge(agents: Agents, curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.Da
 # Tables
 
 
-def _judged(data: Data, agents: Agents, reading: str = DEFAULT) -> pd.DataFrame:
-    return judge(agents, _CURVES[data.experiment.declared.readings[reading].curve])
-
-
-def claim_sets(data: Data) -> pd.DataFrame:
-    """The parts of all claims in each of the disjoint sets of agents."""
-    return pd.concat([_judged(data, agents) for agents in sets_of(data)], ignore_index=True)
-
-
 def claims(data: Data) -> pd.DataFrame:
-    """The parts of all claims, with as many agents as in the paper and with all."""
-    sets = data.tables["claim_sets"].groupby(["claim", "verdict"])["first_seed"].nunique()
-    parts = pd.concat([_judged(data, agents) for agents in few_and_all(data)], ignore_index=True)
-    agreeing = parts[["claim", "verdict"]].apply(tuple, axis=1).map(sets)
-    return parts.assign(sets_agreeing=agreeing.fillna(0).astype(int))
-
-
-def sensitivity(data: Data) -> pd.DataFrame:
-    """The parts of all claims under every reading of the paper."""
+    """The parts of all claims, by reading, in sets of agents as large as the paper's and in all."""
     parts = [
-        _judged(data, sets_of(data, name)[0], name).assign(reading=name)
-        for name in data.experiment.declared.readings
+        judge(agents, _CURVES[reading.curve]).assign(reading=name)
+        for name, reading in data.experiment.declared.readings.items()
+        for agents in sets_of(data, name)
     ]
     return pd.concat(parts, ignore_index=True)
 
 
+def verdicts_of(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the verdicts on claims, a column for each, by reading, agents and first seed."""
+    keys = ["reading", "agents", "first_seed"]
+    return table.pivot_table("verdict", keys, "claim", aggfunc="first", sort=False)
+
+
 def optimal(data: Data) -> pd.DataFrame:
     """Greedy policies after training, with as many agents as in the paper and with all."""
+    sets = sets_of(data)
     return pd.DataFrame(
         {
             "scenario": name,
@@ -363,8 +339,8 @@ def optimal(data: Data) -> pd.DataFrame:
             **with_ends("success", proportion(agents.arrays["success"][:, -1])),
             **with_ends("optimal_share", proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM)),
         }
-        for some in few_and_all(data)
-        for name, agents in some.items()
+        for some in dict.fromkeys([0, len(sets) - 1])
+        for name, agents in sets[some].items()
     )
 
 
@@ -380,16 +356,15 @@ def _max_q(agents: Records) -> dict[str, Any]:
 
 
 def q_values(data: Data) -> pd.DataFrame:
-    """Final Q and Q* of every cell and action."""
+    """Final Q of every cell and action."""
     return _by_scenario(data, _q_values)
 
 
 def _q_values(agents: Records) -> dict[str, Any]:
-    best, n_actions = optimal_values(agents), len(ACTIONS)
-    row, column = agents.model.position.repeat(n_actions, axis=0).T
-    values = _over_agents(agents.arrays["q"]) | {"optimal": best}
+    cells, values = agents.model.position, _over_agents(agents.arrays["q"])
+    row, column = cells.repeat(len(ACTIONS), axis=0).T
     return {
-        **{"row": row, "column": column, "action": np.tile(ACTIONS, len(best))},
+        **{"row": row, "column": column, "action": np.tile(ACTIONS, len(cells))},
         **{name: array.ravel() for name, array in values.items()},
     }
 
@@ -461,28 +436,21 @@ def _draw_curve(axis: Axes, data: Data, scenario: str) -> None:
 
 def sensitivity_figure(data: Data) -> Figure:
     """Whether the claims hold, by how the paper is read."""
-    table, readings = data.tables["sensitivity"], data.experiment.declared.readings
-    verdicts = table.groupby(["claim", "reading"])["verdict"].first()  # the same of all parts
-    cells = [[VERDICTS[verdicts[claim.id, name]] for name in readings] for claim in CLAIMS]
+    readings = data.experiment.declared.readings
+    verdicts = verdicts_of(data.tables["claims"]).groupby("reading").first()  # of the first sets
+    cells = [[VERDICTS[verdicts[claim.id][name]] for name in readings] for claim in CLAIMS]
     columns = [fill(reading.title or name, 9) for name, reading in readings.items()]
     with figure_of(1, 1, (WIDTH, 0.3 * len(CLAIMS) + 1.1)) as (figure, axes):
         draw_cells(axes[0, 0], cells, [claim.title for claim in CLAIMS], columns)
         signs = ", ".join(f"{sign} {verdict}" for verdict, (sign, _) in VERDICTS.items())
-        label = f"{signs}, with {table['agents'].iloc[0]} agents per scenario"
+        label = f"{signs}, with {data.tables['claims']['agents'].iloc[0]} agents per scenario"
         figure.supxlabel(label, fontsize="small")
     return figure
 
 
 # Text
 
-TABLES: Final = {
-    "claim_sets": claim_sets,
-    "claims": claims,
-    "sensitivity": sensitivity,
-    "optimal": optimal,
-    "max_q": max_q,
-    "q_values": q_values,
-}
+TABLES: Final = {"claims": claims, "optimal": optimal, "max_q": max_q, "q_values": q_values}
 FIGURES: Final = {"figure": figure, "sensitivity": sensitivity_figure}
 SHOWN: Final = {"optimal": "scenario agents success optimal_share"}
 COLUMNS: Final = {
@@ -490,7 +458,6 @@ COLUMNS: Final = {
     "agents": "agents per scenario",
     "column": "column of the cell",
     "claim": "claim of the paper",
-    "drawn": "`value` as the paper's figure shows it, with the range of agents or their mean",
     "first_seed": "seed of the first agent",
     "high": "upper end of its 95 % interval, see `low`",
     "low": """\
@@ -499,12 +466,10 @@ maps, Welch's for differences, simultaneous intervals of all cells' means for co
     "max": "largest over agents",
     "mean": "mean over agents",
     "min": "smallest over agents",
-    "optimal": "Q* of an agent that knows its number of wrong PINGs, before the first one",
     "optimal_share": "share of agents whose greedy policy is optimal from the start cell",
     "part": "number of the claim",
     "row": "row of the cell",
     "right_side": "side of the threshold on which the part must lie",
-    "sets_agreeing": "sets with the same verdict on the claim",
     "state": "whether the part passes, fails or is undecided",
     "std": "sample standard deviation over agents",
     "threshold": "threshold",
@@ -521,9 +486,8 @@ def budget_of(data: Data) -> str:
 
 def headline(data: Data) -> str:
     """Counts the verdicts on the claims, with all agents."""
-    table, (learner,) = data.tables["claims"], data.experiment.learners.values()
-    n_agents = table["agents"].max()
-    verdicts = table[table["agents"] == n_agents].drop_duplicates("claim")["verdict"]
+    n_agents, (learner,) = data.tables["claims"]["agents"].max(), data.experiment.learners.values()
+    verdicts = verdicts_of(data.tables["claims"]).loc[DEFAULT].iloc[-1]  # with all agents
     counts = ", ".join(f"*{name}*: {(verdicts == name).sum()}" for name in VERDICTS)
     trained = f"{learner.title}, {n_agents:,} agents per scenario, {budget_of(data)} of training"
     return f"Verdicts on the paper's claims by 95 % intervals ({trained}): {counts}."
@@ -532,11 +496,11 @@ def headline(data: Data) -> str:
 def reading(data: Data) -> str:
     """Says what claims mean and how they are measured."""
     few, all_agents = data.tables["claims"]["agents"].agg(["min", "max"])
-    last = data.tables["claims"].groupby("claim").last()  # with all agents
-    n_sets = data.tables["claim_sets"]["first_seed"].nunique()
+    verdicts = verdicts_of(data.tables["claims"]).loc[DEFAULT]
+    last, sets = verdicts.iloc[-1], verdicts.loc[few]
     claims_of = "\n".join(
-        f"- {title} (`{name}`, *{last['verdict'][name]}*, "
-        f"{last['sets_agreeing'][name]}/{n_sets}): {about}."
+        f"- {title} (`{name}`, *{last[name]}*, "
+        f"{(sets[name] == last[name]).sum()}/{len(sets)}): {about}."
         for name, title, *_, about in CLAIMS
     )
     readings = "\n".join(

@@ -12,19 +12,17 @@ import math
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.machinery import SourceFileLoader
 from importlib.util import find_spec
-from inspect import getdoc, isfunction, unwrap
+from inspect import getdoc
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
 import pandas as pd
-from markdown_it import MarkdownIt
-from matplotlib.figure import Figure
 
 from benchmark import front, style, tables
 from benchmark.experiment import PUBLISHED, Experiment, load_experiment
@@ -39,26 +37,20 @@ from benchmark.folder import (
     csv_text,
     damaged,
     replaced,
-    unsealed,
     write_manifest,
     write_text,
 )
 from benchmark.page import build as page
 from benchmark.scenes import shipped
-from benchmark.study import Data, Report
+from benchmark.study import Data, Functions, Report
 from envs import InputError
-from envs.inputs import check_all, is_name, parse, unknown_name
+from envs.inputs import check_all, parse, unknown_name
 from envs.packages import imported
 
 STUDIES: Final = ("comparison", "map", "replication", "search")
 MAX_WORDS: Final = 900  # of README
 _MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
 _PACKED: Final = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes
-_PARTS: Final = ("TABLES", "FIGURES", "SHOWN", "COLUMNS")  # dicts of a study's module
-_MARKDOWN: Final = MarkdownIt("commonmark").enable("table")
-_DRAWN: Final = {"a table": pd.DataFrame, "a figure": Figure, "None": type(None)}
-_TEXT: Final = {"a text": str}
-_CERTIFIED: Final = ("experiment", "command", "question", "runs", "digest")  # of a manifest
 # What columns mean: of runs and curves, and of any other table. A star stands for part of a name.
 _OF_RUNS: Final = """\
 scenario: scenario
@@ -107,7 +99,6 @@ differs: what else differs between x and y
 """
 RUN_COLUMNS: Final = dict(line.split(": ", 1) for line in _OF_RUNS.splitlines())
 COLUMNS: Final = RUN_COLUMNS | dict(line.split(": ", 1) for line in _OF_OTHERS.splitlines())
-Function = Callable[[Data], Any]
 
 
 class ClaimError(InputError):
@@ -155,24 +146,16 @@ def folder_name(experiment: Experiment, seeds: range | None) -> str:
 def certificate(folder: Path) -> str:
     """Says whether a folder is as in the last commit; returns an empty text if this has none.
 
-    What was measured of runs, such as times, may be another.
+    Published runs are kept if only what was measured of them, such as times, is another.
     """
     name, published = folder.name, committed(folder.name, MANIFEST)
     if published is None:
         return ""
     files = {*Folder(folder).files, *json.loads(published)["files"], README, MEANINGS, MANIFEST}
     there = {file: (folder / file).read_bytes() for file in files if (folder / file).is_file()}
-    sides = {file: (there.get(file), committed(name, file)) for file in files}
-    if different := sorted(file for file in files if len({*map(_unmeasured, sides[file])}) > 1):
+    if different := sorted(file for file in files if there.get(file) != committed(name, file)):
         return f"{name}: different from the published results: {', '.join(different)}."
     return f"{name}: identical to the published results."
-
-
-def _unmeasured(content: bytes | None) -> object:
-    """Returns the content of a file, of a manifest or tables of runs without what was measured."""
-    if content is None or content[:1] != b"{":
-        return content and tables.unmeasured(content)
-    return str([unsealed(content).get(name) for name in _CERTIFIED])
 
 
 # The study of an experiment
@@ -185,9 +168,17 @@ class Study:
     experiment: Experiment
     module: ModuleType
     declared: Any
-    files: dict[str, Function]  # an item makes one of two: a table (.csv) or a figure (.svg)
-    shown: dict[str, str]
-    columns: dict[str, str]
+
+    def dict_of(self, name: str) -> dict[str, Any]:
+        """Returns one of the module's dicts, such as its tables; empty if it has none."""
+        return dict(getattr(self.module, name, {}))
+
+    @property
+    def files(self) -> Functions:
+        """The functions that make its tables and figures, by their files."""
+        tables, figures = self.dict_of("TABLES"), self.dict_of("FIGURES")
+        made = {f"{name}.csv": function for name, function in tables.items()}
+        return made | {f"{name}.svg": function for name, function in figures.items()}
 
     @property
     def question(self) -> str:
@@ -195,12 +186,9 @@ class Study:
         return self.declared.question or first_line(self.module) or self.experiment.name
 
     def text(self, name: str, data: Data) -> str:
-        """Returns one of the study's texts; empty if there is none.
-
-        Tables without runs are of an earlier version, which had other rules.
-        """
+        """Returns one of the study's texts; empty if there is none."""
         function = getattr(self.module, name, None)
-        return _called(function, data, _TEXT) if function and len(data.runs) else ""
+        return str(function(data)) if function else ""
 
 
 def study_of(experiment: Experiment) -> Study:
@@ -211,19 +199,9 @@ def study_of(experiment: Experiment) -> Study:
     module = load_study(str(given.get("kind", "")), where)
     with mistakes_in(Path(str(module.__file__))):
         declared = parse(getattr(module, "Declared", Report), given, f"{where}: report")
-        items = {each.partition(":")[2]: imported(each, where, "item") for each in declared.items}
-        made, drawn, shown, columns = ({**getattr(module, name, {})} for name in _PARTS)
-        files = {f"{name}.csv": function for name, function in (made | items).items()}
-        files |= {f"{name}.svg": function for name, function in (drawn | items).items()}
-        names, n_names = {file[:-4] for file in files}, len(made | drawn) + len(declared.items)
-        is_right = len(names) == n_names and all(map(is_name, names)) and "columns" not in names
-        if not is_right or not all(isfunction(unwrap(each)) for each in files.values()):
-            found = f"{where}: report makes {', '.join(sorted(files))}"
-            accepted = "functions, each with a new name, but not columns"
-            raise InputError(f"{found}; accepted: {accepted}.")
         if hasattr(module, "check"):
             module.check(experiment, declared)
-    return Study(experiment, module, declared, files, shown, columns)
+    return Study(experiment, module, declared)
 
 
 def load_study(name: str, source: str) -> ModuleType:
@@ -238,16 +216,6 @@ def load_study(name: str, source: str) -> ModuleType:
 def first_line(named: object) -> str:
     """Returns the first line of the docstring of a module or a function."""
     return (getdoc(named) or "").partition("\n")[0]
-
-
-def _called(function: Function, argument: Any, accepted: Mapping[str, type]) -> Any:
-    code = unwrap(function).__code__
-    with mistakes_in(path := Path(code.co_filename)):
-        made = function(argument)
-    if not isinstance(made, (*accepted.values(),)):
-        what = f"{code.co_name} returns {type(made).__name__}"
-        raise InputError(f"{path}: {what}; accepted: {' or '.join(accepted)}.")
-    return made
 
 
 @contextmanager
@@ -291,24 +259,17 @@ def write(experiment: Experiment, folder: Path, seeds: Sequence[int] | None = No
     with alone(folder.parent), replaced(folder, published.files) as aside:
         for name in {*_PACKED} & {*published.files}:
             (aside / name).write_bytes(published.content(name))
-        for name, function in dict.fromkeys(
-            (file[:-4], made) for file, made in study.files.items()
-        ):
-            _draw(function, data, aside / name)
+        with mistakes_in(Path(str(study.module.__file__))):
+            for name, function in study.files.items():
+                made = function(data)
+                if isinstance(made, pd.DataFrame):
+                    data.tables[name.removesuffix(".csv")] = made
+                    (aside / name).write_text(csv_text(made), encoding="utf-8")
+                elif made is not None:
+                    style.save(made, aside / name)
         write_manifest(aside, manifest)
         for name, text in texts(study, Folder(aside), seeds).items():
             write_text(aside / name, text)
-
-
-def _draw(function: Function, data: Data, path: Path) -> None:
-    """Writes the table or figure that a function makes, if any."""
-    made = _called(function, data, _DRAWN)
-    with mistakes_in(Path(path.name)):
-        if isinstance(made, pd.DataFrame):
-            data.tables[path.name] = made
-            path.with_suffix(".csv").write_text(csv_text(made), encoding="utf-8")
-        elif made is not None:
-            style.save(made, path.with_suffix(".svg"))
 
 
 def _manifest(study: Study, runs: pd.DataFrame, seeds: Sequence[int] | None) -> dict[str, object]:
@@ -357,9 +318,7 @@ def _published(results: Path) -> list[Folder]:
 
 def texts(study: Study, folder: Folder, seeds: Sequence[int] | None = None) -> dict[str, str]:
     """Returns the texts of a folder, which its manifest does not list, by their files."""
-    has_runs = tables.RUNS in folder.files
-    runs, curves = tables.read(folder.path) if has_runs else (pd.DataFrame(), pd.DataFrame())
-    data = Data(study.experiment, study.declared, runs, curves, folder.tables())
+    data = Data(study.experiment, study.declared, *tables.read(folder.path), folder.tables())
     with mistakes_in(Path(str(study.module.__file__))):
         meant = csv_text(meanings(study, data))  # before a finding can change a table
         return {MEANINGS: meant, README: readme(study, folder, data, seeds)}
@@ -372,7 +331,7 @@ def meanings(study: Study, data: Data) -> pd.DataFrame:
     rows = [
         (file, column, meaning(str(column), about))
         for file, table in files.items()
-        for about in [RUN_COLUMNS if file in _PACKED else COLUMNS | study.columns]
+        for about in [RUN_COLUMNS if file in _PACKED else COLUMNS | study.dict_of("COLUMNS")]
         for column in table
     ]
     return pd.DataFrame(rows, columns=["file", "column", "meaning"])
@@ -395,14 +354,18 @@ def meaning(column: str, known: Mapping[str, str]) -> str:
 
 def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None = None) -> str:
     """Returns README of a folder; tables that would make it too long are left out."""
-    shown = [text for name in study.shown if (text := _shown(study, name, data))]
-    answer, *others = _unwrapped(answer_of(study, data, seeds)).split("\n\n")
+    shown = [
+        text
+        for name, columns in study.dict_of("SHOWN").items()
+        if (text := _shown(study, name, columns, data))
+    ]
+    answer, *others = answer_of(study, data, seeds).strip().split("\n\n")
     figures = [
         f"![{file[:-4]}]({file})\n\n*{first_line(function)}*"
         for file, function in study.files.items()
         if file.endswith(".svg") and file in folder.files
     ]
-    reading = _unwrapped(study.text("reading", data))
+    reading = study.text("reading", data)
     ends = [f"## How to read this\n\n{reading}"] if reading else []
     ends += [_files(study, folder), _made(study, folder)]
     start = [f"# {study.question}", answer, *figures[:1], *others]
@@ -413,21 +376,11 @@ def readme(study: Study, folder: Folder, data: Data, seeds: Sequence[int] | None
         shown.pop()
 
 
-def _unwrapped(text: str) -> str:
-    """Returns Markdown with each paragraph on a line; lists, tables and code stay as they are."""
-    lines = text.strip().split("\n")
-    for token in reversed(_MARKDOWN.parse("\n".join(lines))):
-        if token.type == "inline" and token.level == 1 and token.map:
-            part = slice(*token.map)
-            lines[part] = [" ".join(map(str.strip, lines[part]))]
-    return "\n".join(lines)
-
-
 def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> str:
     """Returns the finding of an experiment or, without one for these runs, its headline."""
     experiment, text = study.experiment, ""
     path = experiment.path.with_suffix(".py")
-    if seeds is None and not experiment.declared.is_miniature and has_finding(path):
+    if seeds is None and not experiment.declared.is_miniature and path.is_file():
         try:
             text = finding(path, data.tables)
         except ClaimError as error:  # nets of Stable-Baselines3 depend on the processor
@@ -435,13 +388,8 @@ def answer_of(study: Study, data: Data, seeds: Sequence[int] | None = None) -> s
     return text or study.text("headline", data) or experiment.declared.description
 
 
-def has_finding(path: Path) -> bool:
-    """Returns whether there is such a file with a finding; others are not run."""
-    return path.is_file() and b"def finding(" in path.read_bytes()
-
-
 def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
-    """Returns the text of the function `finding` of a file, in Markdown.
+    """Returns the text of the function `finding` of a file, in Markdown; empty if it has none.
 
     Raises:
       ClaimError: The tables do not show what it asserts.
@@ -450,19 +398,19 @@ def finding(path: Path, published: Mapping[str, pd.DataFrame]) -> str:
     module = ModuleType(path.stem)
     with mistakes_in(path):
         SourceFileLoader(path.stem, str(path)).exec_module(module)
-        return str(_called(module.finding, published, _TEXT))
+        return str(module.finding(published)) if hasattr(module, "finding") else ""
 
 
-def _shown(study: Study, name: str, data: Data) -> str:
+def _shown(study: Study, name: str, named: str, data: Data) -> str:
     """Returns a table as README shows it; empty if it is long, or not there."""
     frame = data.tables.get(name, pd.DataFrame())
-    names = [column for column in study.shown[name].split() if column in frame]
-    columns = [column for column in names if not frame[column].isin(["", math.nan]).all()]
+    there = [column for column in named.split() if column in frame]
+    columns = [column for column in there if not frame[column].isin(["", math.nan]).all()]
     if not columns or len(frame) > _MAX_ROWS:
         return ""
     titles = {key: learner.title for key, learner in study.experiment.learners.items()}
-    rows = [[_entry(row, name, titles) for name in columns] for row in frame.to_dict("records")]
-    heads = [name.replace("_", " ") for name in columns]
+    rows = [[_entry(row, key, titles) for key in columns] for row in frame.to_dict("records")]
+    heads = [column.replace("_", " ") for column in columns]
     table = pd.DataFrame(rows, columns=heads).to_markdown(index=False, disable_numparse=True)
     return f"{first_line(study.files[f'{name}.csv'])}\n\n{table}"
 
@@ -508,11 +456,8 @@ def _made(study: Study, folder: Folder) -> str:
     """Returns the notes of an experiment, and what made its results."""
     manifest, note = folder.manifest, " ".join(study.experiment.declared.note.split())
     commits = ", ".join(commit[:10] or "unknown" for commit in manifest["commits"])
-    made = (
-        f"`{manifest['command']}` made these results ({manifest['runs']} runs, commit {commits})."
-    )
-    again = "Its runs are not published, so tables and verdicts are of an earlier version."
-    if tables.RUNS in folder.files:
-        source = "stored runs" if hasattr(study.module, "READS_STORE") else f"`{tables.RUNS}`"
-        again = f"`report {study.experiment.argument}` redraws them from {source}."
-    return "\n\n".join(["## Origin", *filter(None, [note]), f"{made} {again}"])
+    source = "stored runs" if hasattr(study.module, "READS_STORE") else f"`{tables.RUNS}`"
+    made = f"""\
+`{manifest["command"]}` made these results ({manifest["runs"]} runs, commit {commits}).
+`report {study.experiment.argument}` redraws them from {source}."""
+    return "\n\n".join(["## Origin", *filter(None, [note]), made])

@@ -30,7 +30,7 @@ from pydantic import AfterValidator
 
 from benchmark.experiment import Experiment, Solved
 from benchmark.style import Look, look
-from envs.inputs import Label, Names, Table, distinct
+from envs.inputs import Label, Table, distinct
 
 Pair = Annotated[tuple[str, str], AfterValidator(distinct)]
 Pairs = Annotated[tuple[Pair, ...], AfterValidator(distinct)]
@@ -44,8 +44,6 @@ class Report(Table):
     """The study: `comparison`, `map`, `replication`, `search`, or a module."""
     question: Label = ""
     """The heading of the results; by default the study's."""
-    items: Names = ()
-    """Further tables and figures: functions of `Data`, each as `module:function`."""
 
 
 @dataclass(frozen=True, eq=False)

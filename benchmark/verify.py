@@ -20,19 +20,10 @@ import pandas as pd
 from benchmark import front, report
 from benchmark.experiment import PUBLISHED, Experiment, experiment_names, load_experiment
 from benchmark.export import difference_of
-from benchmark.folder import (
-    MANIFEST,
-    README,
-    REPOSITORY,
-    Folder,
-    alone,
-    csv_text,
-    digests,
-    write_text,
-)
+from benchmark.folder import MANIFEST, README, REPOSITORY, Folder, alone, csv_text, digests
 from benchmark.run import execute, parse_jobs
 from benchmark.store import DamagedError, Record, Store
-from benchmark.tables import MEASURED, RUNS, Group, read, run_id, tables
+from benchmark.tables import MEASURED, Group, read, run_id, tables
 from benchmark.trials import chosen_file, read_chosen
 from envs import InputError
 from envs.inputs import whole_number
@@ -166,12 +157,7 @@ def _changes(experiment: Experiment, folder: Path, made: Path) -> Iterator[str]:
         published.check()
         if experiment.declared.search is not None:
             yield from unfounded(experiment, published)
-        if RUNS in published.files:
-            report.write(experiment, made)
-        else:
-            print(f"{experiment.name}: its runs are not published, so only its README is checked.")
-            for name, text in report.texts(report.study_of(experiment), published).items():
-                write_text(made / name, text)
+        report.write(experiment, made)
     except InputError as error:
         yield from str(error).split("\n")
         return

@@ -15,7 +15,6 @@ from benchmark.folder import (
     Folder,
     alone,
     csv_text,
-    read_csv,
     replaced,
     sealed,
     unsealed,
@@ -53,12 +52,6 @@ def content(folder: Path) -> dict[str, str]:
 
 def test_tables_are_read_as_they_were_written(folder: Path) -> None:
     assert_frame_equal(Folder(folder).tables()["a"], TABLE)
-    old = pd.DataFrame({"n": [1], "variant": ["dqn"], "observation": ["one_hot"]})
-    write_text(folder / "old.csv", csv_text(old))
-    assert read_csv(folder / "old.csv").equals(old)
-    write_manifest(folder, {})
-    table = Folder(folder).tables()["old"]
-    assert table.to_dict("records") == [{"learner": "dqn, one_hot", "n": 1}]
 
 
 def change(folder: Path) -> None:

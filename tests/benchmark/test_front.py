@@ -39,7 +39,7 @@ def test_readme_of_a_folder_is_short_and_its_columns_are_explained(name: str) ->
     text = (RESULTS / name / README).read_text(encoding="utf-8")
     assert len(text.split()) <= MAX_WORDS
     if RUNS in Folder(RESULTS / name).files:
-        meanings = read_csv(RESULTS / name / MEANINGS)
+        meanings = read_csv((RESULTS / name / MEANINGS).read_bytes())
         assert meanings["meaning"].ne("").all()
 
 
@@ -69,7 +69,7 @@ def reseal(folder: Path) -> None:
 def test_a_claim_that_tables_do_not_show_is_refused(
     copied: Path, file: str, column: str, value: Any, fault: str
 ) -> None:
-    table = read_csv(copied / file)
+    table = read_csv((copied / file).read_bytes())
     table[column] = value
     write_text(copied / file, csv_text(table))
     reseal(copied / Path(file).parent)
@@ -78,7 +78,7 @@ def test_a_claim_that_tables_do_not_show_is_refused(
 
 
 def test_numbers_are_those_of_the_tables(copied: Path) -> None:
-    table = read_csv(copied / "compare_deep" / "summary.csv")
+    table = read_csv((copied / "compare_deep" / "summary.csv").read_bytes())
     is_shown = (table["learner"] == "sb3_ppo, one_hot") & (table["scenario"] == "S2")
     table.loc[is_shown, "success"] = 0.1234
     write_text(copied / "compare_deep" / "summary.csv", csv_text(table))

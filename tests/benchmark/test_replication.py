@@ -13,7 +13,7 @@ from scipy import stats
 from benchmark import replication
 from benchmark.experiment import load_experiment
 from benchmark.experiments import reproduce
-from benchmark.records import Records, anchors, optimal_values
+from benchmark.records import Records, anchors
 from benchmark.replication import CLAIMS, SCENARIOS, Claim, Part, check, judge
 from benchmark.study import Data, Report
 from envs import InputError
@@ -50,15 +50,14 @@ def test_optimality_after_training(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_values_of_cells_and_curves(monkeypatch: pytest.MonkeyPatch) -> None:
-    best = optimal_values(population())
-    q = np.tile(best, (4, 1, 1))
+    q = np.zeros((4, 120, 5))
     q[:, 13, 4] = [1, 2, 3, 6]  # row 1, column 1, PING
     data = data_of(monkeypatch, 4, q=q, max_q=np.outer([1, 2, 3, 6], np.arange(60)))
     frame = replication.q_values(data)[:600]
-    (row,) = frame[~np.isclose(frame["mean"], frame["optimal"])].to_dict("records")
+    (row,) = frame[frame["mean"] != 0].to_dict("records")
     where = row["scenario"], row["row"], row["column"], row["action"]
     assert where == ("S1", 1, 1, "PING")
-    assert (row["mean"], row["min"], row["max"], row["optimal"]) == (3, 1, 6, best[13, 4])
+    assert (row["mean"], row["min"], row["max"]) == (3, 1, 6)
     assert row["std"] == pytest.approx(np.sqrt(14 / 3))
     curve = replication.max_q(data)[:60]
     assert curve["mean"].tolist() == (3.0 * np.arange(60)).tolist()
@@ -69,17 +68,16 @@ def test_verdicts_on_disjoint_sets(monkeypatch: pytest.MonkeyPatch) -> None:
     success = np.zeros((5, 4))
     success[:, -1] = [1, 1, 0.9, 0.4, 0]
     data = data_of(monkeypatch, 2, 5, success=success)
-    sets = data.tables["claim_sets"] = replication.claim_sets(data)
-    reached = sets[sets["claim"] == "reaches"]
-    assert reached[["first_seed", "value"]].to_numpy().tolist() == [[0, 1], [2, 0.5]]
     frame = data.tables["claims"] = replication.claims(data)
+    frame = frame[frame["reading"] == "default"]
     assert frame["claim"].unique().tolist() == [claim.id for claim in CLAIMS]
-    assert frame[frame["claim"] == "reaches"]["agents"].tolist() == [2, 5]
+    reached = frame[frame["claim"] == "reaches"][["agents", "first_seed", "value"]]
+    assert reached.to_numpy().tolist() == [[2, 0, 1], [2, 2, 0.5], [5, 0, 0.6]]
     # Nothing was learned of PING, so there is nothing to count outside.
     assert set(frame["state"][frame["claim"].isin(["ping-S3", "ping-S1"])]) == {"undecided"}
-    agreeing = frame.groupby("claim")[["verdict", "sets_agreeing"]].last().T
-    assert [*agreeing["identifies"]] == ["does not hold", 2]
-    assert [*agreeing["reaches"]] == ["does not hold", 0]
+    verdicts = replication.verdicts_of(frame)
+    assert [*verdicts["identifies"]] == ["does not hold"] * 3
+    assert [*verdicts["reaches"]] == ["undecided", "undecided", "does not hold"]
     assert "5 agents per scenario, 400 steps" in replication.headline(data)
     text = replication.reading(data)
     assert "(`identifies`, *does not hold*, 2/2)" in text
@@ -88,16 +86,15 @@ def test_verdicts_on_disjoint_sets(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_reading_says_which_curve_claims_are_about(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = data_of(monkeypatch, 2, max_q=np.zeros((4, 60)), table_max_q=np.ones((4, 60)))
-    frame = data.tables["sensitivity"] = replication.sensitivity(data)
+    data = data_of(monkeypatch, 4, max_q=np.zeros((4, 60)), table_max_q=np.ones((4, 60)))
+    frame = data.tables["claims"] = replication.claims(data)
     near_one = frame[(frame["claim"] == "max-near-1") & (frame["part"] == "S1")]
     values = near_one.set_index("reading")["value"]
     assert [*values.index[values == 1]] == ["max_q"]
     assert {*values.drop("max_q")} == {0}
-    assert {*frame["agents"]} == {2}
     texts = [text.get_text() for text in replication.sensitivity_figure(data).axes[0].texts]
     assert len(texts) == len(CLAIMS) * len(values)
-    assert "with 2 agents" in replication.sensitivity_figure(data).get_supxlabel()
+    assert "with 4 agents" in replication.sensitivity_figure(data).get_supxlabel()
 
 
 # Verdicts
@@ -144,17 +141,14 @@ def trio(**by_scenario: dict[str, Any]) -> dict[str, Records]:
 
 
 def test_variability_by_hand() -> None:
-    def curves(spread: float, extreme: float) -> dict[str, NDArray[Any]]:
-        agents = [-spread, -spread, spread, extreme]
+    def curves(spread: float) -> dict[str, NDArray[Any]]:
+        agents = [-spread, -spread, spread, spread]
         return {"max_q": np.outer(agents, np.ones(60)), "table_max_q": np.zeros((4, 60))}
 
-    three = trio(S1=curves(1.0, 1.0), S2=curves(3.0, 3.0), S3=curves(0.5, 0.5))
+    three = trio(S1=curves(1.0), S2=curves(3.0), S3=curves(0.5))
     found = parts_of("variability-S2", three)
     assert found[["part", "value"]].to_numpy().tolist() == [["S2/S1", 3], ["S2/S3", 6]]
     assert parts_of("variability-S2", three, "table_max_q")["value"].isna().all()
-    # The figure shades the area between the extreme agents, which in S1 are -1 and 8.
-    wide = three | {"S1": trio(S1=curves(1.0, 8.0))["S1"]}
-    assert parts_of("variability-S2", wide)["drawn"].iloc[0] == pytest.approx(6 / 9)
 
 
 def test_nearness_to_one_by_hand() -> None:
@@ -163,7 +157,6 @@ def test_nearness_to_one_by_hand() -> None:
     high[2, 3:5] = 1.0
     found = parts_of("max-near-1", trio(S1={"max_q": high}))
     assert found["value"].tolist() == pytest.approx([2.8 / 4, 0])
-    assert found["drawn"].tolist() == pytest.approx([1.8 / 4, 0])  # the peak of the averaged curve
 
 
 def test_focus_by_hand() -> None:
@@ -251,7 +244,7 @@ def test_a_replication_takes_one_table_in_the_papers_scenarios(
 
 def test_without_stored_records_there_are_no_tables() -> None:
     with pytest.raises(InputError, match="reproduce --smoke: action values are not"):
-        replication.claim_sets(Data(EXPERIMENT, MADE, pd.DataFrame(), pd.DataFrame()))
+        replication.claims(Data(EXPERIMENT, MADE, pd.DataFrame(), pd.DataFrame()))
 
 
 def made_tables(**verdicts: str) -> dict[str, pd.DataFrame]:
@@ -259,12 +252,11 @@ def made_tables(**verdicts: str) -> dict[str, pd.DataFrame]:
     known = dict.fromkeys([claim.id for claim in CLAIMS], "holds") | {"ping-S3": "undecided"}
     known |= dict.fromkeys(("identifies", "identifies-S1", "max-near-1"), "does not hold")
     frame = pd.DataFrame({"claim": [*known], "verdict": [*(known | verdicts).values()]})
-    frame = frame.assign(part="S2/S1", value=1.01, low=1.001, sets_agreeing=4)
-    both = pd.concat(frame.assign(agents=n) for n in (100, 1000))
-    of_sets = pd.concat(frame.assign(first_seed=i) for i in range(10))
+    frame = frame.assign(part="S2/S1", value=1.01, low=1.001, agents=100, first_seed=0)
+    of_sets = (frame.assign(reading="default", first_seed=i) for i in range(10))
     equal = frame.assign(reading="equal_pay", verdict="undecided")
-    optimal = pd.DataFrame({"step": [10_000]})
-    return {"claims": both, "claim_sets": of_sets, "sensitivity": equal, "optimal": optimal}
+    claims = pd.concat([*of_sets, frame.assign(reading="default", agents=1000), equal])
+    return {"claims": claims, "optimal": pd.DataFrame({"step": [10_000]})}
 
 
 def test_the_finding_says_what_the_tables_show() -> None:
