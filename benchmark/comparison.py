@@ -169,7 +169,7 @@ def contrasts(data: Data) -> pd.DataFrame | None:
             found = {"x": x.mean, "y": y.mean, **test._asdict()}
             found |= {"verdict": decided, "margin": margin}
             found["except"] = ", ".join(scenarios[i] for i in apart)
-            ahead = _bootstrap((matrices[row["x"]], matrices[row["y"]]), improvement)
+            ahead = bootstrap((matrices[row["x"]], matrices[row["y"]]), improvement)
             found |= with_ends("p_improvement", Estimate(*(float(each[0]) for each in ahead)))
             row |= {f"{endpoint}_{key}": value for key, value in found.items()}
     return pd.DataFrame(rows)
@@ -231,7 +231,7 @@ def rliable(data: Data) -> pd.DataFrame:
     for endpoint in ENDPOINTS:
         for learner, own in _matrices(data, endpoint).items():
             row = {"endpoint": endpoint, "learner": learner, "n": len(own)}
-            for name, *ends in zip(AGGREGATES, *_bootstrap(own, aggregates), strict=True):
+            for name, *ends in zip(AGGREGATES, *bootstrap(own, aggregates), strict=True):
                 row |= with_ends(name, Estimate(*ends))
             rows.append(row)
     return pd.DataFrame(rows)
@@ -260,7 +260,7 @@ def improvement(x: Floats, y: Floats) -> float:
     return float(np.mean(x[:, None] > y) + np.mean(x[:, None] == y) / 2)
 
 
-def _bootstrap(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats, Floats]:
+def bootstrap(scores: Any, measure: Callable[..., Any]) -> tuple[Floats, Floats, Floats]:
     """Returns measures of scores, (K,), and the ends of their 95 % intervals.
 
     Runs are drawn anew within each scenario, by NumPy's global generator, which is seeded, and then

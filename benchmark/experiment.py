@@ -59,6 +59,7 @@ _READ: Final = {
     "replication": ("readings",),
     "map": ("grids", "solved"),
     "search": ("search", "solved"),
+    "suite": ("solved",),
 }
 
 

@@ -47,7 +47,7 @@ from envs import InputError
 from envs.inputs import check_all, parse, unknown_name
 from envs.packages import imported
 
-STUDIES: Final = ("comparison", "map", "replication", "search")
+STUDIES: Final = ("comparison", "map", "replication", "search", "suite")
 MAX_WORDS: Final = 900  # of README
 _MAX_ROWS: Final = 24  # of a table in README; longer ones are only linked
 _PACKED: Final = (tables.RUNS, tables.CURVES, tables.AGENTS)  # which `run` publishes

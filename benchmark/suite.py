@@ -1,0 +1,226 @@
+"""Which learners learn which scenes, and in how many steps?
+
+Of an experiment that extends the shipped one, as `bench` writes it, the published learners are
+shown, too, from their published runs.
+"""
+
+from functools import cache
+from importlib.util import find_spec
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.colors import LogNorm, to_hex
+from matplotlib.figure import Figure
+
+from benchmark import tables
+from benchmark.comparison import AGGREGATES, aggregates, bootstrap
+from benchmark.experiment import Experiment, load_experiment
+from benchmark.folder import REPOSITORY
+from benchmark.records import random_success
+from benchmark.specification import solved
+from benchmark.statistics import Estimate, median, proportion, with_ends
+from benchmark.study import Data, FigureFunction, Report, TableFunction, learning, solved_of
+from benchmark.style import WIDTH, colour_map, draw_cells, figure_of
+from envs import InputError, compile_scenario
+from envs.packages import missing_package
+from envs.words import listed
+
+SUITE: Final = "suite"  # the experiment whose runs are published
+RELATIVE_TO: Final = "tile_coding, coordinates"
+_NEVER: Final = "#ffffff"  # the colour of a cell in which most runs never learn
+
+
+def check(experiment: Experiment, _: Report) -> None:
+    """Raises an InputError if a table is missing, or a package of the report."""
+    if experiment.declared.solved is None:
+        raise InputError(f"{experiment.argument}: [solved] is missing; this report needs it.")
+    if find_spec("rliable") is None:  # said before any run
+        raise missing_package(f"{experiment.name}: its report", "rliable")
+
+
+# The tables
+
+
+@cache
+def published() -> Data | None:
+    """Returns the published runs of the suite; None if there are none."""
+    folder = REPOSITORY / "results" / SUITE
+    if not (folder / tables.RUNS).is_file():
+        return None
+    experiment = load_experiment(SUITE)
+    runs, curves = tables.read(folder)
+    tables.check_declared(experiment, runs)
+    return Data(experiment, None, runs, curves)
+
+
+def sides(data: Data) -> list[Data]:
+    """Returns an experiment and, unless it is the suite itself, the published learners."""
+    is_suite = data.experiment.name.removesuffix("_smoke") == SUITE
+    other = None if is_suite else published()
+    return [data, other] if other else [data]
+
+
+def summary(data: Data) -> pd.DataFrame:
+    """Each learner in each scene: steps until its runs have learned, and success at the end."""
+    rows = list[dict[str, Any]]()
+    for side in sides(data):
+        known = {row["learner"] for row in rows}
+        for population in side.experiment.populations:
+            learner, run = population.learner, population.first
+            if learner.name in known:  # a user's learner of the same name is shown instead
+                continue
+            steps, success = outcomes(side, learner.name, run.scenario.name)
+            row = {"learner": learner.name, "title": learner.title, "scenario": run.scenario.name}
+            row |= {"n": len(steps), "n_learned": np.isfinite(steps).sum()}
+            row |= with_ends("steps", median(steps)) | with_ends("success", proportion(success))
+            rows.append(
+                row | {"random_success": _chance(run.scenario.drawn(run.seed), run.horizon)}
+            )
+    return pd.DataFrame(rows)
+
+
+@cache
+def _chance(scenario: Any, horizon: int) -> float:
+    return random_success(compile_scenario(scenario), horizon)
+
+
+def outcomes(data: Data, learner: str, scenario: str) -> tuple[Any, Any]:
+    """Returns the steps after which runs have learned, inf if never, and their success, (N,)."""
+    curves, level = data.curves, solved_of(data.experiment).success
+    own = curves[(curves["learner"] == learner) & (curves["scenario"] == scenario)]
+    success = own.pivot(index="seed", columns="step", values="success")
+    steps = [*success.columns, np.inf]
+    learned = [steps[solved(curve, steps, level)[0]] for curve in success.to_numpy().tolist()]
+    return np.array(learned, dtype=float), success.to_numpy()[:, -1]
+
+
+def learners(data: Data) -> pd.DataFrame:
+    """Each learner over all scenes: how many it learns, and aggregates of success (rliable)."""
+    cells, rows = data.tables["summary"], list[dict[str, Any]]()
+    medians = cells.pivot(index="learner", columns="scenario", values="steps").clip(lower=1)
+    ratios = (
+        medians / medians.loc[RELATIVE_TO] if RELATIVE_TO in medians.index else medians * np.nan
+    )
+    for learner, own in cells.groupby("learner", sort=False):
+        ratio = ratios.loc[learner]
+        common = np.log(ratio[np.isfinite(ratio) & (ratio > 0)])
+        row = {"learner": learner, "title": own["title"].iloc[0], "n": own["n"].min()}
+        row |= {"scenes": len(own), "scenes_learned": np.isfinite(own["steps"]).sum()}
+        row |= {"relative_steps": np.exp(common.mean()), "common_scenes": len(common)}
+        side = next(side for side in sides(data) if learner in side.experiment.learners)
+        success = [outcomes(side, str(learner), scene)[1] for scene in own["scenario"]]
+        ends = zip(AGGREGATES, *bootstrap(np.stack(success, axis=1), aggregates), strict=True)
+        for name, *values in ends:
+            row |= with_ends(name, Estimate(*values))
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+# The figure
+
+
+def draw(data: Data) -> Figure:
+    """Median steps until learned; darker: fewer. White: how many runs learn, if most never do."""
+    cells, over_all = data.tables["summary"], data.tables["learners"]
+    scenes = [*dict.fromkeys(cells["scenario"])]
+    finite = cells["steps"][np.isfinite(cells["steps"])].clip(lower=1)
+    scale = LogNorm(finite.min(), finite.max()) if len(finite) else LogNorm(1, 10)
+    colours, drawn = colour_map("cividis"), list[list[tuple[str, str]]]()
+    for name, own in cells.groupby("learner", sort=False):
+        by_scene = own.set_index("scenario").to_dict("index")
+        row = over_all.set_index("learner").loc[name]
+        drawn.append([_cell(by_scene.get(scene), colours, scale) for scene in scenes])
+        drawn[-1] += [
+            (f"{row['scenes_learned']} of {row['scenes']}", _NEVER),
+            (_ratio(row), _NEVER),
+        ]
+    columns = [*scenes, "scenes\nlearned", "steps /\ntile coding's"]
+    with figure_of(1, 1, (WIDTH, 0.34 * len(drawn) + 0.7)) as (figure, axes):
+        draw_cells(axes[0, 0], drawn, [*over_all["title"]], columns)
+    return figure
+
+
+def _cell(found: Any, colours: Any, scale: LogNorm) -> tuple[str, str]:
+    """Returns the text and the colour of a cell."""
+    if found is None:
+        return "", _NEVER
+    if np.isfinite(found["steps"]):
+        return f"{found['steps']:,.0f}", to_hex(colours(scale(max(found["steps"], 1))))
+    return (f"{found['n_learned']} of {found['n']}" if found["n_learned"] else "never"), _NEVER
+
+
+def _ratio(row: Any) -> str:
+    return f"{row['relative_steps']:.2g} ({row['common_scenes']})" if row["common_scenes"] else "-"
+
+
+# The text
+
+
+def headline(data: Data) -> str:
+    """Says how many scenes each learner learns; of a user's learners, with rows to paste."""
+    table, own = data.tables["learners"], {*data.experiment.learners}
+    budget = data.runs["budget"].max()
+    found = [f"{row['title']} {row['scenes_learned']}" for row in table.to_dict("records")]
+    n = listed(map(str, sorted({*table["n"]})))
+    text = f"""\
+Number of {table["scenes"].max()} scenes that learners learn within {budget:,} steps, that is, that
+most of their runs do ({n} runs in each scene): {", ".join(found)}.
+"""
+    if own < {*table["learner"]}:
+        text += f"\nTo paste:\n\n```\n{rows_to_paste(data)}\n```\n"
+    return text
+
+
+def rows_to_paste(data: Data) -> str:
+    """Returns a Markdown table with a row for each of the experiment's own learners."""
+    cells, over_all = data.tables["summary"], data.tables["learners"]
+    scenes = [*dict.fromkeys(cells["scenario"])]
+    head = [
+        "learner",
+        "scenes learned",
+        "steps / tile coding's (scenes)",
+        "IQM of success",
+        *scenes,
+    ]
+    lines = [head, ["---"] * len(head)]
+    for row in over_all[over_all["learner"].isin(data.experiment.learners)].to_dict("records"):
+        own = cells[cells["learner"] == row["learner"]].set_index("scenario").to_dict("index")
+        learned = f"{row['scenes_learned']} of {row['scenes']}"
+        start = [f"{row['title']}, {row['n']} runs", learned, _ratio(row), f"{row['iqm']:.2f}"]
+        colours, scale = colour_map("cividis"), LogNorm(1, 10)
+        lines.append([*start, *(_cell(own.get(scene), colours, scale)[0] for scene in scenes)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def reading(data: Data) -> str:
+    """Says how the tables are made."""
+    return f"""\
+{learning(data.experiment)} *Success* is that at the end of training, which ends once it is certain
+that a run has learned. A learner learns a scene if more than half of its runs do; the figure then
+has their median number of steps, and otherwise how many learn. Steps relative to tile coding's are
+the geometric mean of ratios of medians, over the scenes that both learn, whose number is in
+brackets.
+
+These are numbers, not verdicts: with few runs, a difference may be chance. Aggregates of success
+are those of rliable, with 95 % intervals of a bootstrap within scenes."""
+
+
+TABLES: Final[dict[str, TableFunction]] = {"summary": summary, "learners": learners}
+FIGURES: Final[dict[str, FigureFunction]] = {"suite": draw}
+SHOWN: Final = {"learners": "title n scenes_learned relative_steps common_scenes iqm mean"}
+COLUMNS: Final = {
+    "title": "what readers call the learner",
+    "n": "runs in each scene",
+    "n_learned": "runs that have learned",
+    "steps": "steps until learned, median over runs; inf if most never learn",
+    "random_success": "success of the random policy; of drawn cells, with those of the first seed",
+    "scenes": "scenes in which it ran",
+    "scenes_learned": "scenes in which most of its runs learn",
+    "relative_steps": "steps relative to tile coding's, geometric mean over common scenes",
+    "common_scenes": "scenes that both it and tile coding learn",
+    "iqm": "interquartile mean of success, over runs and scenes",
+    "median": "median over scenes of the mean success over runs",
+    "mean": "mean success over runs and scenes",
+    "optimality_gap": "mean distance of success from 1",
+}
