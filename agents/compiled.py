@@ -22,8 +22,6 @@ import numba
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-from envs.sources import digest_when_loaded
-
 _Function = TypeVar("_Function", bound=Callable[..., object])
 _DIGEST_SIZE = 32
 _ROOT = Path(__file__).parents[1]
@@ -40,7 +38,7 @@ def compiled(function: _Function, made_for: str = "") -> _Function:
     try:
         cached = FunctionCache(function)
         locator = cached._impl.locator
-        stamp = made_for, locator.get_source_stamp(), function.__module__
+        stamp = made_for, locator.get_source_stamp()
         cached._cache_file = _Files(cached._cache_path, cached._impl.filename_base, stamp)
         locator.ensure_cache_path = lambda: None  # `save` finds out
         dispatcher._cache = cached
@@ -86,18 +84,12 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
 
     def _path(self, key: Any) -> Path:
         signature, processor, _ = key  # the last may change from process to process
-        made_for, *_ = self._source_stamp
+        made_for, _ = self._source_stamp
         digest = hashlib.sha256(repr((signature, processor, made_for)).encode()).hexdigest()
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
 
     def _digest(self, path: Path, content: bytes) -> bytes:
-        # A user's module has been imported by now: its global numbers are in compiled code, and
-        # count.
-        sources = (
-            self._source_stamp,
-            _digest_of_sources(),
-            digest_when_loaded(self._source_stamp[2]),
-        )
+        sources = self._source_stamp, _digest_of_sources()
         made_for = repr((self._version, llvmlite.__version__, *sources, path.name))
         return hashlib.sha256(made_for.encode() + b"\0" + content).digest()
 

@@ -4,16 +4,12 @@ import ast
 import hashlib
 import importlib
 import json
-import os
-import re
 import sys
 import sysconfig
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import cache
-from importlib.machinery import PathFinder
 from importlib.util import find_spec, resolve_name
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +22,6 @@ _INSTALLED = {"site-packages", "dist-packages"}
 _OURS = {"agents", "benchmark", "envs"}
 # Environment variables that this project sets, in some processes only.
 VARIABLES = {"MPLBACKEND": "agg", "MKL_CBWR": "AVX2", "ATEN_CPU_CAPABILITY": "avx2"}
-_READING = ast.Call, ast.Subscript, ast.Compare  # of the environment
-_LONGEST = 200  # characters of a name in a text
 
 
 def find_modules_in(folder: str) -> None:
@@ -42,41 +36,27 @@ def digest_of_source(module: str) -> str:
 
     It is the same in every process, and counts:
 
-    - the sources of the module and of the modules that they import, or name in a text, as dynamic
-      imports do
-    - the content of files that a text in these sources names, relative to the folder of its module
-      or to the current one, or by its absolute path
-    - the values of environment variables that they name where they read the environment, but for
-      those that this project sets
+    - the sources of the module and of the users' modules that they import
     - once the module has been imported, its global variables that are numbers, arrays or tuples of
-      these, wherever the values are from, and those of the users' modules that it has objects of:
-      compiled code has them as constants
+      these, wherever the values are from, and those of the users' modules that it has objects of
 
     Variables that a function declares `global` do not count, since they may change, nor does code
     with a version: installed packages, Python's library and this project. What a function reads
-    when it is called, under a name composed at run time, cannot be seen. A number that differs in
-    every process, such as the time, makes runs unrepeatable anyway.
+    when it is called, such as a file, and modules under names composed at run time, cannot be seen.
     """
     importlib.invalidate_caches()
-    specs: dict[str, Any] = {}
     trees: dict[str, ast.Module] = {}
-    counted: set[str] = set()
-    waiting = [module]
-    while waiting:
-        name = waiting.pop()
-        package = name.rpartition(".")[0]
-        if package and package not in specs:  # which is imported first
-            waiting += [name, package]
-        elif name not in specs:
-            spec = specs[name] = _user_spec(name, specs.get(package))
-            with suppress(Exception):  # not found, no file or no Python
-                source = spec.loader.get_data(spec.origin)
-                counted.add(f"{name} {_digest(source)}")
-                tree = trees[name] = ast.parse(source)
-                waiting += _imports(tree, name if spec.submodule_search_locations else package)
-                counted |= {*_data(tree, Path(spec.origin).parent)}
-    counted |= {*_numbers(module, trees)}
-    return _digest(repr(sorted(counted)).encode()) if counted else ""
+    counted, names = list[str](), [module]
+    for name in names:  # which grows
+        with suppress(Exception):  # not found, not a user's, no file or no Python
+            spec = _user_spec(name)
+            source = Path(spec.origin).read_bytes()
+            counted.append(f"{name} {hashlib.sha256(source).hexdigest()}")
+            tree = trees[name] = ast.parse(source)
+            package = name if spec.submodule_search_locations else name.rpartition(".")[0]
+            names += {package, *_imports(tree, package)}.difference(names)
+    counted += _numbers(module, trees)
+    return hashlib.sha256(repr(sorted(counted)).encode()).hexdigest() if counted else ""
 
 
 @cache
@@ -91,37 +71,21 @@ def digest_when_loaded(module: str) -> str:
     return digest_of_source(module)
 
 
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+def _user_spec(name: str) -> Any:
+    """Finds a user's module; None if there is no such module."""
+    spec: Any = None if name.partition(".")[0] in _OURS else find_spec(name)
+    path = Path(spec.origin)
+    return None if path.is_relative_to(_LIBRARY) or _INSTALLED & {*path.parts} else spec
 
 
-def _user_spec(name: str, outer: Any) -> Any:
-    """Finds a user's module, in its package if it has one; None if there is no such module."""
-    package, _, last = name.rpartition(".")
-    with suppress(Exception):  # whatever a finder raises
-        folders = [*outer.submodule_search_locations] if package else None
-        spec: Any = PathFinder.find_spec(last, folders) if package else find_spec(name)
-        path = Path(spec.origin or "")
-        is_installed = path.is_relative_to(_LIBRARY) or _INSTALLED & {*path.parts}
-        return None if is_installed or name in _OURS else spec
-    return None
-
-
-def _texts(tree: ast.AST) -> set[str]:
-    values = (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
-    return {text for text in values if isinstance(text, str) and len(text) < _LONGEST}
-
-
-def _data(tree: ast.Module, folder: Path) -> Iterator[str]:
-    """Yields files and environment variables that a module names, and digests of their contents."""
-    for root, text in product((folder, Path.cwd()), _texts(tree)):
-        with suppress(OSError, ValueError):  # no path, or a file that may not be read
-            if (path := root / text).is_file():
-                yield f"{text} {_digest(path.read_bytes())}"
+def _imports(tree: ast.Module, package: str) -> Iterator[str]:
+    """Yields what a module may import: modules, and perhaps their attributes."""
     for node in ast.walk(tree):
-        if isinstance(node, _READING) and re.search(r"\b(environ|getenv)\b", ast.unparse(node)):
-            names = _texts(node) & os.environ.keys() - VARIABLES.keys()
-            yield from (f"{name}={os.environ[name]}" for name in names)
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            outer = resolve_name("." * node.level + (node.module or ""), package)
+            yield from (outer, *(f"{outer}.{alias.name}" for alias in node.names))
 
 
 def _numbers(module: str, trees: Mapping[str, ast.Module]) -> Iterator[str]:
@@ -142,14 +106,3 @@ def _numbers(module: str, trees: Mapping[str, ast.Module]) -> Iterator[str]:
 
 def _array(array: Any) -> list[Any]:
     return [str(array.dtype), array.tolist()]
-
-
-def _imports(tree: ast.Module, package: str) -> Iterator[str]:
-    """Yields what a module may import: modules, perhaps their attributes, and texts."""
-    yield from (package * text.startswith(".") + text for text in _texts(tree))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            outer = resolve_name("." * node.level + (node.module or ""), package)
-            yield from (f"{outer}.{alias.name}" for alias in node.names)

@@ -37,8 +37,7 @@ class Successor(NamedTuple):
 class UpdateRule:
     """A way to update a table of action values.
 
-    `bootstrap` is a plain function that numba can compile. Cached code is compiled again when its
-    file, or a module of yours that this file imports, has changed.
+    `bootstrap` is a plain function that numba can compile.
     """
 
     bootstrap: Callable[[Successor], float]

@@ -78,55 +78,6 @@ def test_damaged_files_are_compiled_again(file: Path, damage: str) -> None:
     assert uses_files(file) == (1, 0)
 
 
-RULE = """
-from agents.tabular.learner import TabularAlgorithm
-from agents.tabular.updates import UpdateRule
-from value_of_rule import VALUE
-
-
-def rule_of(numbers):
-    return TabularAlgorithm(UpdateRule(lambda after: VALUE + numbers[0]))
-
-
-RULE = rule_of((__import__("value_" + "around").VALUE,))  # a name that no text has
-"""
-
-TRAIN = """
-from numpy.random import SeedSequence
-from agents import Schedule, load_algorithm
-from envs import compile_scenario, load_scenario
-
-rule, model = load_algorithm("my_rule:RULE"), compile_scenario(load_scenario("S1"))
-settings = rule.settings(budget=1, epsilon=0.0, ties="lowest", learning_rate=1.0, discount=1.0)
-q = rule.train(model, settings, "index", [SeedSequence(0)], Schedule(1)).q[0]
-loop, _ = rule.loop(model, settings, "index")
-value = q[model.observation[model.start], 0]
-print(round(value + 0.1, 9), sum(loop.func.stats.cache_hits.values()))
-"""
-
-
-@pytest.mark.slow
-def test_rules_are_compiled_again_when_a_constant_has_changed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The first step, UP against a wall, costs 0.1; the rest of its value is the rule's."""
-    monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{tmp_path}")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    (tmp_path / "my_rule.py").write_text(RULE)
-    for around, value, said in (
-        (10, 1, "11.0 0"),
-        (10, 1, "11.0 1"),
-        (10, 2, "12.0 0"),
-        (20, 2, "22.0 0"),
-    ):
-        (tmp_path / "value_around.py").write_text(f"VALUE = {around}")
-        (tmp_path / "value_of_rule.py").write_text(f"VALUE = {value}")
-        done = subprocess.run(
-            [sys.executable, "-c", TRAIN], cwd=ROOT, capture_output=True, text=True
-        )
-        assert done.stdout == f"{said}\n", done.stderr
-
-
 def test_functions_that_other_processes_have_compiled_are_not_mixed_up(tmp_path: Path) -> None:
     (tmp_path / "scaling.py").write_text(SCALED)
     for call, expected in (("thrice(7)", "[21]"), ("twice(7), thrice(7)", "[14, 21]")):
