@@ -1,6 +1,5 @@
 """What all figures share: the looks of learners, their style, and how they are saved."""
 
-import hashlib
 import io
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,16 +13,14 @@ import numpy as np
 import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, Normalize, to_hex, to_rgb
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.style import context
-from matplotlib.text import Text
-from matplotlib.typing import ColorType
 from numpy.typing import NDArray
 
-from benchmark.experiment import Learner
+from benchmark.experiment import OBSERVED, Learner
 from envs import InputError
 
 WIDTH: Final = 7.9  # inches: a wider figure would be shrunk where it is read
@@ -40,61 +37,38 @@ _RC: Final = {
 }
 
 # Colour and marker of a variant, in every figure. Tables are black, grey or green, linear learners
-# red, DQN and its relatives blue, PPO and its relatives orange. In grey, brightness differs.
+# red, DQN blue, PPO orange. In grey, brightness differs.
 Look = dict[str, Any]
 _KNOWN: Final[Mapping[str, tuple[str, str]]] = {
     "q_learning": ("#000000", "o"),
-    "q_learning_tuned": ("#707070", "s"),
-    "expected_sarsa": ("#4d5d3a", "d"),
     "watkins_q_lambda": ("#00856a", "D"),
     "replay_table": ("#17a2b8", "*"),
-    "softmax_table": ("#79c36a", "P"),
     "tile_coding": ("#b3003c", "<"),
-    "tile_coding_earlier": ("#8a4a5e", "v"),
     "replay_tiles": ("#f08fb8", ">"),
-    "linear_q_lambda": ("#c2418f", "H"),
     "dqn": ("#0173b2", "^"),
-    "dqn_linear": ("#16206b", "p"),
     "dqn_default": ("#8a63d2", "v"),
-    "dqn_forms": ("#5aa9e6", "s"),
-    "dqn_earlier": ("#7d9bb5", "d"),
     "ppo": ("#de7400", "X"),
-    "ppo_again": ("#de7400", "X"),
     "ppo_default": ("#7a3b12", "h"),
-    "ppo_forms": ("#d9a300", "8"),
-    "ppo_earlier": ("#b08d62", "D"),
 }
-# Other variants take one of these pairs, which follows from their name.
+# Other variants take the first of these pairs that is free.
 _HUES: Final = ("#8f1d2c", "#3f7f93", "#b59b00", "#5b5b5b", "#d98880", "#6a3d9a")
 _OTHERS: Final = [(hue, marker) for marker in "sDo^vPX*dhp<>" for hue in _HUES]
-# Dashes, and how much lighter a learner is drawn; other forms of observation are solid.
-_BY_OBSERVATION: Final[Mapping[str, tuple[tuple[float, ...], float]]] = {
-    "coordinates": ((4, 1.5), 0.3),
-    "centred": ((6, 2), 0.1),
-    "factored": ((9, 1.2), 0.0),
-    "tiles": ((2.5, 1), 0.2),
-    "planes": ((6, 1, 2, 1), 0.0),
-    "offset": ((1, 1.2), 0.4),
-    "offset_one_hot": ((1, 1.2), 0.2),
-    "offset_coordinates": ((4, 1.2, 1, 1.2), 0.15),
-    "offset_centred": ((6, 1.2, 1, 1.2), 0.3),
-    "offset_factored": ((4, 1.2, 1, 1.2, 1, 1.2), 0.0),
-    "offset_tiles": ((2, 1.2, 1, 1.2), 0.0),
-}
 
 
 def look(learner: Learner, others: Iterable[Learner] = ()) -> Look:
-    """Returns the colour and marker of a learner's variant, and tint and dashes of its observation.
+    """Returns the colour and marker of a learner's variant, and the dashes of its observation.
 
-    A reference implementation looks like its learner, but hollow and on a dotted line. `others` are
-    the learners of the experiment: no two variants of it share both colour and marker.
+    A reference implementation looks like its learner, but hollow. `others` are the learners of the
+    experiment: no two variants of it share both colour and marker.
     """
-    variant, is_reference = _drawn_as(learner)
-    colour, marker = _marks({variant, *(_drawn_as(other)[0] for other in others)})[variant]
-    dashes, tint = _BY_OBSERVATION.get(learner.observation, ((), 0.0))
-    line = (0, dashes) if dashes else "-"
-    style: Look = {"color": _lighter(colour, tint), "marker": marker, "ls": line}
-    return style | {"mfc": "white", "ls": (0, (1, 1))} if is_reference else style
+    drawn, is_reference = _drawn_as(learner)
+    unknown = {drawn, *(_drawn_as(other)[0] for other in others)} - _KNOWN.keys()
+    marks = {**_KNOWN, **dict(zip(sorted(unknown), _OTHERS, strict=False))}
+    colour, marker = marks.get(drawn, _OTHERS[0])
+    form = [*OBSERVED].index(learner.observation) if learner.observation in OBSERVED else 0
+    dashes = (0, (1.5 * form, 1.5)) if form > 1 else "-"  # solid for the cells' index and one-hot
+    style: Look = {"color": colour, "marker": marker, "ls": dashes}
+    return style | {"mfc": "white"} if is_reference else style
 
 
 def _drawn_as(learner: Learner) -> tuple[str, bool]:
@@ -102,17 +76,6 @@ def _drawn_as(learner: Learner) -> tuple[str, bool]:
     of = learner.reference_for.partition(",")[0] or learner.variant.removeprefix("sb3_")
     is_reference = of != learner.variant and (bool(learner.reference_for) or of in _KNOWN)
     return (of, True) if is_reference else (learner.variant, False)
-
-
-def _marks(variants: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Returns the colour and marker of each variant; a pair that is taken is left out."""
-    marks: dict[str, tuple[str, str]] = {}
-    for name in sorted(variants):
-        first = hashlib.sha256(name.encode()).digest()[0] % len(_OTHERS)
-        pairs = (*_OTHERS[first:], *_OTHERS[:first])
-        free = (pair for pair in pairs if pair not in marks.values())
-        marks[name] = _KNOWN.get(name) or next(free, pairs[0])
-    return marks
 
 
 def settings() -> AbstractContextManager[None]:
@@ -137,10 +100,6 @@ def figure_of(
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         yield figure, axes
-        for text in figure.findobj(Text):
-            # "$" is a character, but in ticks of logarithmic axes, which have no text yet.
-            if isinstance(text, Text) and "$" in text.get_text():
-                text.set_parse_math(False)
         for axis in axes.flat:
             if not axis.has_data():
                 axis.set_axis_off()
@@ -239,8 +198,7 @@ def draw_cells(
     for y, row in enumerate(cells):
         for x, (text, colour) in enumerate(row):
             axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
-            ink = ink_on(colour)
-            axis.text(x, y, text, ha="center", va="center", fontsize="small", color=ink)
+            axis.text(x, y, text, ha="center", va="center", fontsize="small")
     axis.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
     axis.set_xticks(range(len(columns)), columns, fontsize="small")
     axis.set_yticks(range(len(rows)), rows, fontsize="small")
@@ -249,19 +207,8 @@ def draw_cells(
     axis.spines[:].set_visible(False)
 
 
-def ink_on(colour: ColorType) -> str:
-    """Returns the colour of a text on a colour."""
-    red, green, blue = to_rgb(colour)
-    return "white" if 0.3 * red + 0.59 * green + 0.11 * blue < 0.45 else "black"
-
-
 def norm_of(values: pd.Series) -> Normalize:
     """Returns the colour scale that spans values; with both signs, zero is in its middle."""
     low, high = float(values.min()), float(values.max())
     limit = max(-low, high)
     return Normalize(-limit, limit) if low < 0 < high else Normalize(low, high)
-
-
-def _lighter(colour: str, share: float) -> str:
-    red, green, blue = (part + share * (1 - part) for part in to_rgb(colour))
-    return to_hex((red, green, blue))

@@ -37,13 +37,6 @@ def test_no_two_learners_of_an_experiment_look_alike(name: str) -> None:
     assert len({*map(str, LOOKS[name].values())}) == len(LOOKS[name])
 
 
-def test_a_learner_looks_the_same_in_every_experiment() -> None:
-    for found in LOOKS.values():
-        for learner, own in found.items():
-            others = [each[learner] for each in LOOKS.values() if learner in each]
-            assert others == [own] * len(others)
-
-
 def test_a_reference_implementation_is_hollow_and_has_its_learners_colour() -> None:
     found = LOOKS["compare_deep"]
     net, reference = found["dqn, one_hot"], found["sb3_dqn, one_hot"]
@@ -91,27 +84,7 @@ def test_svg_does_not_depend_on_the_last_digits_of_a_machine() -> None:
     assert "date" not in drawn[0]
 
 
-@pytest.mark.parametrize("text", ["$x^2$", r"$\frac$"])
-def test_texts_are_no_mathematics(text: str, tmp_path: Path) -> None:
-    with figure_of(1, 1, (4.0, 3.0)) as (figure, axes):
-        axes[0, 0].plot([1, 1000], [0, 1])
-        axes[0, 0].set(title=text, xscale="log")
-    save(figure, tmp_path / "f.svg")
-    drawn = (tmp_path / "f.svg").read_text(encoding="utf-8")
-    assert f">{text}<" in drawn
-    assert not re.search(r">\$", drawn.replace(text, ""))  # but ticks are
-
-
 def test_figures_do_not_depend_on_the_users_settings() -> None:
     plain = svg(shipped())
     with mpl.rc_context(PERSONAL):
         assert svg(shipped()) == plain
-
-
-def test_ink_can_be_read() -> None:
-    assert [ink_on(colour) for colour in ("black", "#0173b2", "#ece133", "white")] == [
-        "white",
-        "white",
-        "black",
-        "black",
-    ]
