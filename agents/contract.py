@@ -48,8 +48,6 @@ class Schedule:
     """Whether training may end, given the index of an evaluation step and the table (O, A) there.
     Among the shipped algorithms, only nets ask. After an early end, the remaining evaluations
     repeat the last one."""
-    log: str = ""
-    """Folder for what agents of Stable-Baselines3 log; empty if nothing is logged."""
     keep: Callable[[Any], object] | None = None
     """Gets each trained net: a model of Stable-Baselines3, or an agent of `agents.nets`."""
 

@@ -129,7 +129,7 @@ COMMANDS: Final = {
     "list": ("show scenarios, algorithms and experiments", ""),
     "run": (
         "train the missing runs of an experiment, and publish all runs",
-        "experiment --results=results --seeds --jobs --smoke --report --cluster --log",
+        "experiment --results=results --seeds --jobs --smoke --report --cluster",
     ),
     "report": (
         "make an experiment's tables, figures and texts from its published runs, and the page",
@@ -174,7 +174,6 @@ _OPTIONS: Final = {
     "--smoke": ("", "use a miniature, EXPERIMENT_smoke, whose numbers mean nothing"),
     "--report": ("", "make tables, figures and texts at the end, as 'report' does"),
     "--cluster": ("tcp://HOST:PORT", "run all jobs on the workers of this Dask scheduler"),
-    "--log": ("DIR", "log each run below DIR: progress.csv, and events of TensorBoard"),
     "--runs": ("N", "how many runs to repeat, drawn at random"),
     "--seed": ("N", "seed of the run; in 'verify', of the draw of runs"),
     "--experiment": ("EXPERIMENT", "experiment of the learner; a missing run is trained, stored"),

@@ -183,7 +183,7 @@ For several runs, copy [sb3.toml](benchmark/experiments/sb3.toml) to `mine.toml`
 SB3's (`algorithm = "sb3_contrib:TRPO"`), and run
 `.venv/bin/python -m benchmark run mine.toml --report`. More:
 [scenarios](envs/scenarios/README.md#at-a-glance), [your scene](benchmark/guide.md),
-[your learner](agents/README.md), [logs and data frames](benchmark/README.md#logs-and-data-frames).
+[your learner](agents/README.md), [data frames](benchmark/README.md#data-frames).
 """
 
 

@@ -3,15 +3,13 @@
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
 from agents import load_algorithm
@@ -19,7 +17,7 @@ from benchmark.executors import EXECUTORS, Executor, usable_cores
 from benchmark.experiment import Experiment, interleaved, load_experiment
 from benchmark.job import Job, failures, plan
 from benchmark.page import explorer
-from benchmark.progress import Display, Forecast
+from benchmark.progress import Display
 from benchmark.provenance import versions
 from benchmark.records import check_scores
 from benchmark.report import folder_name, other_seeds, study_of
@@ -40,19 +38,13 @@ def main(options: argparse.Namespace) -> int:
     if options.report or experiment.declared.report is not None:
         study_of(experiment)  # what cannot be reported is refused before any run
     check_scores(population.first for population in experiment.populations)
-    if options.log is not None:
-        _check_log(options)
     groups = list[Group]()
     with Store(options.results / "runs.db") as store:
         for stage in stages(experiment, store, seeds):
             runs = interleaved(group.runs for group in stage)
-            if log := options.log:
-                runs = [replace(run, log=str(log.absolute() / run.folder)) for run in runs]
             if code := _train(experiment.name, runs, store, options):
                 return code
             groups += stage
-            if log:
-                _log_curves(stage, store, log)
         folder = options.results / folder_name(experiment, seeds)
         agents = partial(explorer.write, experiment, store, seeds=seeds)
         publish(folder, *tables(groups, store), agents)
@@ -84,11 +76,10 @@ def _train(name: str, runs: list[RunSpecification], store: Store, options: Any) 
             return 0
         n_jobs, n_workers, cluster = _workers(options, todo, stack)
         jobs, published = plan(todo), options.results / Path(options.experiment).stem
-        forecast = Forecast(jobs, published, n_workers)
-        kept = "Ctrl-C keeps what is finished"
-        print(f"{name}: {len(todo):,} runs to train, {forecast} ({kept}).", file=sys.stderr)
-        display = Display(name, jobs, forecast, n_done)
+        display = Display(name, jobs, n_done, published, n_workers)
         stack.callback(display.close)
+        what = f"{len(todo):,} runs to train, {display.forecast()}"
+        print(f"{name}: {what} (Ctrl-C keeps what is finished).", file=sys.stderr)
         errors = execute(todo, store, n_jobs, display.advance, cluster)
     if errors:
         failed = f"{len(errors)} runs failed; the same command tries them again"
@@ -191,27 +182,3 @@ def _records(future: Future[list[Record]], job: Job, started: float) -> list[Rec
         return future.result()
     except Exception as error:
         return failures(job, error, started)
-
-
-# Logs for TensorBoard
-
-
-def _check_log(options: Any) -> None:
-    """Refuses logs on a cluster, in an unwritable folder, and without Stable-Baselines3."""
-    if options.cluster is not None:
-        raise InputError("--log: not accepted with --cluster, whose workers may be elsewhere.")
-    with needed_by("--log"):
-        import agents.sb3.training  # noqa: F401
-    options.log.mkdir(parents=True, exist_ok=True)
-    TemporaryFile(dir=options.log).close()
-
-
-def _log_curves(groups: Iterable[Group], store: Store, folder: Path) -> None:
-    """Logs the evaluations of each run, even if it was trained earlier."""
-    from agents.sb3.training import log_curve
-
-    for group in groups:
-        curves = tables([group], store)[1].set_index("step")
-        for run, (_, rows) in zip(group.runs, curves.groupby("seed", sort=False), strict=True):
-            values = rows.loc[:, "seed":].drop(columns="seed").add_prefix("eval/")
-            log_curve(str(folder / run.folder / "eval"), values.to_dict("index"))

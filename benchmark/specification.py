@@ -19,7 +19,7 @@ from envs.sources import digest_when_loaded
 
 DEFAULT_CONDITION: Final = "default"
 # What a run's result does not depend on, and its seed
-_NO_IDENTITY: Final = ("condition", "seed", "log", "keep")
+_NO_IDENTITY: Final = ("condition", "seed", "keep")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,6 @@ class RunSpecification:
     # Of a run that is measured until it has learned: `Solved`, and the policy that counts
     solved: Mapping[str, float | str] | None = None
     # What else its `Schedule` has; not part of its identity
-    log: str = ""
     keep: Callable[[Any], object] | None = None
 
     @cached_property
@@ -97,7 +96,7 @@ class RunSpecification:
         else:
             growth = float(self.solved["growth"])
         steps = evaluation_steps(budget, self.evaluation_every, growth)
-        return Schedule(budget, tuple(steps), tuple(maps), log=self.log, keep=self.keep)
+        return Schedule(budget, tuple(steps), tuple(maps), keep=self.keep)
 
     @property
     def drawn_scenario(self) -> Scenario:

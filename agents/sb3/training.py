@@ -8,9 +8,8 @@ import hashlib
 import time
 import warnings
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,8 @@ from numpy.random import SeedSequence
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, configure
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import VecEnv
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
@@ -134,21 +133,19 @@ def train_agent(
     schedule: Schedule,
 ) -> Fields:
     """Trains an agent of a class, see `agents.contract.SequentialAlgorithm`."""
-    # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
-    logger = logger_of(schedule.log) if schedule.log else Logger(None, [])
     with _isolated(seed) as (env_seed, action_seed):
         env = SB3VecEnv(model, observation, settings.n_envs, settings.time_limit)
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
-        agent = make_agent(cls, settings, VecMonitor(env) if schedule.log else env)
-        agent.set_logger(logger)
+        agent = make_agent(cls, settings, env)
+        # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
+        agent.set_logger(Logger(None, []))
         agent.action_space.seed(action_seed)
         kept = _Snapshots(env, settings.rollout, observations, schedule)
         updates: list[None] = []
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
-        how_often: dict[str, Any] = {} if schedule.log else {"log_interval": None}
         try:
-            agent.learn(settings.budget, callback=kept, **how_often)
+            agent.learn(settings.budget, callback=kept, log_interval=None)
             if agent.num_timesteps != settings.budget and not kept.has_ended:
                 found = f"{cls.__name__}: trained for {agent.num_timesteps} steps"
                 raise InputError(f"{found}; accepted: the budget of {settings.budget}.")
@@ -158,9 +155,6 @@ def train_agent(
                 raise
         finally:
             hook.remove()
-            logger.record("time/total_timesteps", agent.num_timesteps)
-            logger.dump(agent.num_timesteps)  # what has not been written yet
-            logger.close()
         if schedule.keep:
             schedule.keep(agent)
         digest = hashlib.sha256()
@@ -176,21 +170,6 @@ def train_agent(
             "parameters": sum(weights.numel() for weights in output.net.parameters()),
             "weights": np.frombuffer(digest.digest(), dtype=np.uint8),
         }
-
-
-def logger_of(folder: str) -> Logger:
-    """Returns SB3's logger of a folder, of `progress.csv` and, if there, TensorBoard's events."""
-    return configure(folder, ["csv", *["tensorboard"] * (find_spec("tensorboard") is not None)])
-
-
-def log_curve(folder: str, curve: Mapping[Any, Mapping[Any, float]]) -> None:
-    """Logs values by step and name, as those of an evaluation."""
-    logger = logger_of(folder)
-    for step, values in curve.items():
-        for name, value in {"time/total_timesteps": step, **values}.items():
-            logger.record(name, value)
-        logger.dump(step)
-    logger.close()
 
 
 def save(path: Path, about: str, scenario: Scenario, settings: Any, form: str, agent: Any) -> None:

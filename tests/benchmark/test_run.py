@@ -9,20 +9,17 @@ import time
 from pathlib import Path
 from typing import NoReturn, TextIO
 
-import pandas as pd
 import pytest
 
 from benchmark import executors
 from benchmark import job as execution
 from benchmark.__main__ import main
-from benchmark.executors import Threads
 from benchmark.experiment import all_specifications, load_experiment
-from benchmark.export import difference_of
 from benchmark.job import Job, execute_job
 from benchmark.run import execute, pending
 from benchmark.store import Record, Store
 from benchmark.tables import read
-from tests.support import ROOT, SLOW_EXPERIMENT, small_experiment, variant
+from tests.support import ROOT, SLOW_EXPERIMENT, small_experiment
 
 SMALL = load_experiment("reproduce", smoke=True)
 
@@ -139,29 +136,3 @@ def test_published_tables_stay_as_they_are_when_runs_are_repeated(
     assert not (tmp_path / "mine_seeds_0-1").exists()  # these are the declared ones
     assert main([*command, "--seeds", "5"]) == 0
     assert read(tmp_path / "mine_seeds_5")[0]["seed"].tolist() == [5]
-
-
-def test_logs_change_nothing_and_have_every_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """What nets of Stable-Baselines3 log themselves, and the curves of all learners."""
-    deep = variant("sb3_dqn", "one_hot", seeds=1, settings={"learning_starts": 50})
-    text = small_experiment(algorithms={"table": variant(), "dqn": deep})
-    (file := tmp_path / "mine.toml").write_text(text, encoding="utf-8")
-    command = ["run", str(file), "--jobs", "1", "--results", str(tmp_path)]
-    assert main([*command, "--log", str(file)]) == 2  # no folder
-    assert main([*command, "--log", "x", "--cluster", "tcp://localhost:1"]) == 2
-    assert [line[:7] for line in capsys.readouterr().err.splitlines()] == ["error: "] * 2
-    assert main([*command, "--log", str(tmp_path / "log")]) == 0
-    with Store(tmp_path / "runs.db") as logged, Store(tmp_path / "plain.db") as plain:
-        runs = all_specifications(load_experiment(file))
-        assert execute(runs, plain, 1, executor=Threads(1)) == []  # in this process, without logs
-        for run in runs:
-            assert difference_of(*logged.get([run.digest]), *plain.get([run.digest])) == ""
-    scene = tmp_path / "log" / "mine" / "S1"
-    progress = pd.read_csv(scene / "dqn_one_hot" / "seed_0" / "progress.csv")
-    assert progress["train/loss"].notna().any()
-    for learner, seed in (("dqn_one_hot", 0), ("table_index", 1)):
-        curve = pd.read_csv(scene / learner / f"seed_{seed}" / "eval" / "progress.csv")
-        assert curve["time/total_timesteps"].tolist() == [0, 100, 200]
-        assert curve["eval/success"].between(0, 1).all()

@@ -1,8 +1,6 @@
 """Looks of learners, and figures as SVG."""
 
 import re
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -10,15 +8,31 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from benchmark.experiment import experiment_names, load_experiment
+from benchmark.experiment import load_experiment
 from benchmark.scenes import shipped
-from benchmark.style import WIDTH, figure_of, ink_on, look, name_lines, save, svg
+from benchmark.style import WIDTH, Look, figure_of, look, name_lines, svg
+from tests.support import small_experiment, variant
 
-LOOKS = {
-    name: {key: look(each, learners.values()) for key, each in learners.items()}
-    for name in experiment_names()
-    for learners in [load_experiment(name).learners]
-}
+EXPERIMENT = small_experiment(
+    algorithms={
+        "q_learning": variant(),
+        "dqn": variant("compiled_dqn", "one_hot", "coordinates", "offset_tiles"),
+        "sb3_dqn": variant("sb3_dqn", "one_hot", reference_for="dqn"),
+        "sb3_ppo": variant("sb3_ppo", "one_hot"),
+        **{f"mine_{i}": variant(title=f"mine {i}") for i in range(40)},
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def looks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Look]:
+    """The looks of learners in an experiment."""
+    path = tmp_path_factory.mktemp("looks") / "mine.toml"
+    path.write_text(EXPERIMENT, encoding="utf-8")
+    learners = load_experiment(path).learners
+    return {name: look(each, learners.values()) for name, each in learners.items()}
+
+
 PERSONAL: Any = {  # what people set
     "axes.grid": True,
     "font.family": "fantasy",
@@ -32,32 +46,23 @@ PERSONAL: Any = {  # what people set
 }
 
 
-@pytest.mark.parametrize("name", LOOKS)
-def test_no_two_learners_of_an_experiment_look_alike(name: str) -> None:
-    assert len({*map(str, LOOKS[name].values())}) == len(LOOKS[name])
+def test_no_two_learners_of_an_experiment_look_alike(looks: dict[str, Look]) -> None:
+    assert len({*map(str, looks.values())}) == len(looks)
+    mine = {(own["color"], own["marker"]) for name, own in looks.items() if "mine" in name}
+    assert len(mine) == 40
 
 
-def test_a_reference_implementation_is_hollow_and_has_its_learners_colour() -> None:
-    found = LOOKS["compare_deep"]
-    net, reference = found["dqn, one_hot"], found["sb3_dqn, one_hot"]
-    assert reference == net | {"mfc": "white", "ls": (0, (1, 1))}
-    assert LOOKS["sb3"]["sb3_dqn, one_hot"] == reference  # where there is nothing that it refers to
+def test_a_reference_implementation_is_hollow_and_has_its_learners_colour(
+    looks: dict[str, Look],
+) -> None:
+    assert looks["sb3_dqn, one_hot"] == looks["dqn, one_hot"] | {"mfc": "white"}
+    assert looks["sb3_ppo, one_hot"]["mfc"] == "white"  # where there is nothing that it refers to
 
 
-def test_unknown_learners_differ_whoever_is_asked_first() -> None:
-    known = load_experiment("compare_deep").learners["dqn, one_hot"]
-    others = [replace(known, variant=f"mine_{i}") for i in range(40)]
-    looks = [look(each, others) for each in others]
-    assert len({(each["color"], each["marker"]) for each in looks}) == 40
-    assert [look(each, others[::-1]) for each in others] == looks
-    taken = {(each["color"], each["marker"]) for found in LOOKS.values() for each in found.values()}
-    assert taken.isdisjoint((each["color"], each["marker"]) for each in looks)
-
-
-def test_names_of_lines_are_in_their_order_and_within_the_figure() -> None:
+def test_names_of_lines_are_in_their_order_and_within_the_figure(looks: dict[str, Look]) -> None:
     ends = {"learner on coordinates, the lowest": 0.1, "highest": 0.9, "middle": 0.5}
     with figure_of(1, 1, (WIDTH, 2.6)) as (figure, axes):
-        style = LOOKS["sb3"]["sb3_ppo, one_hot"]
+        style = looks["sb3_ppo, one_hot"]
         name_lines(axes[0, 0], {name: (end, style) for name, end in ends.items()})
         axes[0, 0].plot([0, 1])
     figure.draw_without_rendering()
