@@ -11,8 +11,8 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, product, zip_longest
 from os.path import isfile, join  # which take any text for a path
@@ -39,7 +39,6 @@ from envs.inputs import (
     require,
     unknown_name,
 )
-from envs.observations import ENCODINGS
 from envs.sources import find_modules_in
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent / "experiments"
@@ -49,9 +48,6 @@ MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = "speed|.*_smoke|.*_seeds_.*"
 _MINIATURE: Final = "_smoke"  # how its name ends
-# What a reference implementation takes from its variant, and does not set itself
-_SHARED: Final = ("settings", "policy", "tuned_by")
-_NAMED: Final = ("algorithms", "readings", "grids")  # tables of named tables
 # Which of these tables the studies of this project read
 _VARIATIONS: Final = ("readings", "grids", "search", "solved")
 _READ: Final = {
@@ -70,29 +66,22 @@ Title = Annotated[Label, Field(max_length=60)]
 
 
 class Variant(Table):
-    """An algorithm with its settings, and the observations from which it learns.
-
-    A *reference implementation* of another variant learns the same by other code. It takes that
-    variant's settings, its policy and, unless it names some of them, its observations.
-    """
+    """An algorithm with its settings, and the observations from which it learns."""
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
     title: Title = ""
     """What readers call it; by default its name."""
-    observations: Names = ()
-    """Forms of observation; each makes a learner. Only a reference implementation may have none."""
+    observations: Annotated[Names, Field(min_length=1)]
+    """Forms of observation; each makes a learner."""
     seeds: Count
-    """Runs per scenario and condition."""
+    """Runs per scenario and condition. With --seeds, learners get shares in proportion."""
     first_seed: Seed = 0
     """The first seed; the others follow it."""
     policy: Literal["greedy", "stochastic"] = "greedy"
     """The policy that is evaluated."""
     settings: dict[str, object] = Field(default_factory=dict)
     """Settings of the algorithm, see below."""
-    reference_for: str = ""
-    """The variant that this is a reference implementation of. With --seeds it gets a proportional
-    share."""
     search: Space = Field(default_factory=dict)
     """What a search varies: a table for each setting, by dotted key."""
     candidates: tuple[dict[str, object], ...] = ()
@@ -125,10 +114,8 @@ class Reading(Change):
 
     title: Title = ""
     """What a figure calls it; by default its name."""
-    question: Annotated[Text, Field(min_length=1)]
-    """What the paper leaves open."""
     answer: Annotated[Text, Field(min_length=1)]
-    """How this reading answers it."""
+    """How it answers what the paper leaves open."""
     curve: Literal["visited", "table"] = "visited"
     """The maximum Q that claims are about: of the visited observations, or of the whole table."""
     seeds: Annotated[int, Field(ge=2, le=100_000)] | None = None
@@ -260,10 +247,6 @@ class Declaration(Table):
         require(is_one, " and ".join(given), "one of readings, grids and search")
         is_named = not self.readings or DEFAULT_CONDITION in self.readings
         require(is_named, "readings", f"one named {DEFAULT_CONDITION} among them")
-        for name, each in self.readings.items():
-            is_new = each.scenario or each.settings or each.curve != "visited"
-            accepted = "a scenario, settings or a curve that differs"
-            require(bool(is_new) or name == DEFAULT_CONDITION, f"readings.{name}", accepted)
         kind = str((self.report or {}).get("kind"))
         read = _READ.get(kind, _VARIATIONS)
         for name in given:
@@ -281,8 +264,6 @@ class Declaration(Table):
         efforts = set()
         for name, variant in self.algorithms.items():
             where = f"algorithms.{name}"
-            is_seen = bool(variant.observations or variant.reference_for)
-            require(is_seen, f"{where}.observations", "at least one form")
             is_searched = bool(variant.search) == (self.search is not None)
             accepted = "in each variant, together with a table [search], or in none"
             require(is_searched, f"{where}.search", accepted)
@@ -397,8 +378,7 @@ class Extension(Table):
     description: Text
     """What the experiment is about, for readers."""
     changes: dict[str, object]
-    """New values, by dotted key. The base's `note` and `report.question` are dropped, and with a
-    new table `solved` its `map_every`, too."""
+    """New values, by dotted key. The base's `note` and `report.question` are dropped."""
 
 
 def experiment_names() -> list[str]:
@@ -422,8 +402,7 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
         )
     declared = parse(Declaration, _read(path), str(path), name=path.stem)
     scenarios = tuple(_beside(path, name) for name in declared.scenarios)
-    completed = {"scenarios": scenarios, "algorithms": _with_references(declared, path)}
-    return declared.model_copy(update=completed), path
+    return declared.model_copy(update={"scenarios": scenarios}), path
 
 
 def _beside(path: Path, name: str) -> str:
@@ -461,40 +440,13 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
         # These may be false of this one.
         texts = ["note", "report.question"] if "report" in data else ["note"]
         described = dict.fromkeys(texts, "") | {"description": extension.description}
-        if "solved" in extension.changes:
-            data.pop("map_every", None)
-        data = override(data, described, str(path))
-        for key, value in extension.changes.items():
-            kind, name, *inner = f"{key}.".split(".")
-            known = data.get(kind)
-            if kind in _NAMED and inner[1:] and isinstance(known, dict) and name not in known:
-                unknown_name(f"{path}: changes.{key}", kind.removesuffix("s"), name, known)
-            data = override(data, {key: value}, str(path))
+        for changes in (described, extension.changes):
+            data = override(data, changes, str(path))
     if isinstance(data.get("report"), str):
         data["report"] = {"kind": data["report"]}
     elif "search" in data:
         data.setdefault("report", {"kind": "search"})
     return data
-
-
-def _with_references(declared: Declaration, path: Path) -> dict[str, Variant]:
-    """Returns all variants, references with what they take from theirs."""
-    variants = dict(declared.algorithms)
-    own = [name for name, variant in variants.items() if not variant.reference_for]
-    for name in variants.keys() - own:
-        variant, where = variants[name], f"{path}: algorithms.{name}"
-        if variant.reference_for not in own:
-            unknown_name(f"{where}: reference_for", "variant", variant.reference_for, own)
-        for key in variant.model_fields_set.intersection(_SHARED):
-            raise InputError(
-                f"{where}.{key}: a reference implementation takes it from {variant.reference_for};"
-                " remove it."
-            )
-        of = variants[variant.reference_for]
-        taken = {key: getattr(of, key) for key in _SHARED}
-        taken["observations"] = variant.observations or of.observations
-        variants[name] = variant.model_copy(update=taken)
-    return variants
 
 
 # What follows from it
@@ -528,8 +480,6 @@ class Learner:
     observation: str
     declared: Variant
     algorithm: Algorithm
-    family: str
-    """What its variant counts as: "tabular", "linear", "deep" or "other"."""
     chosen: Chosen | None
     """What its search has chosen for it, if it has one."""
 
@@ -542,7 +492,7 @@ class Learner:
     def title(self) -> str:
         """What readers call it, for example "Q-learning table of offsets"."""
         observed = f" on {OBSERVED.get(self.observation, self.observation)}"
-        if self.family == "tabular":
+        if self.algorithm.family == "tabular":
             observed = _ROWS.get(self.observation.removesuffix("_one_hot"), observed)
         return (self.declared.title or self.variant) + observed
 
@@ -556,12 +506,6 @@ class Learner:
         """The search that its settings come from; empty if they are declared."""
         return self.declared.tuned_by.rpartition(":")[0]
 
-    @property
-    def reference_for(self) -> str:
-        """The learner that it is the reference implementation of; empty if it is none."""
-        of = self.declared.reference_for
-        return f"{of}, {self.observation}" if of else ""
-
 
 @dataclass(frozen=True, eq=False)
 class Population:
@@ -572,7 +516,7 @@ class Population:
     learner: Learner
     first: RunSpecification
     seeds: range  # as declared
-    beside: range  # seeds of the variant that it is the reference for, else its own
+    most: int  # seeds of any variant of the experiment under the condition
 
     @property
     def keys(self) -> dict[str, str | int]:
@@ -584,7 +528,7 @@ class Population:
         """Returns the declared seeds, or a proportional share of given ones, two or more."""
         if seeds is None:
             return self.seeds
-        return seeds[: max(2, len(seeds) * len(self.seeds) // len(self.beside))]
+        return seeds[: max(2, len(seeds) * len(self.seeds) // self.most)]
 
     def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
         """Lists its runs, with the declared seeds or others."""
@@ -672,32 +616,20 @@ class _Loading:
         n_runs = sum(len(population.seeds) for population in populations)
         if n_runs > MAX_RUNS:
             raise InputError(f"{path}: {n_runs:,} runs; accepted: at most {MAX_RUNS:,}.")
-        if not declared.is_miniature:  # whose budget hides changes
-            self.check_settings(populations)
-            if declared.readings or declared.grids:
-                self.check_changes(populations)
         scenarios = {scenario.name: scenario for scenario in self.scenarios.values()}
         # A miniature has a file of chosen settings of its own.
         path = path.with_stem(declared.name)
         return Experiment(declared, path, learners, scenarios, populations)
 
     def learners(self, name: str) -> Iterator[Learner]:
-        """Yields the learners of a variant.
-
-        A learner counts as what its algorithm is, but a net without hidden layers is linear, or a
-        table if it learns from one-hot observations alone: it has a row of weights for each
-        observation.
-        """
+        """Yields the learners of a variant."""
         variant, where = self.declared.algorithms[name], f"{self.path}: algorithms.{name}"
         algorithm, chosen = load_algorithm(variant.algorithm, where), self.chosen(name)
-        of = self.declared.algorithms.get(variant.reference_for)
-        accepted = {*algorithm.observations} & {*(of or algorithm).observations}
         for form in variant.observations:
-            if form not in accepted:
-                unknown_name(where, f"observation for {variant.algorithm}", form, accepted)
-            learner = Learner(name, form, variant, algorithm, algorithm.family, chosen.get(form))
-            settings = _merged(self.layers(learner, self.declared.conditions[0]).values())
-            yield replace(learner, family=_family(learner, settings))
+            if form not in algorithm.observations:
+                what = f"observation for {variant.algorithm}"
+                unknown_name(where, what, form, algorithm.observations)
+            yield Learner(name, form, variant, algorithm, chosen.get(form))
 
     def chosen(self, name: str) -> dict[str, Chosen]:
         """Returns what a search has chosen for the learners of a variant, by observation.
@@ -739,28 +671,25 @@ class _Loading:
                     raise InputError(f"{changed.name} is {reason}; accepted: other scenarios.")
                 yield changed
 
-    def layers(self, learner: Learner, condition: Condition) -> dict[str, dict[str, object]]:
-        """Returns a learner's settings, by dotted key, and in which table they are.
+    def settings(self, learner: Learner, condition: Condition) -> LearnerSettings:
+        """Returns a learner's settings, checked.
 
         Of equal keys the later ones count: shared ones, what a search has chosen, its own, those of
         the condition.
         """
-        return {
-            "settings": _flat(self.declared.settings),
-            "": _flat(learner.chosen.settings) if learner.chosen else {},
-            f"algorithms.{learner.variant}.settings": _flat(learner.declared.settings),
-            condition.name: _flat(_merged(change.settings for change in condition.changes)),
-        }
-
-    def settings(self, learner: Learner, condition: Condition) -> LearnerSettings:
-        """Returns a learner's settings, checked."""
         cls, where = learner.algorithm.settings, f"{self.path}: algorithms.{learner.variant}"
         search, trial = self.declared.search, int(condition.keys.get("trial", 0))
         if search and trial > search.trials:
             where += f".candidates.{trial - search.trials - 1}"
         else:
             where += f".settings ({condition.name})" if condition.keys else ".settings"
-        given = override({}, _merged(self.layers(learner, condition).values()), where)
+        layers = [
+            self.declared.settings,
+            learner.chosen.settings if learner.chosen else {},
+            learner.declared.settings,
+            *(change.settings for change in condition.changes),
+        ]
+        given = override({}, _merged(map(_flat, layers)), where)
         return parse(cls, _in_miniature(given, cls) if self.declared.is_miniature else given, where)
 
     def population(self, condition: Condition, scenario: Scenario, learner: Learner) -> Population:
@@ -775,8 +704,7 @@ class _Loading:
         solved = None
         if declared.solved is not None:  # the version is that of what is recorded
             solved = declared.solved.model_dump() | {"policy": variant.policy, "version": 2}
-        of = declared.algorithms.get(variant.reference_for, variant)
-        seeds, beside = variant.numbered(condition.seeds), of.numbered(condition.seeds)
+        seeds = variant.numbered(condition.seeds)
         first = RunSpecification(
             stream=declared.stream or declared.name,
             condition=condition.name,
@@ -796,47 +724,8 @@ class _Loading:
             seed=seeds[0],
             solved=solved,
         )
-        return Population(condition, scenario, learner, first, seeds, beside)
-
-    def check_settings(self, populations: Iterable[Population]) -> None:
-        """Refuses settings that are replaced in all runs."""
-        runs = [
-            [
-                (key, where)
-                for where, layer in self.layers(each.learner, each.condition).items()
-                for key in layer
-            ]
-            for each in populations
-        ]
-        used = {last for keys in runs for last in dict(keys).items()}
-        for key, where in sorted({*chain(*runs)} - used):
-            if where:
-                raise InputError(
-                    f"{self.path}: {where}.{key}: no run has it, since every learner or condition"
-                    " replaces it; remove it."
-                )
-
-    def check_changes(self, populations: Iterable[Population]) -> None:
-        """Refuses what a reading or a grid changes if it changes no run."""
-        is_idle: dict[str, bool] = {}
-        for each, kind in product(populations, ("scenario", "settings", "scenarios")):
-            (axis, value), *_ = each.condition.keys.items()
-            where = f"{axis}s.{value}.{kind}"
-            change, *others = each.condition.changes
-            if getattr(change, kind) and is_idle.get(where, True):
-                less = change.model_copy(update={kind: getattr(Change(), kind)})
-                condition = replace(each.condition, changes=(less, *others))
-                is_idle[where] = self.is_same(each, condition)
-        for where in (key for key, is_so in is_idle.items() if is_so):
-            raise InputError(f"{self.path}: {where} changes no run; remove it.")
-
-    def is_same(self, population: Population, condition: Condition) -> bool:
-        """Returns whether the runs of a population would be the same under another condition."""
-        with suppress(InputError):
-            settings = self.settings(population.learner, condition)
-            is_alike = settings == population.first.settings
-            return is_alike and population.scenario in self.changed(condition)
-        return False
+        most = condition.seeds or max(each.seeds for each in declared.algorithms.values())
+        return Population(condition, scenario, learner, first, seeds, most)
 
 
 def digest_of_search(search: Declaration) -> str:
@@ -877,21 +766,6 @@ def _in_miniature(settings: dict[str, object], cls: type[LearnerSettings]) -> di
     for key in whole.keys() & {"n_steps", "train_freq", "record_every"}:
         small[key] = math.gcd(whole[key], small["budget"])
     return settings | dict.fromkeys(whole.keys() & {"n_envs"}, 1) | small
-
-
-def _family(learner: Learner, settings: Mapping[str, object]) -> str:
-    """Returns what a learner counts as with these settings, by dotted key."""
-    has_extractor = "policy_kwargs.features_extractor_class" in settings
-    if settings.get("policy_kwargs.net_arch") != [] or has_extractor:
-        return learner.algorithm.family
-    return "tabular" if ENCODINGS[learner.observation] == "one_hot" else "linear"
-
-
-def all_specifications(
-    experiment: Experiment, seeds: Sequence[int] | None = None
-) -> list[RunSpecification]:
-    """Lists every run of an experiment once, see `interleaved`; of a search, those of trials."""
-    return interleaved(each.runs(each.taken(seeds)) for each in experiment.populations)
 
 
 def interleaved(listed: Iterable[Sequence[RunSpecification]]) -> list[RunSpecification]:

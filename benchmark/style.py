@@ -58,24 +58,17 @@ _OTHERS: Final = [(hue, marker) for marker in "sDo^vPX*dhp<>" for hue in _HUES]
 def look(learner: Learner, others: Iterable[Learner] = ()) -> Look:
     """Returns the colour and marker of a learner's variant, and the dashes of its observation.
 
-    A reference implementation looks like its learner, but hollow. `others` are the learners of the
-    experiment: no two variants of it share both colour and marker.
+    A variant of Stable-Baselines3, `sb3_NAME`, looks like NAME, but hollow. `others` are the
+    learners of the experiment: no two variants of it share both colour and marker.
     """
-    drawn, is_reference = _drawn_as(learner)
-    unknown = {drawn, *(_drawn_as(other)[0] for other in others)} - _KNOWN.keys()
+    drawn = learner.variant.removeprefix("sb3_")
+    unknown = {drawn, *(other.variant.removeprefix("sb3_") for other in others)} - _KNOWN.keys()
     marks = {**_KNOWN, **dict(zip(sorted(unknown), _OTHERS, strict=False))}
     colour, marker = marks.get(drawn, _OTHERS[0])
     form = [*OBSERVED].index(learner.observation) if learner.observation in OBSERVED else 0
     dashes = (0, (1.5 * form, 1.5)) if form > 1 else "-"  # solid for the cells' index and one-hot
     style: Look = {"color": colour, "marker": marker, "ls": dashes}
-    return style | {"mfc": "white"} if is_reference else style
-
-
-def _drawn_as(learner: Learner) -> tuple[str, bool]:
-    """Returns the variant whose colour and marker a learner has, and whether it is a reference."""
-    of = learner.reference_for.partition(",")[0] or learner.variant.removeprefix("sb3_")
-    is_reference = of != learner.variant and (bool(learner.reference_for) or of in _KNOWN)
-    return (of, True) if is_reference else (learner.variant, False)
+    return style | ({} if drawn == learner.variant else {"mfc": "white"})
 
 
 def settings() -> AbstractContextManager[None]:

@@ -7,11 +7,11 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from benchmark.experiment import Experiment
+from benchmark.experiment import Experiment, interleaved
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
 from envs import InputError, load_scenario
@@ -117,6 +117,13 @@ def specifications(
         if (each.condition.name, each.scenario.name, each.learner.name) == names
     )
     return population.runs(seeds)
+
+
+def all_specifications(
+    experiment: Experiment, seeds: Sequence[int] | None = None
+) -> list[RunSpecification]:
+    """Lists every run of an experiment once, see `interleaved`; of a search, those of trials."""
+    return interleaved(each.runs(each.taken(seeds)) for each in experiment.populations)
 
 
 def few_places(name: str, n: int = 6) -> dict[str, Any]:

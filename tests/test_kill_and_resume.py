@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from benchmark.executors import Threads
-from benchmark.experiment import all_specifications, load_experiment
+from benchmark.experiment import load_experiment
 from benchmark.run import execute
 from benchmark.specification import RunSpecification
 from benchmark.store import Store
-from tests.support import ROOT, SLOW_EXPERIMENT, arrays_of, n_stored, until
+from tests.support import ROOT, SLOW_EXPERIMENT, all_specifications, arrays_of, n_stored, until
 
 Arrays = dict[str, dict[str, bytes]]
 

@@ -83,7 +83,7 @@ def test_only_some_modules_know_torch_and_the_store() -> None:
         ("import benchmark; assert not hasattr(benchmark, 'walks')", {"pandas"}),
         (
             """from benchmark import experiment, run, report
-experiment.all_specifications(experiment.load_experiment('compare_deep'))""",
+experiment.load_experiment('reproduce').populations[0].runs()""",
             NETS,
         ),
         ("from benchmark.__main__ import main; main(['list'])", NETS | {"matplotlib"}),

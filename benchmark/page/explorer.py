@@ -36,13 +36,13 @@ def write(
 ) -> None:
     """Writes what the explorer shows of an experiment from its stored runs, if that is anything.
 
-    It shows all learners but reference implementations, under the first condition. Of the runs of
-    maps and searches, no policies are stored. Each agent refers to its scene and sight by index.
+    It shows all learners under the first condition. Of the runs of maps and searches, no policies
+    are stored. Each agent refers to its scene and sight by index.
     """
     agents, scenes, sights = [], list[object](), list[object]()
     for population in experiment.populations:
         is_shown = population.condition.name == DEFAULT_CONDITION
-        if not is_shown or population.first.solved or population.learner.reference_for:
+        if not is_shown or population.first.solved:
             continue
         model = compile_seen(population.first.scenario, population.first.observation)
         if len(model.observation) > MAX_STATES:
@@ -92,7 +92,7 @@ def _agents(learner: Learner, records: Records) -> dict[str, object]:
     return {
         "scenario": records.scenario,
         "learner": learner.title,
-        "family": learner.family,
+        "family": learner.algorithm.family,
         "horizon": records.run.horizon,
         "kind": "probability" if first["stochastic"].shape[0] else "q",
         "discount": records.run.settings.discount_factor,

@@ -17,11 +17,19 @@ from benchmark import cluster
 from benchmark.__main__ import main
 from benchmark.cluster import Cluster
 from benchmark.executors import Threads
-from benchmark.experiment import all_specifications, load_experiment
+from benchmark.experiment import load_experiment
 from benchmark.job import execute_job, plan
 from benchmark.run import execute, pending
 from benchmark.store import Store
-from tests.support import PATIENCE_S, ROOT, SLOW_EXPERIMENT, arrays_of, n_stored, until
+from tests.support import (
+    PATIENCE_S,
+    ROOT,
+    SLOW_EXPERIMENT,
+    all_specifications,
+    arrays_of,
+    n_stored,
+    until,
+)
 
 MIXED = """
 description = "Tables and a compiled net: nine jobs, so that each of three workers gets one."

@@ -12,10 +12,10 @@ import pytest
 
 from benchmark.cluster import refusal
 from benchmark.executors import Threads
-from benchmark.experiment import all_specifications, load_experiment
+from benchmark.experiment import load_experiment
 from benchmark.run import execute, pending
 from benchmark.store import Store
-from tests.support import SLOW_EXPERIMENT, until
+from tests.support import SLOW_EXPERIMENT, all_specifications, until
 
 
 def test_killed_worker_costs_its_run_alone_and_is_tried_again(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from benchmark import experiment as module
 from benchmark.experiment import (
     EXPERIMENT_DIRECTORY,
     Experiment,
-    all_specifications,
     digest_of_search,
     experiment_names,
     load_experiment,
@@ -23,8 +22,8 @@ from benchmark.trials import Choice, Choices, Chosen, Search, Span, trials, writ
 from envs import InputError
 from envs.inputs import Table
 from envs.scenario import SCENARIO_DIRECTORY
+from tests.support import all_specifications, small_experiment, variant
 
-COMPARED = load_experiment("compare_deep", smoke=True)
 LARGE = ("tuning",)  # with the most conditions
 BASE = """
 description = "A table in a scene."
@@ -62,9 +61,11 @@ settings = {{ epsilon = 0.3 }}
 
 [algorithms.plain]
 algorithm = "tests.agents.plain:Q_LEARNING"
-reference_for = "mine"
+observations = ["offset"]
 seeds = 2
 first_seed = 101
+tuned_by = "search.toml:q"
+settings = {{ epsilon = 0.3 }}
 """
 GRIDS = """
 [algorithms.rest]
@@ -89,12 +90,10 @@ axes.limit.5.settings = { time_limit = 5 }
 """
 READINGS = """
 [readings.limit]
-question = "Is there a longest episode?"
 answer = "20 steps"
 settings = { time_limit = 20 }
 
 [readings.default]
-question = "Is there a longest episode?"
 answer = "no"
 """
 
@@ -163,33 +162,40 @@ def test_reproduce_declares_what_the_paper_says() -> None:
     assert len(all_specifications(experiment)) == 3 * 1000 + 6 * 3 * 100 + 2 * 100
 
 
-def test_learners_have_titles_that_say_what_they_are() -> None:
-    titles = {name: learner.title for name, learner in COMPARED.learners.items()}
-    assert titles["watkins_q_lambda, index"] == "Q(λ) table"
-    assert titles["softmax_table, one_hot"] == "softmax table"  # PPO without hidden layers
-    assert titles["dqn, one_hot"] == "compiled DQN on one-hot cells"
-    assert titles["tile_coding, coordinates"] == "tile coding on coordinates"
-    families = {learner.family for learner in COMPARED.learners.values()}
-    assert families == {"tabular", "linear", "deep"}
+def test_learners_have_titles_that_say_what_they_are(tmp_path: Path) -> None:
+    variants = {
+        "table": variant("watkins_q_lambda", "index", "offset", title="Q(λ) table"),
+        "tiles": variant("linear_q_lambda", "coordinates"),
+    }
+    learners = made(tmp_path / "mine.toml", small_experiment(algorithms=variants)).learners
+    assert {name: learner.title for name, learner in learners.items()} == {
+        "table, index": "Q(λ) table",
+        "table, offset": "Q(λ) table of offsets",
+        "tiles, coordinates": "tiles on coordinates",
+    }
 
 
 def test_an_extension_takes_over_no_text_that_may_be_false_of_it(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    mine = extended(path, '"algorithms.sb3_dqn.seeds" = 3', "sb3").declared
+    report = {"kind": "comparison", "question": "Why?"}
+    made(tmp_path / "base.toml", small_experiment(note="Theirs.", report=report))
+    mine = extended(path, '"algorithms.table.seeds" = 3', "base.toml").declared
     assert mine.report is not None
     assert (mine.note, mine.report["question"]) == ("", "")
-    assert mine.algorithms["sb3_dqn"].seeds == 3
+    assert mine.algorithms["table"].seeds == 3
     assert extended(path, 'note = "mine"').declared.note == "mine"
-    made(tmp_path / "base.toml", f'report = "comparison"\n{SMALL}')
-    solved = extended(path, '"report.kind" = "map"\nsolved.success = 0.8', "base.toml")
-    assert solved.populations[0].first.map_every == solved.declared.evaluation_every
 
 
-def test_a_miniature_has_two_runs_of_each_learner_and_a_small_budget() -> None:
-    assert {len(population.seeds) for population in COMPARED.populations} == {2}
-    assert {run.settings.budget for run in all_specifications(COMPARED)} == {400}  # of 10,000
-    assert (COMPARED.name, COMPARED.argument) == ("compare_deep_smoke", "compare_deep --smoke")
-    assert "mean nothing" in COMPARED.declared.note
+def test_a_miniature_has_two_runs_of_each_learner_and_a_small_budget(tmp_path: Path) -> None:
+    text = small_experiment(settings={"budget": 10_000}, algorithms={"table": variant(seeds=9)})
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    small = load_experiment(tmp_path / "mine.toml", smoke=True)
+    assert [(run.seed, run.settings.budget) for run in all_specifications(small)] == [
+        (0, 400),
+        (1, 400),
+    ]
+    assert (small.name, small.argument) == ("mine_smoke", "mine.toml --smoke")
+    assert "mean nothing" in small.declared.note
 
 
 # Conditions
@@ -239,7 +245,7 @@ def test_a_trial_is_a_condition_of_its_variant(tmp_path: Path) -> None:
 # Runs
 
 
-def test_fewer_seeds_are_the_same_runs_and_conditions_share_streams() -> None:
+def test_fewer_seeds_are_the_same_runs_and_conditions_share_streams(tmp_path: Path) -> None:
     small = load_experiment("reproduce", smoke=True)
     runs, again = all_specifications(small), all_specifications(small, range(1))
     assert {run.digest for run in again} < {run.digest for run in runs}
@@ -249,8 +255,11 @@ def test_fewer_seeds_are_the_same_runs_and_conditions_share_streams() -> None:
         states.setdefault((run.scenario.name, run.seed), set()).add(state)
     assert all(len(words) == 1 for words in states.values())  # readings share streams ...
     assert len(set.union(*states.values())) == len(states) == 3 * 4  # ... others do not
-    learners = all_specifications(COMPARED)
-    assert len({str(run.seed_sequence.entropy) for run in learners}) == len(learners)
+    two = small_experiment(
+        algorithms={"a": variant("q_learning", "index", "offset"), "b": variant()}
+    )
+    learners = all_specifications(made(tmp_path / "two.toml", two))
+    assert len({str(run.seed_sequence.entropy) for run in learners}) == len(learners) == 6
 
 
 def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
@@ -267,21 +276,27 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("given", "of_30", "of_5"), [(1, 1, 1), (35, 10, 2), (100, 30, 5)])
-def test_a_reference_has_its_share_of_given_seeds_or_two(given: int, of_30: int, of_5: int) -> None:
+def test_learners_have_shares_of_given_seeds_or_two(
+    given: int, of_30: int, of_5: int, tmp_path: Path
+) -> None:
+    counts = {"most": 100, "some": 30, "few": 5}
+    variants = {name: variant(seeds=n, title=name) for name, n in counts.items()}
+    experiment = made(tmp_path / "mine.toml", small_experiment(algorithms=variants))
     seeds: dict[str, set[int]] = {}
-    for run in all_specifications(load_experiment("compare_deep"), range(given)):
+    for run in all_specifications(experiment, range(given)):
         seeds.setdefault(run.variant, set()).add(run.seed)
-    expected = {"q_learning": given, "dqn": given, "sb3_ppo": of_30, "sb3_dqn_linear": of_5}
-    assert {name: seeds[name] for name in expected} == {
-        name: set(range(n)) for name, n in expected.items()
+    assert {name: len(own) for name, own in seeds.items()} == {
+        "most": given,
+        "some": of_30,
+        "few": of_5,
     }
 
 
-def test_first_runs_are_of_all_populations() -> None:
-    runs = all_specifications(COMPARED)
-    firsts = [population.first.population for population in COMPARED.populations]
+def test_first_runs_are_of_all_populations(tmp_path: Path) -> None:
+    experiment = made(tmp_path / "mine.toml", SMALL + GRIDS)
+    firsts = [population.first.population for population in experiment.populations]
+    runs = all_specifications(experiment)
     assert [run.population for run in runs[: len(firsts)]] == firsts
-    assert runs[0].folder == "compare_deep_smoke/S1/q_learning_index/seed_400"
 
 
 # Settings from a search
@@ -304,9 +319,8 @@ def chosen(tmp_path: Path) -> Path:
 
 
 def test_runs_have_the_pick_for_their_observation(chosen: Path) -> None:
-    """A reference implementation has the same."""
     experiment = made(chosen / "tuned.toml", TUNED)
-    assert [[*each.seeds] for each in experiment.populations] == 2 * [[100, 101]] + 2 * [[101, 102]]
+    assert [[*each.seeds] for each in experiment.populations] == 2 * [[100, 101]] + [[101, 102]]
     for population in experiment.populations:
         assert population.learner.search == "search.toml"
         for run in population.runs():
@@ -362,23 +376,15 @@ MISTAKES = [
     ("reproduce", "[readings.default]", "[readings.plain]", "readings: accepted: one named def"),
     ("reproduce", '["S1", "S2"]', '["S1", "S4"]', "equal_pay: scenarios: S4: accepted: S1"),
     ("reproduce", "map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple"),
-    ("when", "axes.room.14x17", "axes.room.large", 'large.[key] = "large": accepted: a number of'),
-    ("when", '"ppo, centred"]', '"ppo, central"]', "unknown learner ppo, central (did you mean"),
-    ("sb3", 'title = "SB3\'s PPO"', 'title = "P\\nPO"', "accepted: text in one line"),
-    ("sb3", 'title = "SB3\'s PPO"', 'title = "SB3\'s DQN"', "accepted: learners whose titles"),
-    ("compare_deep", 'reference_for = "ppo"', 'reference_for = "sb3_dqn"', "unknown variant sb3_d"),
-    ("sb3", '["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: "),
-    ("sb3", "n_steps = 500 ", "n_step = 500 ", "unknown key n_step (did you mean n_steps?)"),
-    ("sb3", "time_limit = 200", "time_limits = 200", "unknown key time_limits (did you mean time"),
-    ("sb3", "seeds = 10\nsettings", "seeds = 99_999\nsettings", "accepted: at most 100,000"),
+    ("reproduce", '"Q-learning table"', '"P\\nPO"', "accepted: text in one line"),
+    ("reproduce", '["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accep"),
+    ("reproduce", "discount =", "discont =", "unknown key discont (did you mean discount?)"),
+    ("reproduce", "seeds = 100 ", "seeds = 99_999 ", "accepted: at most 100,000"),
 ]  # fmt: skip
 
 
 LAST, MAPS = "seeds = 2\n", "map_every = 200"
 GRID = f"{LAST}[grids.g]\naxes.limit.5.settings.time_limit = 5\n"
-OVERRIDDEN = f"{GRID}settings.epsilon = 0\n[algorithms.table.settings]\nepsilon = 0.5"
-SHARED = "budget = 200 }\n\n[algorithms.table]"
-OWN = f"{SHARED.removeprefix('budget = 200 ')}\nsettings.epsilon = 0.5"
 CANDIDATES = "candidates = [{ epsilon = 0.5 }]"
 OTHER = """[algorithms.other]
 algorithm = "q_learning"
@@ -389,21 +395,15 @@ search = { epsilon = { low = 0, high = 1 } }
 [algorithms.q]"""
 FOUND = "search = { trials = 4, first_seed = 10 }"
 UNUSED = [
-    ("", SHARED, f"budget = 200, epsilon = 0.1 {OWN}", "toml: settings.epsilon: no run has it"),
-    ("", LAST, OVERRIDDEN, "algorithms.table.settings.epsilon: no run has it"),
-    ("", LAST, f"{GRID}settings.epsilon = 0.6", "grids.g.settings changes no run"),
-    ("", LAST, f"{GRID}scenario.ping_limit = 5", "grids.g.scenario changes no run"),
+    ("", LAST, GRID.replace("limit.5", "limit.large"), 'large.[key] = "large": accepted: a number'),
+    ("", LAST, f"{GRID}learners = ['tables']", "unknown learner tables (did you mean table"),
     ("", LAST, f"{GRID}settings.time_limit = 9", "settings.time_limit is named twice"),
-    ("", LAST, f"{LAST}{READINGS}scenarios = ['S1']", "readings.default.scenarios changes no run"),
     ("", LAST, f"{GRID}{READINGS}", "readings and grids: accepted: one of"),
-    ("", LAST, f"{LAST}{READINGS.replace('settings', '#')}", "readings.limit: accepted: a scena"),
     ("", LAST, f'{LAST}{READINGS}[report]\nkind = "map"', "readings in a map: accepted: grids"),
     ("", MAPS, f"{MAPS}\nsolved = {{}}", "map_every = 200: accepted: no such key"),
     ("", MAPS, 'report = "comparison"\nsolved = {}', "solved in a comparison: accepted: no"),
     ("", MAPS, FOUND, "table.search: accepted: in each variant, together"),
     ("", LAST, f"{LAST}search.epsilon.values = [0, 1]", "search: accepted: in each variant,"),
-    ("", LAST, f'{LAST}reference_for = "table"', "reference_for: unknown variant table"),
-    ("", '"index"', "", "table.observations: accepted: at least one form"),
     ("", MAPS, 'evaluated_from = ["start"]', "unknown key evaluated_from"),
     ("", LAST, f"{LAST}{CANDIDATES}", "table.candidates: accepted: only together with"),
     ("", LAST, f"{LAST}scenarios = ['S1']", "table.scenarios: accepted: only together with"),
@@ -414,7 +414,6 @@ UNUSED = [
     ("search", "discount = 0.7", "discount = 7", "q.candidates.0: discount = 7: input should be"),
     ("search", "discount = 0.7", "discont = 0.7", "candidates.0: unknown key discont (did you"),
     ("search", '[algorithms.q]', OTHER, "algorithms: accepted: as many seeds and candidates in"),
-    ("compare_deep", '"ppo"\n', '"ppo"\npolicy = "greedy"\n', "takes it from ppo"),
 ]  # fmt: skip
 
 
@@ -447,13 +446,13 @@ def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ('"algorithms.sb3_dqm.seeds" = 3', "unknown algorithm sb3_dqm (did you mean sb3_dqn?)"),
+        ('"algorithms.sb3_dqm.seeds" = 3', "algorithms.sb3_dqm.algorithm is missing"),
         ('"horizon.x" = 1', "cannot set horizon.x: horizon is a value"),
     ],
 )
 def test_changes_are_of_something(tmp_path: Path, changes: str, expected: str) -> None:
     with pytest.raises(InputError, match=rf"mine\.toml: .*{re.escape(expected)}"):
-        extended(tmp_path / "mine.toml", changes, "sb3")
+        extended(tmp_path / "mine.toml", changes)
 
 
 @pytest.mark.parametrize("budget", ['"200"', "0"])

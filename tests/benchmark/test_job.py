@@ -10,12 +10,12 @@ import pytest
 from agents import load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
-from benchmark.experiment import all_specifications, load_experiment
+from benchmark.experiment import load_experiment
 from benchmark.job import execute_job, plan
 from benchmark.specification import solved
 from envs import compile_scenario, load_scenario
 from envs.sources import digest_when_loaded
-from tests.support import small_experiment, specifications, variant
+from tests.support import all_specifications, small_experiment, specifications, variant
 
 SMALL = load_experiment("reproduce", smoke=True)
 SOLVED = small_experiment(
@@ -35,10 +35,12 @@ SOLVED = small_experiment(
 )
 
 
-def test_runs_of_a_population_are_one_job_and_all_populations_come_first() -> None:
+def test_runs_of_a_population_are_one_job_and_all_populations_come_first(tmp_path: Path) -> None:
     tables = all_specifications(SMALL)
     assert len(plan(tables)) == len({run.population for run in tables}) == 23
-    nets = all_specifications(load_experiment("equivalence", smoke=True))
+    variants = {"table": variant(), "net": variant("sb3_dqn", "one_hot", "coordinates")}
+    (path := tmp_path / "mine.toml").write_text(small_experiment(algorithms=variants), "utf-8")
+    nets = all_specifications(load_experiment(path))
     jobs, populations = plan(nets), {run.population for run in nets}
     assert sorted(r.digest for job in jobs for r in job) == sorted(run.digest for run in nets)
     assert {job[0].population for job in jobs[: len(populations)]} == populations

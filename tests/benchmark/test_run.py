@@ -14,12 +14,12 @@ import pytest
 from benchmark import executors
 from benchmark import job as execution
 from benchmark.__main__ import main
-from benchmark.experiment import all_specifications, load_experiment
+from benchmark.experiment import load_experiment
 from benchmark.job import Job, execute_job
 from benchmark.run import execute, pending
 from benchmark.store import Record, Store
 from benchmark.tables import read
-from tests.support import ROOT, SLOW_EXPERIMENT, small_experiment
+from tests.support import ROOT, SLOW_EXPERIMENT, all_specifications, small_experiment
 
 SMALL = load_experiment("reproduce", smoke=True)
 

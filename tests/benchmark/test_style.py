@@ -17,7 +17,7 @@ EXPERIMENT = small_experiment(
     algorithms={
         "q_learning": variant(),
         "dqn": variant("compiled_dqn", "one_hot", "coordinates", "offset_tiles"),
-        "sb3_dqn": variant("sb3_dqn", "one_hot", reference_for="dqn"),
+        "sb3_dqn": variant("sb3_dqn", "one_hot"),
         "sb3_ppo": variant("sb3_ppo", "one_hot"),
         **{f"mine_{i}": variant(title=f"mine {i}") for i in range(40)},
     }

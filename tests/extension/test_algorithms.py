@@ -15,11 +15,11 @@ from sb3_contrib import QRDQN
 
 from agents import load_algorithm
 from agents.tabular.kernel import compile_kernel
-from benchmark.experiment import all_specifications, load_experiment
+from benchmark.experiment import load_experiment
 from benchmark.job import execute_job
 from benchmark.run import execute
 from benchmark.store import Store
-from tests.support import ROOT, arrays_of, small_experiment, variant
+from tests.support import ROOT, all_specifications, arrays_of, small_experiment, variant
 
 
 class Scaled(QRDQN):
