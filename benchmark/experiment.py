@@ -243,10 +243,6 @@ class Declaration(Table):
 
     def _check_tables(self) -> None:
         given = [name for name in _VARIATIONS if getattr(self, name)]
-        is_one = len({*given} - {"solved"}) < 2
-        require(is_one, " and ".join(given), "one of readings, grids and search")
-        is_named = not self.readings or DEFAULT_CONDITION in self.readings
-        require(is_named, "readings", f"one named {DEFAULT_CONDITION} among them")
         kind = str((self.report or {}).get("kind"))
         read = _READ.get(kind, _VARIATIONS)
         for name in given:

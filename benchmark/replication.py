@@ -56,26 +56,13 @@ _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each c
 
 
 def check(experiment: Experiment, _: Report) -> None:
-    """Refuses all but one table, which records the maximum Q, in scenes like the paper's."""
-
-    def demand(is_met: bool, where: str, accepted: str) -> None:
-        if not is_met:
-            what = f"{where}: accepted in a replication: {accepted}"
-            raise InputError(f"{experiment.argument}: {what}.")
-
+    """Refuses all but one table, which records the maximum Q, in the paper's scenarios."""
     first, *others = experiment.learners.values()
-    is_table = not others and "record_every" in first.algorithm.settings.model_fields
-    demand(is_table, "algorithms", "one, a table that records max Q")
     default = {each.scenario for each in experiment.populations if each.condition.name == DEFAULT}
-    is_papers = default == {*map(load_scenario, SCENARIOS)}
-    demand(is_papers, "scenarios", f"the paper's, {listed(SCENARIOS)}, under a default reading")
-    for population in experiment.populations:
-        model = compile_scenario(population.scenario)
-        is_open = model.has_cell_maps and len(model.starts) == 1
-        is_square = model.scenario.regions.target_radius is not None
-        where = f"scenarios: {model.scenario.name} ({population.condition.name})"
-        what = "one start, one phase, no walls, squares as regions, the cell observed"
-        demand(is_open and is_square, where, what)
+    is_table = not others and "record_every" in first.algorithm.settings.model_fields
+    if not is_table or default != {*map(load_scenario, SCENARIOS)}:
+        accepted = f"one table that records max Q, in {listed(SCENARIOS)}, with a default reading"
+        raise InputError(f"{experiment.argument}: accepted in a replication: {accepted}.")
 
 
 # The agents

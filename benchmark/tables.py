@@ -11,7 +11,6 @@ import gzip
 import io
 import json
 import re
-import sys
 import zlib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
@@ -38,7 +37,6 @@ _MADE: Final = ("started_at", "commit", "machine", "processor", "versions")
 # These differ between machines, or whenever a run is repeated.
 MEASURED: Final = (*_COSTS, *_MADE)
 _TEXTS: Final = ("scenario", "grid", "point", "reading", "learner", "run", "policy", *_MADE)
-_MAX_BYTES: Final = 3_000_000  # of a published file
 
 
 class Group(NamedTuple):
@@ -148,11 +146,7 @@ def publish(
     """
     with folders.alone(folder.parent), folders.replaced(folder) as made:
         for name, frame in ((RUNS, runs), (CURVES, curves)):
-            packed = gzip.compress(folders.csv_text(frame).encode(), mtime=0)
-            (made / name).write_bytes(packed)
-            if len(packed) > _MAX_BYTES:
-                text = f"{folder / name} has {len(packed) / 1e6:.1f} MB"
-                print(f"{text}; published are files of at most 3 MB.", file=sys.stderr)
+            (made / name).write_bytes(gzip.compress(folders.csv_text(frame).encode(), mtime=0))
         agents(made / AGENTS)
         for path in made.iterdir():
             there = folder / path.name

@@ -1,6 +1,5 @@
 """The page, as text and in a real browser."""
 
-import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -165,8 +164,3 @@ def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
     assert page.evaluate("document.documentElement.scrollWidth") == width  # nothing sticks out
     violations = Axe().run(page).response["violations"]
     assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []
-
-
-def test_style_and_script_have_their_digests(made: Path) -> None:
-    text = build.page(made, [Folder(made)])
-    assert len(re.findall(r"(?:script|style)-src 'sha256-[\w+/]{43}='", text)) == 2

@@ -222,23 +222,19 @@ def test_own_maps_have_students_and_welchs_intervals() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "expected"),
+    "changes",
     [
-        ('"algorithms.q_learning.observations" = ["index", "offset"]', "algorithms"),
-        ('scenarios = ["S1", "S2", "Egg"]', "scenarios"),
-        ('"readings.default.scenario" = { "rewards.target_ping" = 0.5 }', "scenarios"),
-        (
-            '"readings.origin.scenario" = { observe = ["agent", "issuer"] }',
-            r"scenarios: S1 \(origin\)",
-        ),
+        '"algorithms.q_learning.observations" = ["index", "offset"]',
+        'scenarios = ["S1", "S2", "Egg"]',
+        '"readings.default.scenario" = { "rewards.target_ping" = 0.5 }',
     ],
 )
 def test_a_replication_takes_one_table_in_the_papers_scenarios(
-    changes: str, expected: str, tmp_path: Path
+    changes: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(f'extends = "reproduce"\ndescription = ""\n[changes]\n{changes}\n')
-    with pytest.raises(InputError, match=f"mine.toml: {expected}"):
+    with pytest.raises(InputError, match=r"mine\.toml: accepted in a replication: one table"):
         check(load_experiment(path), MADE)
 
 

@@ -194,13 +194,6 @@ def test_findings_assert_their_claims(mine: Path, capsys: pytest.CaptureFixture[
         draw(mine)
 
 
-def test_long_tables_are_left_out_of_readme(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report, "MAX_WORDS", 60)
-    text = (draw(mine) / README).read_text(encoding="utf-8")
-    assert "my table" not in text
-    assert "[spread.csv](spread.csv): Success of every learner." in text
-
-
 def test_a_certificate_compares_with_the_last_commit(
     mine: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,8 +11,7 @@ from matplotlib.artist import Artist
 from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, PathPatch, Polygon
+from matplotlib.patches import PathPatch, Polygon
 
 from benchmark.scenes import heat, shipped, triangles
 from envs import compile_scenario, load_scenario, scenario_names
@@ -55,18 +54,6 @@ def test_triangles_are_on_the_side_to_which_the_moves_lead() -> None:
     middles = np.array([path.vertices[:3].mean(axis=0) for path in polygons.get_paths()])
     sides = np.array([(0, -1), (0, 1), (-1, 0), (1, 0)])
     assert 3 * (middles - [5, 3]) == pytest.approx(sides)
-
-
-def test_groups_and_bystanders_look_different() -> None:
-    changes = {"issuer.position": [[3, 4], [3, 8]], "others": [{"position": [8, 1]}]}
-    scene = scene_of(compile_scenario(load_scenario("TwoTalking", changes)))
-    axis = Figure().subplots()
-    heat(axis, scene, np.zeros(scene.n_cells), NORM)
-    (circle,) = drawn(axis.patches, Circle)
-    assert (circle.center, circle.radius) == ((6, 3), 2)
-    lines = drawn(axis.lines, Line2D)
-    markers = {tuple(np.ravel(line.get_xydata()).tolist()): line.get_marker() for line in lines}
-    assert markers == {(4, 3): "*", (8, 3): "*", (1, 8): "o", (0, 0): "s"}
 
 
 def test_gallery_shows_all_shipped_scenarios_legibly() -> None:

@@ -1,8 +1,6 @@
 """The store gives back what was put into it, whole, or says what is wrong with it."""
 
 import sqlite3
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -168,22 +166,3 @@ def test_reading_needs_a_store_and_changes_nothing(tmp_path: Path) -> None:
         with pytest.raises(InputError):
             store.add([record("y")])
     assert path.read_bytes() == before
-
-
-def test_interrupted_write_is_put_right_by_whoever_opens_the_file(tmp_path: Path) -> None:
-    """A killed driver left a journal, which holds what the file had before."""
-    with Store(tmp_path / "runs.db") as store:
-        store.add([record(name, arrays={"q": np.zeros(5000)}) for name in "abc"])
-    code = (
-        "import os, sqlite3, sys\n"
-        "connection = sqlite3.connect(sys.argv[1], isolation_level=None)\n"
-        "connection.execute('PRAGMA cache_size = 1')\n"  # so that pages are written before the end
-        "connection.execute('BEGIN')\n"
-        "connection.execute('UPDATE runs SET arrays = randomblob(100000), provenance = 7')\n"
-        "os._exit(1)\n"
-    )
-    subprocess.run([sys.executable, "-c", code, tmp_path / "runs.db"], check=False)
-    assert (tmp_path / "runs.db-journal").stat().st_size > 0
-    with Store(tmp_path / "runs.db", read_only=True) as store:
-        assert store.damaged("abc") == []
-        assert store.statuses() == dict.fromkeys("abc", "done")
