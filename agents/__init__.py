@@ -32,6 +32,7 @@ __all__ = [
 ALGORITHMS = {
     "compiled_dqn": "agents.nets.dqn:DQN",
     "compiled_ppo": "agents.nets.ppo:PPO",
+    "double_q_learning": "agents.tabular.learner:DOUBLE_Q_LEARNING",
     "expected_sarsa": "agents.tabular.learner:EXPECTED_SARSA",
     "linear_q_lambda": "agents.linear.learner:Q_LAMBDA",
     "linear_sarsa_lambda": "agents.linear.learner:SARSA_LAMBDA",

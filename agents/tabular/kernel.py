@@ -5,8 +5,9 @@
 A step draws one 64-bit word. Its upper half decides whether to explore; its lower half picks one of
 the candidates: all actions when exploring, else the greedy ones. Then it draws, each only if it is
 needed: a word for the reward of a noisy issuer, at each PING; one for the outcome of the action;
-and, when the episode is over, one for the next start. An on-policy rule draws the next step's word
-before the update, even if the time limit then truncates the episode.
+one for the table that a rule with two tables updates; and, when the episode is over, one for the
+next start. An on-policy rule draws the next step's word before the update, even if the time limit
+then truncates the episode.
 
 Axis letters: N agents, S states, O observations, A actions, K outcomes, B starts, T evaluation
 steps, V map steps, R records.
@@ -108,6 +109,7 @@ class Table(NamedTuple):
     highest: Floats  # (O,) the largest action value of each observation
     greedy: Ints  # (O,) masks of greedy actions
     tree: Floats  # (2,) if the largest value of the table is not recorded; else see `_new_tree`
+    halves: Floats  # (O, 2, A) the two tables whose mean is q; (0, 2, A) if there is one
     # (O * A,) pairs o * A + a with traces, the latest last; (0,) for a rule without traces
     traced: Ints
     weights: Floats  # (O * A,) of these traces
@@ -119,6 +121,7 @@ class Move(NamedTuple):
 
     o: U
     a: U
+    half: U  # which of two tables is updated
     rate: float
     target: float
     begins: bool
@@ -214,7 +217,7 @@ def _pass_back(
     table: Table, constants: Constants, n_steps: int, rate: float, o_last: U, terminates: bool
 ) -> None:
     """Updates an episode's values backwards, by Q-learning; the last step led to `o_last`."""
-    q, highest, greedy, tree, _, _, kept = table
+    q, highest, greedy, tree, _, _, _, kept = table
     for _ in range(constants.backward_passes):
         value = 0.0 if terminates else highest[o_last]
         for step in kept[:n_steps][::-1]:
@@ -225,19 +228,22 @@ def _pass_back(
             value = highest[step.o]
 
 
-def _compile_learn(has_traces: bool) -> Callable[..., int]:
+def _compile_learn(update: UpdateRule) -> Callable[..., int]:
+    has_two_tables, has_traces = update.has_two_tables, update.has_traces
+
     @inlined
     def learn(
         q: Floats,
         highest: Floats,
         greedy: Ints,
         tree: Floats,
+        halves: Floats,
         traced: Ints,
         weights: Floats,
         move: Move,
     ) -> int:
         """Moves an action's value, and earlier ones by traces; returns the number of traces."""
-        o, a, rate, target, begins, n_traces, decay, takes_lowest = move
+        o, a, half, rate, target, begins, n_traces, decay, takes_lowest = move
         if has_traces:
             kept = 0 if begins or not (greedy[o] >> a) & U(1) else n_traces
             n_traces = int(_trace(traced, weights, kept, decay, o * U(N_ACTIONS) + a))
@@ -247,7 +253,11 @@ def _compile_learn(has_traces: bool) -> Callable[..., int]:
                 q[o_traced, a_traced] += rate * error * weights[j]
                 _renew(q, highest, greedy, tree, o_traced, takes_lowest)
             return n_traces
-        q[o, a] += rate * (target - q[o, a])
+        if has_two_tables:
+            halves[o, half, a] += rate * (target - halves[o, half, a])
+            q[o, a] = (halves[o, 0, a] + halves[o, 1, a]) / 2
+        else:
+            q[o, a] += rate * (target - q[o, a])
         _renew(q, highest, greedy, tree, o, takes_lowest)
         return 0
 
@@ -259,14 +269,23 @@ def _draw_if(is_needed: bool, stream: Stream) -> tuple[U, Stream]:
     return draw_word(stream) if is_needed else (U(0), stream)
 
 
+@inlined
+def _best_of_half(has_two_tables: bool, rows: Floats, row: U, takes_lowest: bool, word: U) -> U:
+    """Returns a best action by one of two tables; a word's lower half chooses."""
+    if not has_two_tables:
+        return U(0)
+    _, mask = find_best(rows, row, takes_lowest)
+    return U(choose_action(word, U(0), mask))
+
+
 def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
     """Compiles the loop over steps of an update rule.
 
     Variables around a function are constants when it is compiled, so what the rule does not need is
     left out of the compiled code instead of being skipped in each step.
     """
-    bootstrap, learn = njit(update.bootstrap), _compile_learn(update.has_traces)
-    is_on_policy = update.is_on_policy
+    bootstrap, learn = njit(update.bootstrap), _compile_learn(update)
+    is_on_policy, has_two_tables = update.is_on_policy, update.has_two_tables
 
     @njit
     def advance(
@@ -285,7 +304,7 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
         first_rate, halved_after, discount, epsilon, _, trace_decay, takes_lowest, time_limit, _ = (
             constants
         )
-        q, highest, greedy, tree, traced, weights, kept = table
+        q, highest, greedy, tree, halves, traced, weights, kept = table
         (
             start,
             state,
@@ -301,7 +320,7 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
         ) = turn
         by_episode, record_every = plan.by_episode, plan.record_every
         explore_below, decay = U(round(epsilon * 2**32)), discount * trace_decay
-        a_next = a
+        a_next, rows = a, halves.reshape(-1, N_ACTIONS)
         n_records = -(-start // record_every)
         for unit in range(start, until):
             is_recorded = unit == n_records * record_every
@@ -325,15 +344,22 @@ def _compile_advance(update: UpdateRule) -> Callable[..., Turn]:
                 o_next = o + U(outcome.observation_change)
 
                 # Learn
+                word, stream = _draw_if(has_two_tables, stream)
+                half = word >> U(63)
                 value = 0.0
                 if not outcome.terminates:
+                    best = _best_of_half(
+                        has_two_tables, rows, U(2) * o_next + half, takes_lowest, word
+                    )
                     word, stream = _draw_if(is_on_policy, stream)
                     a_next = choose_action(word, explore_below, greedy[o_next])
-                    best, mask = highest[o_next], greedy[o_next]
-                    value = bootstrap(Successor(q, o_next, best, mask, epsilon, a_next))
+                    best_value, mask = highest[o_next], greedy[o_next]
+                    value = bootstrap(
+                        Successor(q, o_next, best_value, mask, epsilon, a_next, halves, half, best)
+                    )
                 rate, target = first_rate / (1.0 + steps / halved_after), reward + discount * value
-                move = Move(o, a, rate, target, begins, n_traces, decay, takes_lowest)
-                n_traces = learn(q, highest, greedy, tree, traced, weights, move)
+                move = Move(o, a, half, rate, target, begins, n_traces, decay, takes_lowest)
+                n_traces = learn(q, highest, greedy, tree, halves, traced, weights, move)
 
                 keep_step(kept, U(episode_steps), o, a, reward)
 
@@ -379,7 +405,11 @@ def compile_kernel(update: UpdateRule) -> Kernel:
 
     Kernels of users' rules are not kept on disk: what is in them could have changed.
     """
-    advance, has_traces = _compile_advance(update), update.has_traces
+    advance, has_two_tables, has_traces = (
+        _compile_advance(update),
+        update.has_two_tables,
+        update.has_traces,
+    )
 
     def train(
         process: Process, constants: Constants, plan: Plan, streams: Words, results: Results
@@ -397,6 +427,7 @@ def compile_kernel(update: UpdateRule) -> Kernel:
                 np.full(n_observations, value),
                 np.full(n_observations, 1 if constants.takes_lowest else ALL_ACTIONS),
                 _new_tree(n_observations, value) if has_tree else np.empty(2),
+                np.full((n_observations if has_two_tables else 0, 2, N_ACTIONS), value),
                 np.empty(n_pairs, np.int64),
                 np.empty(n_pairs),
                 np.empty(constants.time_limit if constants.backward_passes else 0, STEP),
@@ -417,4 +448,5 @@ def compile_kernel(update: UpdateRule) -> Kernel:
 
     if update.bootstrap.__module__ != Successor.__module__:
         return numba.njit(nogil=True)(train)  # type: ignore[no-any-return]
-    return compiled(train, f"{update.bootstrap.__name__} {update.is_on_policy} {has_traces}")
+    flags = update.is_on_policy, has_two_tables, has_traces
+    return compiled(train, f"{update.bootstrap.__name__} {flags}")

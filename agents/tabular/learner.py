@@ -220,9 +220,10 @@ class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
         settings: Settings,
         observation: str,  # noqa: ARG002
     ) -> tuple[Callable[..., None], int]:
-        """Returns the loop of the update rule, and the size of its table."""
+        """Returns the loop of the update rule, and the size of its tables."""
+        n_values = model.n_observations * len(ACTIONS)
         loop = partial(compile_kernel(self.update), process_of(model), settings.constants)
-        return loop, model.n_observations * len(ACTIONS)
+        return loop, n_values * (1 + self.update.has_two_tables)
 
     def records(self, n_agents: int, settings: Settings) -> dict[str, NDArray[Any]]:
         """Returns room for records; the table's maximum is recorded if there is more than one."""
@@ -240,4 +241,5 @@ class TabularAlgorithm(ValueAlgorithm[TabularTraining]):
 Q_LEARNING = TabularAlgorithm(updates.Q_LEARNING)
 SARSA = TabularAlgorithm(updates.SARSA)
 EXPECTED_SARSA = TabularAlgorithm(updates.EXPECTED_SARSA)
+DOUBLE_Q_LEARNING = TabularAlgorithm(updates.DOUBLE_Q_LEARNING)
 WATKINS_Q_LAMBDA = TabularAlgorithm(updates.WATKINS_Q_LAMBDA)

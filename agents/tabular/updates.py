@@ -27,6 +27,10 @@ class Successor(NamedTuple):
     greedy: int  # mask of its greedy actions, see `agents.policy`
     epsilon: float  # probability of a uniformly random action
     action: np.uint64  # the next action if the rule is on-policy; else meaningless
+    # The last three are meaningless unless the rule has two tables.
+    tables: Floats  # (O, 2, A) their action values; q is their mean
+    learned: np.uint64  # which of them is updated, 0 or 1
+    best: np.uint64  # a best action of the observation by that table
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,9 @@ class UpdateRule:
     is_on_policy: bool = (
         False  # whether it needs the next action, which is then drawn before the update
     )
+    # Whether it learns two tables, of which each update moves one at random. The agent acts by
+    # their mean.
+    has_two_tables: bool = False
     # Whether it also moves the values of earlier actions of the episode, as far as every later
     # action was greedy. It then needs the settings of
     # `agents.tabular.learner.TabularTraceSettings`.
@@ -47,9 +54,9 @@ class UpdateRule:
     version: int = 0  # raise it when a change alters what is learned
 
     def __post_init__(self) -> None:
-        """Refuses, by a ValueError, traces with the next action."""
-        if self.has_traces and self.is_on_policy:
-            raise ValueError("has_traces: not with is_on_policy.")
+        """Refuses, by a ValueError, traces with two tables or with the next action."""
+        if self.has_traces and (self.has_two_tables or self.is_on_policy):
+            raise ValueError("has_traces: not with is_on_policy or has_two_tables.")
 
 
 def greatest_value(after: Successor) -> float:
@@ -70,11 +77,19 @@ def expected_value(after: Successor) -> float:
     return float(after.epsilon / 5 * total + (1 - after.epsilon) * after.highest)
 
 
+def other_value(after: Successor) -> float:
+    """Returns the value, by the other table, of the best action by the table that is updated."""
+    return float(after.tables[after.observation, 1 - after.learned, after.best])
+
+
 Q_LEARNING = UpdateRule(greatest_value)
 # Sutton & Barto (2018), section 6.4
 SARSA = UpdateRule(next_value, is_on_policy=True)
 # Ibid., section 6.6
 EXPECTED_SARSA = UpdateRule(expected_value)
+# van Hasselt (2010): the maximum of noisy estimates is too high; two tables have independent
+# errors.
+DOUBLE_Q_LEARNING = UpdateRule(other_value, has_two_tables=True)
 # Watkins (1989); Sutton & Barto (2018), section 12.10; with replacing traces (Singh & Sutton 1996),
 # which are 1 when an action is taken, fade by discount * lambda in every step, and end at
 # `kernel.MIN_TRACE`, or at an action that is not greedy.

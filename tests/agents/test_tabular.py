@@ -40,7 +40,7 @@ MOVES = {
     ],
     "observe": ["agent", "phase"],
 }
-RULES = ("q_learning", "sarsa", "expected_sarsa", "watkins_q_lambda")
+RULES = ("q_learning", "sarsa", "expected_sarsa", "double_q_learning", "watkins_q_lambda")
 CASES: dict[str, tuple[str, Changes, Changes]] = {
     "S2": ("S2", {}, {}),
     "S3": ("S3", {}, {"epsilon": 0.4}),

@@ -76,16 +76,21 @@ class Textbook:
         self.name, self.model, self.settings = name, model, settings
         self.stream = xoshiro(seed.generate_state(4, np.uint64).tolist())
         self.tiles = (np.arange(model.n_observations)[:, None] if tiles is None else tiles).tolist()
-        self.n_tilings = len(self.tiles[0])
-        shape = 1 + max(map(max, self.tiles)), 5
+        self.n_tables, self.n_tilings = 2 if name == "double_q_learning" else 1, len(self.tiles[0])
+        shape = self.n_tables, 1 + max(map(max, self.tiles)), 5
         self.weights = np.full(shape, settings.initial_value / self.n_tilings)
         self.traces: dict[tuple[int, int], float] = {}
         self.state, self.following, self.episode_steps = start(model, self.stream), -1, 0
         self.episode: list[tuple[int, int, float, int, int, bool]] = []
         self.steps = self.episodes = self.wrong = 0
 
+    def values_of(self, table: int, o: int) -> Any:
+        return sum(self.weights[table, tile] for tile in self.tiles[o])
+
     def values(self, o: int) -> Floats:
-        return np.asarray(sum(self.weights[tile] for tile in self.tiles[o]))
+        return np.asarray(
+            sum(self.values_of(table, o) for table in range(self.n_tables)) / self.n_tables
+        )
 
     def table(self) -> Floats:
         return np.array([self.values(o) for o in range(self.model.n_observations)])
@@ -97,7 +102,7 @@ class Textbook:
     def choose(self, row: Floats) -> int:
         return choose(next(self.stream), self.settings.epsilon, self.best(row))
 
-    def value_of_next(self, o: int) -> float:
+    def value_of_next(self, o: int, word: int) -> float:
         """Returns what the rule says of the next observation."""
         row, epsilon = self.values(o), self.settings.epsilon
         if "sarsa" in self.name and "expected" not in self.name:
@@ -106,6 +111,11 @@ class Textbook:
         if self.name == "expected_sarsa":  # in this order, for the last digit
             total = (row[0] + row[1]) + (row[2] + row[3]) + row[4]
             return float(epsilon / 5 * total + (1 - epsilon) * row.max())
+        if self.name == "double_q_learning":
+            half = word >> 63
+            return float(
+                self.values_of(1 - half, o)[choose(word, 0.0, self.best(self.values_of(half, o)))]
+            )
         return float(row.max())
 
     def pass_back(self, rate: float) -> None:
@@ -117,7 +127,7 @@ class Textbook:
                 target = reward + (0.0 if terminates else self.settings.discount * value)
                 error = target - self.values(o)[action]
                 for tile in self.tiles[o]:
-                    self.weights[tile, action] += rate * error
+                    self.weights[0, tile, action] += rate * error
         self.episode = []
 
     def step(self) -> bool:
@@ -130,9 +140,10 @@ class Textbook:
         action = self.following if is_sarsa and not begins else self.choose(self.values(o))
         reward, state = take(model, self.state, action, self.stream)
         self.wrong += int(model.is_wrong_ping[self.state, action])
+        word = next(self.stream) if self.n_tables > 1 else 0
         terminates = bool(model.terminated[self.state, action])
-        value = 0.0 if terminates else self.value_of_next(int(model.observation[state]))
-        error = reward + settings.discount * value - self.values(o)[action]
+        value = 0.0 if terminates else self.value_of_next(int(model.observation[state]), word)
+        error = reward + settings.discount * value - self.values_of(word >> 63, o)[action]
         if begins or not ("sarsa" in self.name or action in best):
             self.traces = {}
         fading = settings.discount * getattr(settings, "trace_decay", 0.0)
@@ -145,7 +156,7 @@ class Textbook:
             / self.n_tilings
         )
         for pair, trace in self.traces.items():
-            self.weights[pair] += rate * error * trace
+            self.weights[word >> 63, *pair] += rate * error * trace
         after = int(model.observation[state])
         self.episode.append((o, action, reward, after, self.following, terminates))
         self.state, self.steps, self.episode_steps = state, self.steps + 1, self.episode_steps + 1
@@ -191,7 +202,7 @@ def textbook(
         while not is_over:
             visited.append(agent.values(int(model.observation[agent.state])).max())
             if tiles is None:
-                largest.append(agent.weights.max())
+                largest.append(agent.weights.mean(axis=0).max())
             is_over = agent.step() or getattr(settings, "budget_unit", "steps") == "steps"
         if tiles is None and visited and unit % settings.record_every == 0:
             record["max_q"].append(max(visited))
