@@ -141,12 +141,12 @@ COMMANDS: Final = {
     ),
     "watch": (
         "make a film of an agent that learns",
-        "--scenario=S1 --learner=q_learning --seed=0 --experiment=compare_deep --results=results "
-        "--save!",
+        "--scenario=S1 --learner=q_learning --observation --seed=0 --experiment=compare_deep "
+        "--results=results --save!",
     ),
     "export": (
         "repeat a run, and write its trained agent to a file",
-        "experiment --results=results --learner! --seed! --scenario file",
+        "experiment --results=results --learner! --seed! --scenario --condition file",
     ),
     "assess": (
         "score an agent exactly",
@@ -163,8 +163,8 @@ _OPTIONS: Final = {
     "--results": ("DIR", "folder of results"),
     "--seeds": (
         "A-B",
-        "seeds, for example 0-29 or 7 (default: as declared; not for searches and maps); learners "
-        "with fewer runs get a proportional share; results are in EXPERIMENT_seeds_A-B",
+        "seeds, for example 0-29 or 7 (default: as declared; not for searches and maps); reference "
+        "implementations get a proportional share; results are in EXPERIMENT_seeds_A-B",
     ),
     "--jobs": (
         "N",
@@ -178,6 +178,7 @@ _OPTIONS: Final = {
     "--seed": ("N", "seed of the run; in 'verify', of the draw of runs"),
     "--experiment": ("EXPERIMENT", "experiment of the learner; a missing run is trained, stored"),
     "--scenario": ("NAME", "a name or a path"),
+    "--condition": ("NAME", "a condition of the experiment (default: the learner's first)"),
     "--learner": ("NAME", "a variant, or one with its form, as in 'ppo, one_hot'"),
     "--observation": (
         "FORM",

@@ -19,6 +19,7 @@ from agents.policy import mask_policy
 from agents.sb3.algorithms import Sb3Algorithm
 from benchmark.executors import Processes
 from benchmark.experiment import Experiment, load_experiment
+from benchmark.job import POLICY
 from benchmark.specification import RunSpecification
 from benchmark.store import Record, Store
 from benchmark.style import check_file
@@ -32,7 +33,8 @@ _MAX_SEED = 999_999
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment, path = load_experiment(options.experiment), options.file
-    run, title = find_run(experiment, options.learner, options.seed, options.scenario)
+    given = options.learner, options.seed, options.scenario, options.condition
+    run, title = find_run(experiment, *given)
     is_net = isinstance(load_algorithm(run.algorithm), NetAlgorithm | Sb3Algorithm)
     check_file(path, *([".zip"] if is_net else []), ".npz")
     print(f"training {title} ...", file=sys.stderr)
@@ -48,33 +50,39 @@ def main(options: argparse.Namespace) -> int:
 
 
 def find_run(
-    experiment: Experiment, learner: str, seed: str, scenario: str | None = None
+    experiment: Experiment, learner: str, seed: str, scenario: str | None, condition: str | None
 ) -> tuple[RunSpecification, str]:
     """Finds a run with any seed of a learner, or of a variant with its first form of observation.
 
-    By default, the scenario is the experiment's first; the condition always is. Returns the run
-    and its title.
+    Returns it and its title.
+
+    By default, the scenario is the experiment's first, and the condition the learner's first.
     """
-    if experiment.declared.solved is not None:
-        what = "its runs record only curves; accepted: an experiment without solved"
-        raise InputError(f"{experiment.name}: {what}.")
     number = whole_number(seed, "--seed", 0, _MAX_SEED)
     alike = [p for p in experiment.populations if learner in (p.learner.name, p.learner.variant)]
     if not alike:
         names = {f'"{population.learner.name}"' for population in experiment.populations}
         unknown_name(experiment.name, "learner", learner, names)
-    (run,), title = alike[0].runs([number]), alike[0].learner.title
+    first = alike[0]
+    own = [each for each in alike if each.learner.name == first.learner.name]
+    conditions = {each.condition.name: each for each in reversed(own)}
+    if condition is not None and condition not in conditions:
+        where = f"{experiment.name}: {first.learner.name}"
+        unknown_name(where, "condition", condition, conditions)
+    found = conditions.get(condition or "", first)
+    (run,) = found.runs([number])
     if scenario is not None:
         stem = Path(scenario).stem
         known = experiment.scenarios.get(stem, scenario)
-        run = replace(run, scenario=load_scenario(known, alike[0].condition.scenario(stem)))
-    return run, f"{run.scenario.name}: {title}, seed {number}"
+        run = replace(run, scenario=load_scenario(known, found.condition.scenario(stem)))
+    return run, f"{run.scenario.name}: {found.learner.title}, seed {number}"
 
 
 def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None:
     """Repeats a run and writes its agent; the run is stored, or must equal the stored one."""
-    scenario, form = run.scenario, run.observation
-    about = json.dumps(json.loads(run.content) | {"digest": run.digest})
+    scenario, form = run.drawn_scenario if run.solved else run.scenario, run.observation
+    content = json.loads(run.content) | {"scenario": scenario.model_dump(mode="json")}
+    about = json.dumps(content | {"digest": run.digest})
     keep: Any = bool  # keeps nothing
     if path.suffix.lower() == ".zip":
         from agents.sb3.training import save
@@ -88,13 +96,16 @@ def _export(run: RunSpecification, title: str, path: Path, store: Store) -> None
     if record.status != "done":
         reason = record.error or "it diverged"
         raise InputError(f"{title}: there is no agent to write: {reason}.")
-    greedy, q, stochastic = (record.arrays[name] for name in ("greedy", "q", "stochastic"))
+    greedy, q, stochastic = (record.arrays[name] for name in POLICY)
     if path.suffix.lower() == ".npz":
         tables: dict[str, Any] = {"q": q, "greedy": mask_policy(greedy[-1])}
         tables["observations"] = observation_table(compile_seen(scenario, form), form)
         tables["stochastic"] = stochastic[-1:].reshape(-1, 5)
         with path.open("wb") as file:
             np.savez(file, about=about, **tables)
+    if run.solved:  # of these, the store has only curves
+        curves = {name: array for name, array in record.arrays.items() if name not in POLICY}
+        record = replace(record, arrays=curves)
     if run.digest not in store.ended():
         store.add([record])
     elif found := difference_of(store.get([run.digest])[0], record):

@@ -33,6 +33,8 @@ Floats = NDArray[np.float64]
 MAX_JOB_WORK: Final = 10_000_000
 MAX_JOB_SIZE: Final = 250_000_000
 EXPLORED: Final = 0.05  # probability of a random action, for learners without a stochastic policy
+# Fields of `Training` that exports need, also of runs that record only curves.
+POLICY: Final = ("greedy", "q", "stochastic")
 _CURVE: Final = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
 
 
@@ -186,7 +188,7 @@ def _until_solved(run: RunSpecification) -> dict[str, NDArray[Any]]:
     final = policies(last)
     curve[-1] = success(final[which].tobytes())
     scored = [evaluate(model, np.stack(final), run.horizon, kind).success for kind in unseen]
-    columns = {name: getattr(training, name) for name in _CURVE}
+    columns = {name: getattr(training, name) for name in _CURVE + POLICY * bool(run.keep)}
     unseen_success = np.reshape(scored, (1, len(unseen), 2))
     return columns | {"success": np.array([curve]), "unseen_success": unseen_success}
 

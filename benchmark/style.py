@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, Normalize, to_rgb
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
@@ -191,8 +191,7 @@ def draw_cells(
     for y, row in enumerate(cells):
         for x, (text, colour) in enumerate(row):
             axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
-            ink = "white" if sum(to_rgb(colour)) < 1.3 else "black"
-            axis.text(x, y, text, ha="center", va="center", fontsize="small", color=ink)
+            axis.text(x, y, text, ha="center", va="center", fontsize="small")
     axis.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
     axis.set_xticks(range(len(columns)), columns, fontsize="small")
     axis.set_yticks(range(len(rows)), rows, fontsize="small")

@@ -18,7 +18,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from agents.policy import contains
-from benchmark.experiment import load_experiment
+from benchmark.experiment import DEFAULT_CONDITION, load_experiment
 from benchmark.export import find_run
 from benchmark.records import Records, load_records
 from benchmark.run import execute, pending
@@ -49,7 +49,12 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment = load_experiment(options.experiment)
     check_file(options.save, *ANIMATIONS)
-    watched, title = find_run(experiment, options.learner, options.seed, options.scenario)
+    if experiment.declared.solved is not None:
+        accepted = "an experiment without grids, search or solved"
+        raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
+    learner = ", ".join(filter(None, [options.learner, options.observation]))
+    given = learner, options.seed, options.scenario, DEFAULT_CONDITION
+    watched, title = find_run(experiment, *given)
     with Store(options.results / "runs.db") as store:
         store.discard_damaged([watched.digest])
         if pending([watched], store):

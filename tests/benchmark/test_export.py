@@ -44,7 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def stored(folder: Path, name: str) -> Record:
     experiment = load_experiment(folder / "small.toml")
-    run, _ = find_run(experiment, LEARNERS[name], "1", "S3")
+    run, _ = find_run(experiment, LEARNERS[name], "1", "S3", None)
     with Store(folder / "runs.db", read_only=True) as store:
         return store.get([run.digest])[0]
 

@@ -15,7 +15,6 @@ from benchmark.watch import CIRCLE, HORIZON, draw, walk, write
 from envs import ACTIONS, Model, compile_scenario, load_scenario
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.populations import population
-from tests.support import small_experiment
 
 UP, DOWN, LEFT, RIGHT, PING = (1 << action for action in range(len(ACTIONS)))
 S1 = compile_scenario(load_scenario("S1"))
@@ -86,14 +85,10 @@ def test_the_command_watches_a_scenario_of_the_current_folder(
     monkeypatch.setattr("benchmark.watch.write", lambda *_: None)  # it takes seconds
     text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
     Path("Hallway.toml").write_text(text.replace("rows = 10", "rows = 20"), encoding="utf-8")
-    command = ["watch", "--experiment", "reproduce", "--scenario", "Hallway.toml"]
     for said in ("training", ""):
-        assert main([*command, "--save", "film.webp"]) == 0
+        assert main(["watch", "--scenario", "Hallway.toml", "--save", "film.webp"]) == 0
         printed = capsys.readouterr()
-        assert printed.out == "Hallway: Q-learning table, seed 0: film.webp\n"
+        assert printed.out == "Hallway: paper's Q-learning table, seed 0: film.webp\n"
         assert printed.err.partition(" ")[0] == said  # then the run is stored
-    Path("mine.toml").write_text(small_experiment(solved={"success": 0.9}), encoding="utf-8")
-    assert (
-        main(["watch", "--experiment", "mine.toml", "--learner", "table", "--save", "a.gif"]) == 2
-    )
-    assert "its runs record only curves" in capsys.readouterr().err
+    assert main(["watch", "--experiment", "groups", "--save", "a.gif"]) == 2
+    assert "its runs cannot be watched" in capsys.readouterr().err
