@@ -23,7 +23,7 @@ RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SMOKE),--smoke
 
 PYTEST = $(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help reproduce tune compare-deep sb3 when groups report test test-slow check speed clean
+.PHONY: help reproduce tune compare-deep when suite report test test-slow check speed clean
 
 help: ## list these commands
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -34,17 +34,14 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 tune: $(DEEP) ## search for the settings of every learner, in results/tuning/ (an hour and a half)
 	$(RUN) $(or $(EXPERIMENT),tuning)
 
-compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (three quarters of an hour; SEEDS=5: 7 minutes, 5 seeds each, in compare_deep_seeds_0-4)
+compare-deep: $(DEEP) ## tables, tile coding, DQN and PPO, in results/compare_deep/ (half an hour; SEEDS=5: 4 minutes, 5 seeds each, in compare_deep_seeds_0-4)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
-
-sb3: $(DEEP) ## DQN, PPO and others of Stable-Baselines3 against the paper's table, in results/sb3/ (a quarter of an hour)
-	$(RUN) $(or $(EXPERIMENT),sb3)
 
 when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (one and a half hours)
 	$(RUN) $(or $(EXPERIMENT),when)
 
-groups: $(DEEP) ## the same with several people, strangers or in a group that talks, in results/groups/ (half an hour)
-	$(RUN) $(or $(EXPERIMENT),groups)
+suite: $(DEEP) ## the learners beside which your own is shown, in eight scenes, in results/suite/
+	$(RUN) $(or $(EXPERIMENT),suite)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)

@@ -26,7 +26,7 @@ examples:
   python -m benchmark report                       texts and page of all results, from their tables
   python -m benchmark verify reproduce             repeats 20 runs, and makes the results again
   python -m benchmark watch --scenario S2 --learner dqn --save film.webp
-  python -m benchmark export compare_deep --learner ppo --seed 400 ppo.zip
+  python -m benchmark export compare_deep --learner ppo --seed 1000 ppo.zip
   python -m benchmark assess --agent module:act --scenario S1 --observation index
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and

@@ -43,7 +43,7 @@ from envs.sources import find_modules_in
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent / "experiments"
 # The experiments whose results are published, in the order of README. .gitignore lists them, too.
-PUBLISHED: Final = ("reproduce", "compare_deep", "when", "groups", "sb3", "tuning", "equivalence")
+PUBLISHED: Final = ("reproduce", "compare_deep", "when", "suite", "tuning")
 MAX_RUNS: Final = 100_000  # of an experiment: more than a day at a second each
 # Folders of results that are not those of an experiment, or not of its declared seeds
 _RESERVED: Final = "speed|.*_smoke|.*_seeds_.*"

@@ -110,7 +110,7 @@ def main(options: argparse.Namespace) -> int:
     if options.experiment is None:
         if options.seeds is not None:
             raise InputError("--seeds: accepted only together with an experiment.")
-        print(f"the page is {write_texts(results)}.")
+        print(f"open {write_texts(results)}.")
         return 0
     experiment = load_experiment(options.experiment, smoke=options.smoke)
     seeds = other_seeds(experiment, tables.parse_seeds(options.seeds))
@@ -118,11 +118,10 @@ def main(options: argparse.Namespace) -> int:
     write(experiment, folder, seeds)
     if experiment.declared.search is not None:
         load_study("search", experiment.argument).write_chosen(experiment, folder)
-    print(f"{experiment.name}: tables and figures are in {folder}.")
     is_published = folder.name in PUBLISHED
     folders = _published(results) if is_published else [Folder(folder)]
     where = page.write(results if is_published else folder, folders)
-    print(f"{experiment.name}: the page is {where}.")
+    print(f"{experiment.name}: open {where}, or {folder / README}.")
     if text := certificate(folder):
         print(text)
     return 0

@@ -92,7 +92,7 @@ def changed(path: Path, n: int) -> Iterator[str]:
         yield toml(table)
 
 
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("sb3", "tuning")]
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("compare_deep", "tuning")]
 
 
 @pytest.mark.parametrize("name", ["Moody", "Walls", "reproduce", *SLOW])

@@ -10,7 +10,7 @@ from tests.support import ROOT, make
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 TARGETS = re.findall(r"^([\w-]+):.*##", MAKEFILE, flags=re.MULTILINE)
-SMOKE = ["SMOKE=1"], ["the page is"]
+SMOKE = ["SMOKE=1"], ["open "]
 # Of each target: what makes it a miniature, what it says, and what it makes.
 MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "help": ([], [f"make {name} " for name in TARGETS], set()),
@@ -19,11 +19,11 @@ MINIATURES: dict[str, tuple[list[str], list[str], set[str]]] = {
     "check": (["CHECKED=tests/__init__.py"], ["no issues found in 1 source file"], set()),
     "report": ([], [], {"README.md", "index.html"}),
     "when": (*SMOKE, {"runs.db", "when_smoke/map.svg"}),
-    "sb3": (*SMOKE, {"runs.db", "sb3_smoke/curves.svg"}),
+    "compare-deep": (*SMOKE, {"runs.db", "compare_deep_smoke/curves.svg"}),
     "speed": (["SPEED=--smoke"], [], {"speed_smoke/README.md"}),
 }
-# Other tests use what these make; `groups` differs from `when` in its experiment alone.
-TESTED_ELSEWHERE = {"clean", "reproduce", "compare-deep", "tune", "groups"}
+# Other tests use what these make; `suite` differs from `when` in its experiment alone.
+TESTED_ELSEWHERE = {"clean", "reproduce", "suite", "tune"}
 
 
 @pytest.mark.slow
@@ -58,7 +58,7 @@ def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
     assert {str(path.relative_to(tmp_path)) for path in left} == kept
 
 
-@pytest.mark.parametrize("target", ["reproduce", "compare-deep", "groups"])
+@pytest.mark.parametrize("target", ["reproduce", "compare-deep", "suite"])
 def test_seeds_are_passed_on_or_refused(target: str) -> None:
     shown = make("--dry-run", target, "SEEDS=30", "SMOKE=1", "EXPERIMENT=mine").stdout
     assert shown.split()[-4:] == ["--smoke", "--seeds", "0-29", "mine"]

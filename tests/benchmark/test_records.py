@@ -38,9 +38,10 @@ def test_records_are_read_in_order_unless_one_is_not_valid(tmp_path: Path) -> No
 
 
 def test_scores_lie_between_the_exact_anchors() -> None:
-    random, optimal = anchors(population().model, population().run.horizon)
+    easy, optimal = anchors(population().model, population().run.horizon)
+    assert easy == pytest.approx(4 * -0.4 - 1)  # giving up, by five wrong PINGs; random costs more
     assert optimal == pytest.approx(0.0, abs=1e-12)
-    returns = np.array([[optimal, random, (optimal + random) / 2, random - (optimal - random)]])
+    returns = np.array([[optimal, easy, (optimal + easy) / 2, easy - (optimal - easy)]])
     assert population(n=1, grid_return=returns).unbounded_scores()[0] == pytest.approx(
         [1, 0, 0.5, -1]
     )
@@ -72,5 +73,5 @@ def test_scenarios_in_which_nobody_can_succeed_are_refused() -> None:
     with pytest.raises(InputError, match=r"S1: no policy succeeds within horizon = 10; accepted: "):
         check_scores([replace(run, horizon=10)])
     free = load_scenario("S1", {"rewards.other": 0, "rewards.wrong_ping": 0})
-    with pytest.raises(InputError, match=r"S1: within 2 steps the random policy earns as much"):
+    with pytest.raises(InputError, match=r"S1: within 2 steps random moves or PINGs alone earn"):
         check_scores([replace(run, horizon=2, scenario=free)])

@@ -90,5 +90,5 @@ def test_the_command_watches_a_scenario_of_the_current_folder(
         printed = capsys.readouterr()
         assert printed.out == "Hallway: paper's Q-learning table, seed 0: film.webp\n"
         assert printed.err.partition(" ")[0] == said  # then the run is stored
-    assert main(["watch", "--experiment", "groups", "--save", "a.gif"]) == 2
+    assert main(["watch", "--experiment", "tuning", "--save", "a.gif"]) == 2
     assert "its runs cannot be watched" in capsys.readouterr().err

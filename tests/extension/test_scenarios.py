@@ -45,7 +45,7 @@ EXPERIMENT = small_experiment(
     evaluation_every=500,
     map_every=500,
     settings={"learning_rate": 0.5, "epsilon": 0.3, "budget": 2000, "record_every": 1000},
-    report={"kind": "comparison", "pool": "none"},
+    report={"kind": "comparison"},
     algorithms={"one": variant(seeds=3), "two": variant("sarsa", "index", "offset", seeds=3)},
 )
 OPTIMUM = (
