@@ -285,7 +285,8 @@ def figure(data: Data) -> Figure:
 def _draw_group(axis: Axes, learners: list[Learner], tables: Mapping[str, pd.DataFrame]) -> None:
     """Draws the trials and the chosen settings of learners, a row for each."""
     names = [learner.name for learner in learners]
-    tried, best = (tables[name].query("learner in @names") for name in ("trials", "chosen"))
+    both = tables["trials"], tables["chosen"]
+    tried, best = (table[table["learner"].isin(names)] for table in both)
     rows, y = (table["learner"].map(names.index) for table in (tried, best))
     for kind, mark in {"drawn": "|", "candidate": "1"}.items():
         own = tried["kind"] == kind
@@ -380,6 +381,7 @@ def reading(data: Data) -> str:
         greedy += f", but of the stochastic one for {listed(sorted(stochastic))}"
     return f"""\
 {learning(experiment)}
+A run that reaches the level only in its last evaluation counts as one that never learns here.
 
 Trials are compared by success averaged over the logarithm of steps, from {first.evaluation_every:,}
 steps to the end of the budget ({" or ".join(f"{budget:,}" for budget in sorted(budgets))}), and

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -17,12 +16,13 @@ description = "SARSA joins."
 
 [changes]
 "search.trials" = 3
-"search.parts" = 2
 
 [changes."algorithms.mine"]
 algorithm = "sarsa"
 observations = ["index"]
 seeds = 2
+scenarios = ["FarCorner"]
+candidates = [{ epsilon = 0.25 }]
 search = { epsilon = { low = 0.01, high = 0.6, scale = "log" } }
 """
 
@@ -33,10 +33,12 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     (tmp_path / "base.toml").write_text(TEXT, encoding="utf-8")
     path.write_text(MINE.replace("BASE", str(tmp_path / "base.toml")), encoding="utf-8")
     assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 0
-    chosen = pd.read_csv(tmp_path / "results" / "mine" / "chosen.csv")
-    assert [*chosen["learner"]] == [*np.repeat([*LEARNERS, "mine, index"], 2)]
-    assert chosen["part"].tolist() == [1, 2] * 3
-    # Another experiment takes what was chosen for it: its two runs, one pick each.
+    folder = tmp_path / "results" / "mine"
+    chosen = pd.read_csv(folder / "chosen.csv")
+    assert [*chosen["learner"]] == [*LEARNERS, "mine, index"]
+    runs = pd.read_csv(folder / "runs.csv.gz")
+    assert {*runs[runs["learner"] == "mine, index"]["scenario"]} == {"FarCorner"}
+    # Another experiment takes what was chosen for it.
     tuned = tmp_path / "tuned.toml"
     mine = variant("sarsa", first_seed=50, tuned_by=f"{path}:mine")
     tuned.write_text(small_experiment(report={"kind": "comparison"}, algorithms={"mine": mine}))
@@ -46,5 +48,4 @@ def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixtur
     (population,) = experiment.populations
     found = experiment.learners["mine, index"].chosen
     assert found is not None
-    picks = [pick.settings.get("epsilon", 0.6) for pick in found.picks]
-    assert [run.settings.model_dump()["epsilon"] for run in population.runs()] == picks
+    assert population.first.settings.model_dump()["epsilon"] == found.settings.get("epsilon", 0.6)
