@@ -16,8 +16,8 @@ DEEP ?= $(VENV)/.deep
 DEV ?= $(VENV)/.dev
 
 # SMOKE=1 runs a miniature, EXPERIMENT_smoke, to check that everything works; its numbers mean nothing.
-# SEEDS=5 runs seeds 0 to 4 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-4. A reference
-# implementation has its share of them, at least two. By default each variant has the seeds that its experiment declares.
+# SEEDS=5 runs seeds 0 to 4 of every variant, fewer of those with fewer runs, and draws them in a folder of their own,
+# EXPERIMENT_seeds_0-4. By default each variant has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SMOKE),--smoke) $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 

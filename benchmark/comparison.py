@@ -61,7 +61,7 @@ class Margins(Table):
 
     success: Margin = 0.1
     """Of success."""
-    score: Margin = 0.05
+    score: Margin = 0.08
     """Of the score."""
 
 
@@ -77,7 +77,7 @@ class Declared(Report):
 
 
 def check(experiment: Experiment, declared: Declared) -> None:
-    """Raises an InputError if budgets or scenarios differ, or an unknown learner is named."""
+    """Raises an InputError if budgets differ, or an unknown learner is named."""
     if find_spec("rliable") is None:  # said before any run
         raise missing_package(f"{experiment.name}: its report", "rliable")
     source, settings = experiment.argument, [each.first.settings for each in experiment.populations]
@@ -85,10 +85,6 @@ def check(experiment: Experiment, declared: Declared) -> None:
     if len(budgets) > 1 or budgets.pop()[1] != "steps":
         accepted = "the same number of steps for all learners"
         raise InputError(f"{source}: settings.budget: accepted in a comparison: {accepted}.")
-    for name, variant in experiment.declared.algorithms.items():
-        if variant.scenarios:
-            where = f"{source}: algorithms.{name}.scenarios"
-            raise InputError(f"{where}: accepted in a comparison: all scenarios.")
     for key in ("contrasts", "curves"):
         for name in np.ravel(getattr(declared, key)):
             if name not in experiment.learners:
