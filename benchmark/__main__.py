@@ -183,7 +183,8 @@ _OPTIONS: Final = {
     "--observation": (
         "FORM",
         "form of observation: index, one_hot, factored, tiles, coordinates, centred or planes; or, "
-        "relative to the agent, offset, alone or followed by _one_hot and so on",
+        "relative to the agent, offset, alone or followed by _one_hot and so on; with onlookers, "
+        "relative_coordinates or relative_centred",
     ),
     "--agent": (
         "MODULE:FUNCTION",

@@ -462,6 +462,8 @@ OBSERVED: Final = {
     "offset_tiles": "tiles of offsets",
     "offset_coordinates": "offset coordinates",
     "offset_centred": "centred offset coordinates",
+    "relative_coordinates": "everybody's offsets",
+    "relative_centred": "everybody's centred offsets",
     "planes": "images of the room",
 }
 # A table has a row for each observation, in whatever form it is given.

@@ -92,7 +92,7 @@ class Model:
     event: Codes  # (S, A) index into EVENTS
     wrong_pings: Indices  # (S, A) wrong PINGs in the episode after the action
     observation: Indices  # (S,) 0 to O - 1: the components' values, the first changing fastest
-    components: tuple[Component, ...]  # what is observed, the agent's cell or the offset first
+    components: tuple[Component, ...]  # what is observed, the agent's cell or offsets first
     cell: Indices  # (S,) the agent's, row * columns + column
     context: Indices  # (S,) place * P + phase
     zone: Codes  # (S,) index into ZONES
@@ -356,8 +356,10 @@ def _components(
             )
         if name == "issuer":
             return _people(scenario, context)
-        if name == "offset":
-            return _offset(scenario, context, cell)
+        if name == "relative" and scenario.onlookers:
+            return _relative(scenario, context, cell)
+        if name in ("offset", "relative"):
+            return _offset(name, scenario, context, cell)
         value, size = counts[name]
         numbers, largest = np.arange(size)[:, None], np.array([max(size - 1, 1)])
         return Component(name, value, numbers, largest, np.zeros(1, int), numbers, size)
@@ -421,27 +423,47 @@ def _crowd(scenario: Scenario, onlookers: Onlookers, place: Indices, own: Ints) 
     )
 
 
-def _offset(scenario: Scenario, context: Indices, cell: Indices) -> Component:
+def _offset(name: str, scenario: Scenario, context: Indices, cell: Indices) -> Component:
     """Returns the component that says where the person and the group stand relative to the agent.
 
     The offsets of several people are sorted by their Euclidean distance from the agent, and those
     that are equally far by rows and columns.
     """
-    grid, n = scenario.grid, scenario.n_people
-    farthest, columns = np.array(grid.size) - 1, 2 * grid.columns - 1
-    standing = scenario.layout.standing.reshape(-1, n)
-    offset = grid.position[standing][:, None] - grid.position[:, None]  # (J * P, C, people, 2)
+    position = scenario.grid.position
+    standing = scenario.layout.standing.reshape(-1, scenario.n_people)
+    offset = position[standing][:, None] - position[:, None]  # (J * P, C, people, 2)
     order = (offset**2).sum(axis=3).argsort(axis=2, kind="stable")
-    index = (np.take_along_axis(offset, order[..., None], axis=2) + farthest) @ (columns, 1)
-    size, number_at = (2 * grid.rows - 1) * columns, index[:, :, 0]
+    sorted_offset = np.take_along_axis(offset, order[..., None], axis=2)
+    return _of_offsets(name, scenario, sorted_offset, context, cell)
+
+
+def _relative(scenario: Scenario, context: Indices, cell: Indices) -> Component:
+    """Returns the component of all people's cells, in their order, but relative to the agent."""
+    position, people = scenario.grid.position, _people(scenario, context)
+    seen = people.numbers.reshape(people.size, 1, people.ones.shape[1], -1)
+    offset = seen.repeat(len(position), axis=1)  # (J, C, people, 2 or 3)
+    offset[..., :2] -= position[:, None]
+    return _of_offsets("relative", scenario, offset, people.value, cell)
+
+
+def _of_offsets(
+    name: str, scenario: Scenario, offset: Ints, where: Indices, cell: Indices
+) -> Component:
+    """Returns a component of offsets, and perhaps badges, (where, C, people, 2 or 3)."""
+    rows, columns = scenario.grid.size
+    n, n_numbers = offset.shape[2:]
+    shape = (2 * rows - 1, 2 * columns - 1, 2)[:n_numbers]
+    from_0 = offset + np.array([rows - 1, columns - 1, 0])[:n_numbers]
+    index = np.ravel_multi_index(tuple(np.moveaxis(from_0, 3, 0)), shape)  # (where, C, people)
+    size, number_at = math.prod(shape), index[:, :, 0]
     values = np.arange(size)[:, None]
-    if n > 1:  # of the many combinations of offsets, only those that occur
-        rows = index.reshape(-1, n)
-        first, number = numbered([*rows.T])
-        number_at, values = number.reshape(number_at.shape), rows[first]
-    numbers, ones = np.stack(np.divmod(values, columns), axis=2), values + size * np.arange(n)
-    largest = np.maximum(2 * farthest, 1)
-    return _of_positions("offset", number_at[context, cell], numbers, largest, ones, size * n)
+    if n > 1:  # of the many combinations, only those that occur
+        combinations = index.reshape(-1, n)
+        first, number = numbered([*combinations.T])
+        number_at, values = number.reshape(number_at.shape), combinations[first]
+    numbers, ones = np.stack(np.unravel_index(values, shape), axis=2), values + size * np.arange(n)
+    largest = np.maximum(np.array(shape) - 1, 1)
+    return _of_positions(name, number_at[where, cell], numbers, largest, ones, size * n)
 
 
 def numbered(columns: Sequence[Ints]) -> tuple[Ints, Ints]:

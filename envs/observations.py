@@ -1,8 +1,9 @@
 """Forms of observation, as tables of all observations.
 
-A form is what is observed and its encoding. In forms that begin with "offset", the agent observes
-where people are relative to itself, instead of its own cell and people's cells. Where the person is
-not seen, they equal the form of cells with the same encoding.
+A form is what is observed and its encoding. In forms that begin with "offset" or "relative", the
+agent observes where people are relative to itself, instead of its own cell and people's cells:
+those who count, or everybody. Where the person is not seen, they equal the form of cells with the
+same encoding.
 
 "planes" is the room as an image, for convolutional nets.
 """
@@ -26,6 +27,7 @@ from envs.tiles import tiles_of
 _ENCODINGS = ("index", "one_hot", "factored", "tiles", "coordinates", "centred")
 SPARSE = ("one_hot", "factored", "tiles")  # encodings by numbers that are mostly 0, else 1
 IMAGES = ("planes",)
+NUMBERS = ("coordinates", "centred")  # encodings by a number for each coordinate
 _PLANES = ("agent", "people", "onlookers", "walls")  # and one for each further component
 # What each form observes, and its encoding: "tiles" has ("", "tiles"), and "offset" has ("offset",
 # "index").
@@ -34,7 +36,7 @@ _PARTS = {
         seen,
         encoding,
     )
-    for seen, encoding in product(("", "offset"), _ENCODINGS)
+    for seen, encoding in (*product(("", "offset"), _ENCODINGS), *product(["relative"], NUMBERS))
 } | {form: ("", form) for form in IMAGES}
 ENCODINGS = {form: encoding for form, (_, encoding) in _PARTS.items()}
 OBSERVATIONS = tuple(ENCODINGS)
@@ -58,8 +60,8 @@ def _check_planes(scenario: Scenario) -> None:
     """Refuses, by an InputError, a scenario that planes cannot show, or SB3 would mistake."""
     first, shape = scenario.observe[0], planes_shape(scenario)
     where = f"observation planes: {scenario.name} with observe = {json.dumps(scenario.observe)}"
-    if first == "offset":
-        raise InputError(f'{where}; accepted: cells, so "agent" instead of "offset".')
+    if first != "agent":
+        raise InputError(f'{where}; accepted: cells, so "agent" instead of "{first}".')
     if shape[0] > min(shape[1:]):  # Stable-Baselines3 takes the shortest side for the channels
         found = f"{where} has {shape[0]} planes of {shape[1]} x {shape[2]} cells"
         raise InputError(f"{found}; accepted: at least as many rows and columns as planes.")
@@ -76,13 +78,13 @@ def check_form(observation: str) -> None:
 def seen_as(scenario: Scenario, observation: str) -> Scenario:
     """Returns a scenario with the components that an agent is given in a form."""
     check_form(observation)
-    relative, _ = _PARTS[observation]
+    seen, _ = _PARTS[observation]
     if observation in IMAGES:
         _check_planes(scenario)
-    if not relative or "issuer" not in scenario.observe:
+    if not seen or "issuer" not in scenario.observe:
         return scenario
     further = [name for name in scenario.observe if name in ("phase", "wrong_pings")]
-    return load_scenario(scenario, {"observe": ["offset", *further]})
+    return load_scenario(scenario, {"observe": [seen, *further]})
 
 
 def compile_seen(scenario: Scenario, observation: str) -> Model:
@@ -148,7 +150,7 @@ def observation_table(model: Model, kind: str) -> Ints | Singles | Bytes:
     """Returns all observations.
 
     Args:
-      model: Compiled scenario with O observations; for the forms of the offset by `compile_seen`.
+      model: Compiled scenario with O observations; for forms of offsets by `compile_seen`.
       kind: The form. Index: (O,) int64. Planes: (O, planes, rows, columns) uint8. Others: (O, D)
         float32. One-hot: a block per component, with a 1 at its value. Factored: a block per
         coordinate, so one for the row and one for the column of a cell. Tiles: a number for each

@@ -59,6 +59,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - `"offset"`, `"offset_one_hot"` and so on: the same, with the person's cell relative to the
     agent's in
       place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
+    - `"relative_coordinates"`, `"relative_centred"`: the same for everybody, onlookers included
     - `"planes"`: `Box(0, 255, (planes, rows, columns), uint8)`, an image with a plane each for the
     agent,
       people, onlookers, walls and each further component, for convolutional nets that take small

@@ -36,9 +36,9 @@ from envs.sources import find_modules_in
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 _MAX_STATES_OF_PLACE = 100_000  # states that are compiled together
 # What can be observed, in the order of an observation.
-COMPONENTS = ("agent", "offset", "issuer", "phase", "wrong_pings")
+COMPONENTS = ("agent", "offset", "relative", "issuer", "phase", "wrong_pings")
 
-Observed = Literal["agent", "offset", "issuer", "phase", "wrong_pings"]
+Observed = Literal["agent", "offset", "relative", "issuer", "phase", "wrong_pings"]
 
 
 class Rewards(Table):
@@ -74,9 +74,9 @@ class Scenario(Table):
     """Which wrong PING ends the episode."""
     rewards: Rewards
     observe: tuple[Observed, ...] = ("agent",)
-    """What the agent sees, in this order: its own cell ("agent"), or the cells of the person and
-    the group relative to it, in rows and columns ("offset"); the cells of the person and the group
-    ("issuer"); the phase; the number of wrong PINGs."""
+    """What the agent sees, in this order: its own cell ("agent"), or cells relative to it, in rows
+    and columns, of the person and the group ("offset") or of onlookers, too ("relative"); the cells
+    of all of these ("issuer"); the phase; the number of wrong PINGs."""
     group: Group | None = None
     """People who are drawn together with the person; by default none."""
     onlookers: Onlookers | None = None
@@ -131,10 +131,12 @@ class Scenario(Table):
         """The product of the components' sizes: O, or more if some offsets never occur together."""
         (n_places, n_phases, n), n_cells = self.layout.standing.shape, len(self.grid.position)
         n_offsets = math.prod(2 * length - 1 for length in self.grid.size)
+        offset = n_offsets if n == 1 else min(n_offsets**n, n_places * n_phases * n_cells)
         is_whole = n > 1 or self.onlookers  # a value for each way to stand, else for each cell
         sizes = {
             "agent": n_cells,
-            "offset": n_offsets if n == 1 else min(n_offsets**n, n_places * n_phases * n_cells),
+            "offset": offset,
+            "relative": n_places * n_cells if self.onlookers else offset,
             "issuer": n_places if is_whole else len(self.layout.issuer_cells),
             "phase": n_phases,
             "wrong_pings": self.ping_limit,
@@ -171,8 +173,9 @@ class Scenario(Table):
     def _is_sound(self) -> Self:
         ordered = tuple(name for name in COMPONENTS if name in self.observe)
         observe = f"observe = {list(self.observe)}"
-        accepted = f"agent or offset, and others at most once each, in the order {list(COMPONENTS)}"
-        has_one = len({*ordered} & {"agent", "offset"}) == 1
+        accepted = "agent, offset or relative, and others at most once each, in the order "
+        accepted += f"{list(COMPONENTS)}"
+        has_one = len({*ordered} & {"agent", "offset", "relative"}) == 1
         require(has_one and self.observe == ordered, observe, accepted)
         is_in_cells = all(regions.unit == "cells" for regions in self._regions)
         accepted = '"cells", unless grid.metres_per_cell is given'

@@ -7,13 +7,12 @@ divided by the number of tilings (Miller and Glanz 1996). Only tiles that some o
 have a number, so none is hashed.
 
 The positions of the agent and of people can also be tiled in several sets, each with tilings of its
-own.
+own, or all with the same ones, so that people share weights.
 
 Axis letters: O observations, V sets of positions.
 """
 
 from collections.abc import Sequence
-from itertools import combinations
 from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -28,7 +27,7 @@ T = TypeVar("T")
 MAX_FEATURES = 5_000_000  # features of all observations; training takes up to 160 bytes of each
 MAX_ROWS = 40_000_000  # entries of `Tiles.rows`, and of `Tiles.tiles`
 
-Parts = Literal["joint", "pairs", "agent_pairs"]
+Parts = Literal["joint", "agent_pairs", "shared_pairs"]
 
 
 class Tiles(NamedTuple):
@@ -45,22 +44,22 @@ def _check(n_each: int, n: int, most: int, found: str) -> None:
 
 def _sets(positions: Sequence[T], scenario: Scenario, parts: Parts) -> list[tuple[T, ...]]:
     """Returns which positions are tiled together; an agent's comes first."""
-    if parts == "pairs":
-        return [*combinations(positions, 2)]
-    if parts == "agent_pairs":
-        n_agents = int(scenario.observe[0] == "agent")
-        return [(*positions[:n_agents], person) for person in positions[n_agents:]]
-    return [tuple(positions)]
+    if parts == "joint":
+        return [tuple(positions)]
+    n_agents = int(scenario.observe[0] == "agent")
+    return [(*positions[:n_agents], person) for person in positions[n_agents:]]
 
 
 @kept_with_model
 def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -> Tiles:
     """Returns the features of every observation.
 
-    Tiles are `width` cells wide. `parts` says which positions are tiled together: all ("joint"),
-    every two of them ("pairs"), or the agent's with each person's ("agent_pairs"). Of positions
-    relative to the agent, "agent_pairs" tiles each by itself. Components without a position, such
-    as a phase, and badges are not tiled: each combination of their values has tiles of its own.
+    Tiles are `width` cells wide. `parts` says which positions are tiled together: all ("joint"), or
+    the agent's with each person's, in tiles of this person's own ("agent_pairs") or the same for
+    all people ("shared_pairs"), so that an observation may have a tile twice. Of positions relative
+    to the agent, pairs have each by itself. Components without a position, such as a phase, and
+    badges are not tiled: each combination of their values has tiles of its own. In pairs, that is
+    the badge of their own person alone.
     """
     positions: list[tuple[Ints, Ints]] = []  # (O, D) numbers, and (D,) per cell
     others = []
@@ -78,19 +77,20 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
         _check(
             n_tilings, n_observations, MAX_FEATURES, f"n_tilings = {n_tilings}: a feature of each"
         )
-        tiles = _tile(positions, others, n_tilings, width)
+        tiles = _tile(*_joined(positions), others, n_tilings, width)
         return Tiles(np.arange(n_observations, dtype=np.int32)[:, None], tiles)
     _check(len(sets), n_observations, MAX_ROWS, f"parts = {parts}: {len(sets)} sets of positions")
     rows, tables = np.empty((n_observations, len(sets)), dtype=np.int32), []
     n_rows = n_tiles = 0
-    for v, each in enumerate(sets):
-        first, number = numbered([*np.concatenate([cells for cells, _ in each], axis=1).T, *others])
-        some = (
-            [(cells[first], per_cell) for cells, per_cell in each],
-            [value[first] for value in others],
-        )
-        tables.append(n_tiles + _tile(*some, n_tilings, width))
-        rows[:, v] = n_rows + number
+    n_alike = len(sets) if parts == "shared_pairs" else 1  # sets that have the same tiles
+    for v in range(0, len(sets), n_alike):
+        alike = [_joined(each) for each in sets[v : v + n_alike]]
+        cells, per_cell = np.concatenate([cells for cells, _ in alike]), alike[0][1]
+        further = [np.tile(value, n_alike) for value in others]
+        first, number = numbered([*cells.T, *further])
+        tiles = _tile(cells[first], per_cell, [value[first] for value in further], n_tilings, width)
+        tables.append(n_tiles + tiles)
+        rows[:, v : v + n_alike] = n_rows + number.reshape(n_alike, -1).T
         n_rows, n_tiles = n_rows + len(first), int(tables[-1].max()) + 1
         _check(
             n_tilings,
@@ -104,11 +104,15 @@ def tiles_of(model: Model, n_tilings: int, width: int, parts: Parts = "joint") -
     return Tiles(rows, np.concatenate(tables))
 
 
+def _joined(positions: Sequence[tuple[Ints, Ints]]) -> tuple[Ints, Ints]:
+    cells, per_cell = zip(*positions, strict=True)
+    return np.concatenate(cells, axis=1), np.concatenate(per_cell)
+
+
 def _tile(
-    positions: Sequence[tuple[Ints, Ints]], others: Sequence[Ints], n_tilings: int, width: int
+    cells: Ints, per_cell: Ints, others: Sequence[Ints], n_tilings: int, width: int
 ) -> Indices:
     """Tiles positions jointly; returns each observation's tiles, (O, n_tilings)."""
-    cells, per_cell = (np.concatenate(each, axis=-1) for each in zip(*positions, strict=True))
     exact, cells, unit = cells[:, per_cell == 0], cells[:, per_cell > 0], per_cell[per_cell > 0]
     odd = 2 * np.arange(cells.shape[1]) + 1
     tiles, n_tiles = np.empty((len(cells), n_tilings), dtype=np.int32), 0

@@ -2,7 +2,7 @@
 
 An action value is the sum of a weight for each feature of the observation. Words are drawn as for
 tables, see `agents.tabular.kernel`, so with one tiling of single cells the agents are those of the
-table.
+table. A feature that an observation has twice, with shared tiles, counts and is traced twice.
 
 Axis letters: N agents, O observations, A actions, T evaluation steps, V map steps.
 """
@@ -138,13 +138,12 @@ def train(
     explore_below = U(round(epsilon * 2**32))
     tiles, fading = features.tiles, discount * decay
     n_active, n_features = features.rows.shape[1] * tiles.shape[1], tiles.max() + 1
+    # Traces last for an episode, and a weight has at most one for each set of positions.
+    n_most = n_active * min(time_limit, n_features * N_ACTIONS // tiles.shape[1] + 1)
     for n in range(len(streams)):
         stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
         weights = np.full((n_features, N_ACTIONS), initial_value / n_active)
-        traced, strengths = (
-            np.empty(n_features * N_ACTIONS, np.int64),
-            np.empty(n_features * N_ACTIONS),
-        )
+        traced, strengths = np.empty(n_most, np.int64), np.empty(n_most)
         renewed = np.full(n_features * N_ACTIONS, -1)
         kept = np.empty(time_limit if constants.backward_passes else 0, STEP)
         masks = np.empty(n_observations, np.int64)  # masks of greedy actions

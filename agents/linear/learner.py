@@ -31,8 +31,8 @@ class LinearSettings(TraceSettings):
     tile_width: Annotated[int, Field(ge=1, le=1000)] = TILE_WIDTH
     """Cells along each side of a tile."""
     parts: Parts = "joint"
-    """Which positions are tiled together: all ("joint"), every two ("pairs"), or the agent's with
-    each person's ("agent_pairs")."""
+    """Which positions are tiled together: all ("joint"), or the agent's with each person's, with
+    weights for each person ("agent_pairs") or the same for all ("shared_pairs")."""
 
 
 class LinearAlgorithm(ValueAlgorithm[Training]):

@@ -6,23 +6,29 @@ The setting `policy_kwargs.features_extractor_class` names one, for example
 Axis letters: B observations of a batch.
 """
 
+import json
 import math
+from collections.abc import Mapping
 
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from envs import Model
 from envs.inputs import InputError
+from envs.observations import ENCODINGS, NUMBERS
+
+_PEOPLE = ("issuer", "offset", "relative")  # components
 
 
 class PeopleExtractor(BaseFeaturesExtractor):
     """Embeds people by one net, and adds the embeddings (Zaheer et al. 2017, "Deep sets").
 
     So the order of people does not matter, except who comes first, if that is marked. Observations
-    must hold coordinates of the agent's cell, then of each person's, and nothing else: a phase and
-    wrong PINGs would pass for one more person. Its features are the agent's coordinates and the
-    sum.
+    must hold coordinates of the agent's cell, if it is seen, then of each person, and nothing else:
+    a phase and wrong PINGs would pass for one more person. In training, `check_people` makes sure
+    of this. Its features are the agent's coordinates and the sum.
     """
 
     def __init__(
@@ -32,29 +38,32 @@ class PeopleExtractor(BaseFeaturesExtractor):
         per_person: int = 2,
         *,
         marks_first: bool = True,
+        sees_agent: bool = True,
     ) -> None:
         """Makes the net.
 
         Args:
-          observation_space: That of the form "coordinates" or "centred".
+          observation_space: That of coordinates, centred or not.
           width: Units of each of the net's two layers.
           per_person: Numbers for each person: row and column, and a third one with badges.
           marks_first: Whether the net is told who is the first person.
+          sees_agent: Whether row and column of the agent's cell come before people.
 
         Raises:
-          InputError: Observations do not have two numbers for the agent and `per_person` for each
-            person.
+          InputError: Observations do not have two numbers for an agent that is seen and
+            `per_person` for each person.
         """
-        n_people, rest = divmod(math.prod(observation_space.shape) - 2, per_person)
+        self.n_first = 2 * sees_agent
+        n_people, rest = divmod(math.prod(observation_space.shape) - self.n_first, per_person)
         if len(observation_space.shape) != 1 or n_people < 1 or rest:
             found = f"PeopleExtractor: observations of shape {observation_space.shape}"
-            accepted = f"coordinates, 2 of the agent and per_person = {per_person} of each person"
-            raise InputError(f"{found}; accepted: {accepted}.")
-        super().__init__(observation_space, 2 + width)
+            numbers = f"{self.n_first} of the agent and per_person = {per_person} of each person"
+            raise InputError(f"{found}; accepted: coordinates, {numbers}.")
+        super().__init__(observation_space, self.n_first + width)
         self.marks: torch.Tensor  # (people, 0 or 1)
         self.register_buffer("marks", torch.eye(n_people)[:, : int(marks_first)], persistent=False)
         layers = (
-            nn.Linear(2 + per_person + marks_first, width),
+            nn.Linear(self.n_first + per_person + marks_first, width),
             nn.ReLU(),
             nn.Linear(width, width),
             nn.ReLU(),
@@ -62,11 +71,34 @@ class PeopleExtractor(BaseFeaturesExtractor):
         self.net = nn.Sequential(*layers)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Returns the features (B, 2 + width) of observations."""
+        """Returns the features (B, agent's coordinates + width) of observations."""
         shape = len(observations), len(self.marks), -1  # (B, people, numbers)
-        agent, people = observations[:, :2], observations[:, 2:].reshape(shape)
-        parts = agent[:, None].expand(shape), people, self.marks.expand(shape)
+        agent, people = observations.tensor_split([self.n_first], dim=1)
+        parts = agent[:, None].expand(shape), people.reshape(shape), self.marks.expand(shape)
         return torch.cat([agent, self.net(torch.cat(parts, dim=2)).sum(dim=1)], dim=1)
+
+
+def check_people(model: Model, observation: str, arguments: Mapping[str, object]) -> None:
+    """Refuses, by an InputError, arguments of `PeopleExtractor` that do not fit observations."""
+    names = [component.name for component in model.components]
+    what = f"PeopleExtractor in {model.scenario.name}: observation {observation}"
+    is_known = names[:-1] in ([], ["agent"]) and names[-1] in _PEOPLE
+    if ENCODINGS[observation] not in NUMBERS or not is_known:
+        accepted = "coordinates, centred or not, of people, or of the agent and people"
+        raise InputError(f"{what} of {', '.join(names)}; accepted: {accepted}.")
+    people = model.components[-1]
+    expected = {
+        "per_person": len(people.per_cell) // people.ones.shape[1],
+        "sees_agent": len(names) > 1,
+    }
+    found = {"per_person": 2, "sees_agent": True} | {**arguments}
+    given, accepted = (
+        ", ".join(f"{key} = {json.dumps(each[key], default=str)}" for key in expected)
+        for each in (found, expected)
+    )
+    if given != accepted:
+        where = "policy_kwargs.features_extractor_kwargs"
+        raise InputError(f"{what}, {where}: {given}; accepted: {accepted}.")
 
 
 class PlanesExtractor(BaseFeaturesExtractor):

@@ -24,6 +24,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
+from agents.sb3.extractors import PeopleExtractor, check_people
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
@@ -133,6 +134,9 @@ def train_agent(
     schedule: Schedule,
 ) -> Fields:
     """Trains an agent of a class, see `agents.contract.SequentialAlgorithm`."""
+    policy = settings.arguments.get("policy_kwargs", {})
+    if policy.get("features_extractor_class") is PeopleExtractor:
+        check_people(model, observation, policy.get("features_extractor_kwargs", {}))
     with _isolated(seed) as (env_seed, action_seed):
         env = SB3VecEnv(model, observation, settings.n_envs, settings.time_limit)
         env.seed(env_seed)

@@ -69,8 +69,12 @@ def test_tiles_of_two_tilings_by_hand(
             MOVES,
             {"n_tilings": 3, "ties": "lowest", "halved_after": 500, "backward_passes": 2},
         ),
-        # Each two positions, or the agent's with each person's, have tilings of their own.
-        ("Crowd", CROWD, {"parts": "pairs", "n_tilings": 2, "epsilon": 0.2, "initial_value": 0.3}),
+        # The agent with each person has tilings in common, or of its own.
+        (
+            "Crowd",
+            CROWD,
+            {"parts": "shared_pairs", "n_tilings": 2, "epsilon": 0.2, "initial_value": 0.3},
+        ),
         (
             "Crowd",
             CROWD,

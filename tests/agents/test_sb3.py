@@ -26,6 +26,7 @@ from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, compile_scenario, load_scenario
 from envs.arrays import Floats
 from envs.inputs import parse
+from envs.observations import compile_seen
 from tests.agents import MOODS, Changes
 
 S1 = compile_scenario(load_scenario("S1"))
@@ -154,13 +155,19 @@ def test_a_rollout_whose_length_is_not_set_divides_the_budget(
 
 # Features extractors
 
-EXTRACTORS: Any = {"planes": PlanesExtractor, "coordinates": PeopleExtractor}
+EXTRACTORS: Any = {
+    "planes": PlanesExtractor,
+    "coordinates": PeopleExtractor,
+    "relative_coordinates": PeopleExtractor,
+}
 
 
-def test_people_are_embedded_alike_and_added_up() -> None:
-    extractor = PeopleExtractor(spaces.Box(0, 1, (2 + 4 * 3,), np.float32), 5, per_person=3)
-    rows = torch.rand(6, 14)
-    agent, people = rows[:, :2], rows[:, 2:].reshape(6, 4, 3)
+@pytest.mark.parametrize("n_first", [0, 2])
+def test_people_are_embedded_alike_and_added_up(n_first: int) -> None:
+    space = spaces.Box(0, 1, (n_first + 4 * 3,), np.float32)
+    extractor = PeopleExtractor(space, 5, per_person=3, sees_agent=n_first > 0)
+    rows = torch.rand(6, n_first + 12)
+    agent, people = rows[:, :n_first], rows[:, n_first:].reshape(6, 4, 3)
     expected = torch.zeros(6, 5)
     for i in range(4):
         is_first = torch.full((6, 1), float(i == 0))
@@ -168,14 +175,52 @@ def test_people_are_embedded_alike_and_added_up() -> None:
     assert torch.allclose(extractor(rows), torch.cat([agent, expected], dim=1), atol=1e-6)
 
 
-@pytest.mark.parametrize("observation", EXTRACTORS)
-@pytest.mark.parametrize("name", ["sb3_dqn", "sb3_ppo", "stable_baselines3:A2C"])
+@pytest.mark.parametrize(
+    ("changes", "observation", "arguments", "expected"),
+    [
+        # 2 + 2 * 3 numbers would pass for those of three people without badges
+        ({}, "coordinates", {}, "per_person = 2, sees_agent = true; accepted: per_person = 3, "),
+        ({}, "centred", {"per_person": 1}, "per_person = 1, .* accepted: per_person = 3, "),
+        ({}, "relative_centred", {"per_person": 3}, "accepted: per_person = 3, sees_agent = false"),
+        ({}, "coordinates", {"per_person": 3, "sees_agent": False}, "accepted: .*agent = true"),
+        ({"onlookers.badge": False}, "coordinates", {"per_person": 3}, "accepted: per_person = 2,"),
+        ({}, "factored", {"per_person": 3}, "observation factored of agent, issuer; accepted: coo"),
+        ({"observe": ["agent", "issuer", "wrong_pings"]}, "coordinates", {"per_person": 3},
+         "of agent, issuer, wrong_pings; accepted: coordinates"),
+    ],
+)  # fmt: skip
+def test_what_is_not_made_of_people_is_refused(
+    changes: Changes, observation: str, arguments: Changes, expected: str
+) -> None:
+    crowd = {"onlookers": {"people": 1, "ways": 8, "badge": True}, "issuer.places": 4}
+    model = compile_seen(load_scenario("Anywhere", crowd | changes), observation)
+    policy = PolicyArguments(
+        features_extractor_class="agents.sb3.extractors:PeopleExtractor",
+        features_extractor_kwargs=arguments,
+    )
+    settings, schedule = DQN.model_copy(update={"policy_kwargs": policy}), Schedule(400, (0, 400))
+    with pytest.raises(InputError, match=f"^PeopleExtractor in Anywhere: .*{expected}"):
+        algorithms.DQN.train(model, settings, observation, [SeedSequence(1)], schedule)
+
+
+@pytest.mark.parametrize(
+    ("name", "observation"),
+    [
+        ("sb3_dqn", "relative_coordinates"),
+        ("sb3_ppo", "coordinates"),
+        ("sb3_dqn", "planes"),
+        ("stable_baselines3:A2C", "planes"),
+    ],
+)
 def test_agents_learn_with_features_extractors(name: str, observation: str) -> None:
     algorithm: Any = load_algorithm(name)
-    model, kept = compile_scenario(load_scenario("Anywhere", {"issuer.places": 5})), list[Any]()
-    policy = {
+    scenario, kept = load_scenario("Anywhere", {"issuer.places": 5}), list[Any]()
+    model = compile_seen(scenario, observation)
+    policy: Changes = {
         "features_extractor_class": f"agents.sb3.extractors:{EXTRACTORS[observation].__name__}"
     }
+    if observation == "relative_coordinates":
+        policy["features_extractor_kwargs"] = {"sees_agent": False}
     settings = parse(algorithm.settings, {"budget": 400, "policy_kwargs": policy}, "mine.toml")
     settings = pickle.loads(pickle.dumps(settings))  # as for another process
     schedule = Schedule(400, (0, 200, 400), keep=kept.append)

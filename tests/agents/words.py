@@ -79,7 +79,7 @@ class Textbook:
         self.n_tables, self.n_tilings = 2 if name == "double_q_learning" else 1, len(self.tiles[0])
         shape = self.n_tables, 1 + max(map(max, self.tiles)), 5
         self.weights = np.full(shape, settings.initial_value / self.n_tilings)
-        self.traces: dict[tuple[int, int], float] = {}
+        self.traces: list[tuple[tuple[int, int], float]] = []
         self.state, self.following, self.episode_steps = start(model, self.stream), -1, 0
         self.episode: list[tuple[int, int, float, int, int, bool]] = []
         self.steps = self.episodes = self.wrong = 0
@@ -145,17 +145,22 @@ class Textbook:
         value = 0.0 if terminates else self.value_of_next(int(model.observation[state]), word)
         error = reward + settings.discount * value - self.values_of(word >> 63, o)[action]
         if begins or not ("sarsa" in self.name or action in best):
-            self.traces = {}
+            self.traces = []
         fading = settings.discount * getattr(settings, "trace_decay", 0.0)
-        faded = {pair: fading * trace for pair, trace in self.traces.items()}
-        self.traces = {pair: trace for pair, trace in faded.items() if trace >= MIN_TRACE}
-        self.traces |= {(tile, action): 1.0 for tile in self.tiles[o]}
+        faded, active = (
+            [(pair, fading * trace) for pair, trace in self.traces],
+            [(tile, action) for tile in self.tiles[o]],
+        )
+        self.traces = [
+            (pair, trace) for pair, trace in faded if trace >= MIN_TRACE and pair not in active
+        ]
+        self.traces += [(pair, 1.0) for pair in active]  # twice for a tile with two people
         rate = (
             settings.learning_rate
             / (1 + self.steps / (settings.halved_after or np.inf))
             / self.n_tilings
         )
-        for pair, trace in self.traces.items():
+        for pair, trace in self.traces:
             self.weights[word >> 63, *pair] += rate * error * trace
         after = int(model.observation[state])
         self.episode.append((o, action, reward, after, self.following, terminates))

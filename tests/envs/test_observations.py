@@ -51,6 +51,20 @@ def test_of_equally_near_people_the_upper_and_then_the_left_one_comes_first() ->
     assert seen(PAIR, (0, 0), (0, 3), (2, 1))[0] == [6 * 11 + 6, 99 + 4 * 11 + 8]
 
 
+@pytest.mark.parametrize("changes", [ROOM, PAIR])
+def test_without_onlookers_relative_forms_are_those_of_offsets(changes: Changes) -> None:
+    scenario = load_scenario("Anywhere", changes)
+    offset, relative = (
+        compile_seen(scenario, f"{seen}_centred") for seen in ("offset", "relative")
+    )
+    assert (offset.observation == relative.observation).all()
+    tables = (
+        observation_table(offset, "offset_centred"),
+        observation_table(relative, "relative_centred"),
+    )
+    assert np.array_equal(*tables)
+
+
 def test_further_encodings_of_a_pair_of_cells_by_hand() -> None:
     # The agent is in row 3, column 1 of five and six, the person in row 0, column 4.
     model = compile_scenario(load_scenario("Anywhere", ROOM))

@@ -122,37 +122,50 @@ def test_what_is_seen_by_hand() -> None:
     assert offset.n_observations == 5 * 7
 
 
-@pytest.mark.parametrize("parts", ["pairs", "agent_pairs"])
+def test_everybody_relative_to_the_agent_by_hand() -> None:
+    """Of three rows and four columns, offsets are from -2 to 2 and from -3 to 3."""
+    badged = {"onlookers": {"people": 2, "ways": 6, "badge": True}}
+    cells = model_of(CROWD | badged)
+    relative = compile_seen(cells.scenario, "relative_coordinates")
+    agent, people = (cells.components[i].numbers[cells.values[i]] for i in range(2))
+    table = observation_table(relative, "relative_coordinates")
+    seen = set()
+    for state, o in enumerate(cells.observation.tolist()):
+        row, column = agent[o].tolist()
+        expected = [
+            number
+            for r, c, badge in people[o].reshape(3, 3).tolist()
+            for number in ((r - row + 2) / 4, (c - column + 3) / 6, badge)
+        ]
+        assert table[relative.observation[state]] == pytest.approx(expected)
+        seen.add(tuple(expected))
+    assert relative.n_observations == len(seen) <= relative.scenario.n_observations
+
+
+@pytest.mark.parametrize("parts", ["agent_pairs", "shared_pairs"])
 @pytest.mark.parametrize("badge", [False, True])
-def test_structures_of_tiles_equal_a_plain_loop(parts: Parts, badge: bool) -> None:
-    model = model_of(
-        CROWD
-        | {
-            "onlookers": {"people": 2, "ways": 6, "badge": badge},
-            "observe": ["agent", "issuer", "wrong_pings"],
-        }
-    )
+@pytest.mark.parametrize("form", ["coordinates", "relative_coordinates"])
+def test_tiles_of_each_person_equal_a_plain_loop(form: str, badge: bool, parts: Parts) -> None:
+    changes = CROWD | {"onlookers": {"people": 2, "ways": 6, "badge": badge}}
+    changes |= {"observe": ["agent", "issuer", "wrong_pings"]}
+    model = compile_seen(load_scenario("Anywhere", changes), form)
     found, n_tilings, width = tiles_of(model, 3, 2, parts), 3, 2
-    agent, people, pings = (model.components[i].numbers[model.values[i]].tolist() for i in range(3))
-    numbers = 3 if badge else 2
+    seen = [part.numbers[value] for part, value in zip(model.components, model.values, strict=True)]
+    *agent, people, pings = (numbers.tolist() for numbers in seen)
+    n = 3 if badge else 2
     tiles: dict[Any, int] = {}
     for o in range(model.n_observations):
-        positions = [
-            agent[o],
-            *(people[o][i : i + numbers] for i in range(0, 3 * numbers, numbers)),
-        ]
-        pairs = [(p, q) for q in range(4) for p in range(q) if parts == "pairs" or p == 0]
-        for p, q in sorted(pairs):
+        for person in range(3):
+            row, column, *its_badge = people[o][person * n : (person + 1) * n]
+            places = [*(agent[0][o] if agent else ()), row, column]
             for t in range(n_tilings):
-                places = positions[p][:2] + positions[q][:2]
                 # In thirds of a cell; tiling t is displaced by t times odd numbers of thirds of a
                 # width.
                 key = [
                     (3 * x + t * odd % 3 * width) // (3 * width)
-                    for x, odd in zip(places, (1, 3, 5, 7), strict=True)
+                    for x, odd in zip(places, (1, 3, 5, 7), strict=False)
                 ]
-                key += positions[p][2:] + positions[q][2:] + pings[o]
-                (v,) = [i for i, each in enumerate(sorted(pairs)) if each == (p, q)]
-                tile = int(found.tiles[found.rows[o, v], t])
-                assert tiles.setdefault((p, q, t, *key), tile) == tile
+                key += [t, *its_badge, *pings[o], *[person] * (parts == "agent_pairs")]
+                tile = int(found.tiles[found.rows[o, person], t])
+                assert tiles.setdefault(tuple(key), tile) == tile
     assert sorted(tiles.values()) == [*range(int(found.tiles.max()) + 1)]
