@@ -22,6 +22,7 @@ _EPILOG: Final = """\
 examples:
   python -m benchmark list                         scenarios, algorithms, experiments
   python -m benchmark run reproduce --report       missing runs on all cores, then results/reproduce
+  python -m benchmark bench sb3_contrib:TRPO --settings learning_rate=1e-3 --stochastic
   python -m benchmark report compare_deep          tables, figures and texts from published runs
   python -m benchmark report                       texts and page of all results, from their tables
   python -m benchmark verify reproduce             repeats 20 runs, and makes the results again
@@ -124,12 +125,16 @@ class _Parser(argparse.ArgumentParser):
 
 
 # What each command does, and its options: `!` marks those that must be given, `?` an argument that
-# can be left out, and `=` is followed by a default.
+# can be left out, `+` those that take several values, and `=` is followed by a default.
 COMMANDS: Final = {
     "list": ("show scenarios, algorithms and experiments", ""),
     "run": (
         "train the missing runs of an experiment, and publish all runs",
         "experiment --results=results --seeds --jobs --smoke --report --cluster",
+    ),
+    "bench": (
+        "run an algorithm of your own in the suite's scenes, beside the published learners",
+        "algorithm --settings+ --observation --stochastic --results=results --jobs --smoke",
     ),
     "report": (
         "make an experiment's tables, figures and texts from its published runs, and the page",
@@ -160,6 +165,12 @@ COMMANDS: Final = {
 # The value that each option takes, none if it is only given or not, and what it means
 _OPTIONS: Final = {
     "experiment": ("EXPERIMENT", "a name shown by 'list', or the path of a TOML file"),
+    "algorithm": (
+        "ALGO",
+        "a class like those of Stable-Baselines3, as in sb3_contrib:TRPO or mine.py:Mine, or the "
+        "path of a TOML file that extends the suite",
+    ),
+    "--settings": ("KEY=VALUE", "settings, with values as in TOML (default: the class's)"),
     "--results": ("DIR", "folder of results"),
     "--seeds": (
         "A-B",
@@ -194,7 +205,7 @@ _OPTIONS: Final = {
     "--model": ("FILE", "a model saved by Stable-Baselines3; needs --trust"),
     "--algorithm": ("MODULE:CLASS", "the saved model's class, as in stable_baselines3:PPO"),
     "--trust": ("", "load the model's file, which runs any code that is in it"),
-    "--stochastic": ("", "let a saved model sample its actions (default: greedy)"),
+    "--stochastic": ("", "let the policy sample its actions (default: greedy)"),
     "--save": ("FILE", "film of 'watch', .webp or .gif; map of 'assess', .png or .svg"),
     "file": ("FILE", "a .zip for Stable-Baselines3 (only nets), or an .npz for NumPy"),
 }
@@ -221,7 +232,7 @@ def _parser() -> argparse.ArgumentParser:
 def _add(command: argparse.ArgumentParser, option: str) -> None:
     """Adds an option as `COMMANDS` has it."""
     given, _, default = option.partition("=")
-    name = given.rstrip("!?")
+    name = given.rstrip("!?+")
     metavar, about = _OPTIONS[name]
     shown = ""
     if not metavar:
@@ -230,6 +241,8 @@ def _add(command: argparse.ArgumentParser, option: str) -> None:
     more: dict[str, Any] = {"required": True} if given.endswith("!") else {}
     if given.endswith("?"):
         more["nargs"], shown = "?", "all results"
+    if given.endswith("+"):
+        more["nargs"] = "+"
     if default:
         more["default"], shown = default, default
     about += f" (default: {shown})" if shown else ""
